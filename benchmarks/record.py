@@ -1,0 +1,118 @@
+"""CPU time from Python to text, against the size of the program: recording, passes, printing; no driver.
+
+    python -m benchmarks.record
+
+The programs hold lines such as `x[:] = x * a + y`, every tenth in an `if`, every hundredth in a loop; a line makes
+about eleven statements of the IR. The time of a statement should not grow with their number. Then the ray tracer's
+kernel, a real program. The exit status is 1 if 10,000 statements take more than 5 s on the slowest target, or the ray
+tracer's kernel more than 0.5 s.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
+from typing import Any
+
+import shpy as sh
+from raytracer import Scene
+from raytracer.kernels.tracer import Tracer
+from raytracer.layout import Layout
+from raytracer.renderer import eye_rays
+from shpy import SH_FOR, SH_IF
+from shpy.backends.base import Options
+from shpy.backends.glsl import TARGET as GLSL
+from shpy.backends.glsl.printer import Printer
+from shpy.backends.numpy.printer import print_python
+from shpy.backends.numpy.runtime import TARGET as NUMPY
+from shpy.backends.opencl.printer import print_kernel
+from shpy.backends.opencl.runtime import TARGET as OPENCL
+from shpy.ir.nodes import Module
+from shpy.passes.pipeline import prepare
+from shpy.passes.size import count_ops
+from shpy.passes.vectorize import vectorize
+
+LINES = (450, 900, 1_800, 3_600, 7_200)
+ALLOWED_FOR_10_000 = 5.0
+ALLOWED_FOR_THE_RAY_TRACER = 0.5
+
+
+def numpy_text(module: Module) -> str:
+    return print_python(vectorize(prepare(module, Options(), NUMPY).module)).text
+
+
+def opencl_text(module: Module) -> str:
+    return print_kernel(prepare(module, Options(), OPENCL).module).text
+
+
+def glsl_text(module: Module) -> str:
+    return Printer(prepare(module, Options(), GLSL).module).shader().source
+
+
+TEXTS: dict[str, Callable[[Module], str]] = {"numpy": numpy_text, "opencl": opencl_text, "glsl": glsl_text}
+
+
+def straight(count: int) -> sh.Program:
+    """A program of `count` lines."""
+
+    @sh.program
+    def work(a: sh.Attrib3f, b: sh.Attrib1f) -> sh.Attrib3f:
+        x, y = sh.Attrib3f(a), sh.Attrib3f(b)
+        for number in range(0, count, 10):
+            with SH_FOR(0, 3) if number % 100 == 0 else nullcontext():
+                for k in range(4):
+                    x[:] = x * a + (number + k)
+                    y[:] = sh.max(x, y) - b
+                x.xy = y.yx
+            with SH_IF(x.x > y.y):
+                y += sh.dot(x, a)
+        return x + y
+
+    return work
+
+
+def measured(make: Callable[[], sh.Program], repeats: int = 2) -> tuple[int, dict[str, float]]:
+    """How many statements are recorded; seconds of recording and of each target, the best of `repeats`."""
+    best: dict[str, float] = {}
+
+    def timed(name: str, work: Callable[[], Any]) -> Any:
+        started = time.process_time()
+        result = work()
+        best[name] = min(best.get(name, float("inf")), time.process_time() - started)
+        return result
+
+    for _ in range(repeats):
+        module = timed("record", make).ir
+        for name, text in TEXTS.items():
+            timed(name, partial(text, module))
+    return sum(count_ops(module).values()), best
+
+
+def report(title: str, count: int, seconds: dict[str, float]) -> float:
+    """Print one row; gives the seconds of the slowest target, recording included."""
+    whole = seconds["record"] + max(seconds[name] for name in TEXTS)
+    times = " ".join(f"{value:8.3f}" for value in (*seconds.values(), whole))
+    print(f"{title:16} {count:10,} {times} {1e6 * whole / count:8.1f}")
+    return whole
+
+
+def main() -> int:
+    """Run it; 1 if something takes longer than is allowed."""
+    columns = " ".join(f"{name:>8}" for name in ("record", *TEXTS, "whole", "each"))
+    print(f"{'CPU seconds':16} {'statements':>10} {columns}")
+    straight(100)
+    held = []
+    for lines in LINES:
+        count, seconds = measured(partial(straight, lines))
+        held.append(report(f"{lines:,} lines", count, seconds) * 10_000 / count <= ALLOWED_FOR_10_000)
+    scene = Scene.builtin("mixed")
+    layout = Layout.of(scene)
+    tracer = measured(lambda: eye_rays(Tracer(layout, scene.background, scene.ambient, 3, "opencl")))
+    held.append(report("the ray tracer", *tracer) <= ALLOWED_FOR_THE_RAY_TRACER)
+    print("whole: recording, then passes and printing for the slowest target; each: microseconds of a statement")
+    return 0 if all(held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

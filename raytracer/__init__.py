@@ -1,0 +1,30 @@
+"""A ray tracer written once in shpy, running on every target.
+
+from raytracer import Scene, render
+render(Scene.builtin("mixed"), size=(512, 512), backend="opencl", bounces=3).save("mixed.png")
+"""
+
+from raytracer.camera import Camera
+from raytracer.errors import SceneError
+from raytracer.image import Image
+from raytracer.intersector import Hits, Intersector
+from raytracer.lights import DirectionalLight, PointLight
+from raytracer.materials import Material
+from raytracer.meshes import Mesh
+from raytracer.renderer import Renderer, render
+from raytracer.scene import Scene
+
+__all__ = [
+    "Camera",
+    "DirectionalLight",
+    "Hits",
+    "Image",
+    "Intersector",
+    "Material",
+    "Mesh",
+    "PointLight",
+    "Renderer",
+    "Scene",
+    "SceneError",
+    "render",
+]

@@ -1,0 +1,1 @@
+"""Accelerators: structures that spare a ray most of the triangles. Built in numpy."""

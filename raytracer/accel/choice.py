@@ -1,0 +1,53 @@
+"""Which structure spares a ray most triangles: chosen by name.
+
+Stage: accelerate. Takes corners (N, 3, 3), N > 0, gives a `Grid` or a `Bvh`; `kernels.walk` goes through either.
+
+>>> build("bvh", np.eye(3)[None]).items.tolist()
+[0]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accel.bvh import Bvh, build_bvh
+from raytracer.accel.grid import Grid, build_grid
+from raytracer.errors import SceneError
+
+Corners = NDArray[np.floating]
+_WORKING = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
+
+
+def build(accel: str, corners: Corners, precision: str = "f32") -> Grid | Bvh:
+    """The accelerator of this name, for a kernel that works at `precision`; SceneError if there is none."""
+    check(accel)
+    return ACCELERATORS[accel](corners, precision)
+
+
+def check(accel: str) -> None:
+    """SceneError if there is no accelerator of this name."""
+    if accel not in ACCELERATORS:
+        names = ", ".join(map(repr, ACCELERATORS))
+        raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
+
+
+def _grid(corners: Corners, _: str) -> Grid:
+    return build_grid(corners.astype(np.float32))
+
+
+def _bvh(corners: Corners, precision: str) -> Bvh:
+    return build_bvh(corners, _WORKING.get(precision, np.float32))
+
+
+def _brute(corners: Corners, _: str) -> Grid:
+    """None at all: a grid of one empty cell, with every triangle outside of it."""
+    items = np.arange(len(corners), dtype=np.int32)
+    cells = np.full((1, 1, 1, 2), len(items), dtype=np.int32)
+    return Grid(np.zeros(3), np.ones(3), (1, 1, 1), cells, items, len(items))
+
+
+ACCELERATORS: dict[str, Callable[[Corners, str], Grid | Bvh]] = {"bvh": _bvh, "grid": _grid, "brute": _brute}
+"""By name: the hierarchy of boxes; the uniform grid; every triangle, for judging the others."""

@@ -1,0 +1,146 @@
+"""The command `raytracer`: render a scene to a file, list the built-in scenes, say what is installed.
+
+raytracer render bunny.obj -o bunny.png
+raytracer render mixed --size 1024x768 --backend opencl --bounces 3 --samples 4
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+import shpy as sh
+from raytracer.accel.choice import ACCELERATORS
+from raytracer.errors import SceneError
+from raytracer.image import Image, writer
+from raytracer.renderer import Progress, render
+from raytracer.scene import Scene
+from raytracer.scenes import SCENES
+
+_PATIENCE = 2.0
+"""Seconds until a progress bar appears."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; gives the exit status: 0 done, 1 an error that is printed, 130 after Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except (SceneError, sh.ShpyError, OSError) as error:
+        print(f"raytracer: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("raytracer: stopped; nothing was written", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="raytracer", description="A ray tracer written once in shpy.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    command = commands.add_parser("render", help="render a built-in scene or a mesh file")
+    command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
+    command.add_argument("-o", "--output", type=Path, help="a .png, .exr or .npy file; by default SCENE.png")
+    command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
+    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    command.add_argument("--bounces", type=int, default=3, help="how often a ray may be mirrored (3)")
+    command.add_argument("--samples", type=int, default=1, help="rays for each pixel: 1, 4, 9, 16, ... (1)")
+    command.add_argument("--accel", choices=ACCELERATORS, default="bvh", help="how rays find triangles (bvh)")
+    command.set_defaults(run=_render)
+    command = commands.add_parser("scenes", help="list the built-in scenes")
+    command.set_defaults(run=_scenes)
+    command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
+    command.set_defaults(run=_doctor)
+    return parser
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, times, height = text.lower().partition("x")
+    if not (times and width.isdigit() and height.isdigit()):
+        raise argparse.ArgumentTypeError(f"a size is WIDTHxHEIGHT, such as 1024x768, not {text!r}")
+    return int(width), int(height)
+
+
+def _render(options: argparse.Namespace) -> int:
+    scene = find_scene(options.scene)
+    output = options.output or Path(f"{scene.name}.png")
+    writer(output)  # complains now about a path that cannot be written later
+    with progress_bar(f"{scene.name}, {scene.triangles:,} triangles") as progress:
+        image = render(
+            scene,
+            options.size,
+            backend=options.backend,
+            bounces=options.bounces,
+            samples=options.samples,
+            accel=options.accel,
+            progress=progress,
+        )
+    print(f"{image.save(output)}: {_summary(image)}")
+    return 0
+
+
+def find_scene(name: str) -> Scene:
+    """The built-in scene of this name, else the file; SceneError if it is neither."""
+    if name in SCENES:
+        return Scene.builtin(name)
+    if Path(name).suffix or Path(name).exists():
+        return Scene.load(name)
+    raise SceneError(f"{name!r} is neither a file nor a built-in scene; the scenes are {', '.join(SCENES)}")
+
+
+def _summary(image: Image) -> str:
+    height, width = image.depth.shape
+    stats = image.stats
+    return (
+        f"{width} x {height}, {stats.triangles:,} triangles, {stats.rays:,} rays on {stats.backend} "
+        f"in {stats.seconds:.2f} s, after {stats.build_seconds + stats.record_seconds + stats.compile_seconds:.2f} s "
+        "of preparation"
+    )
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress | None]:
+    """A bar on the terminal that appears when the work takes long; None where the output is no terminal."""
+    if not sys.stderr.isatty() or find_spec("rich") is None:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    started = time.monotonic()
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, visible=False)
+
+        def progress(done: int, total: int) -> None:
+            late = time.monotonic() - started > _PATIENCE
+            bar.update(task, completed=done, total=total, visible=late and done < total)
+
+        yield progress
+
+
+def _scenes(_: argparse.Namespace) -> int:
+    width = max(map(len, SCENES))
+    for name, make in SCENES.items():
+        print(f"{name:{width}}  {(make.__doc__ or '').splitlines()[0]}")
+    return 0
+
+
+_PACKAGES = {"trimesh": "reads meshes", "PIL": "writes PNG", "OpenEXR": "writes EXR", "rich": "shows progress"}
+
+
+def _doctor(_: argparse.Namespace) -> int:
+    for backend in sh.backends():
+        for device in backend.devices:
+            print("\n  ".join([f"{backend.name}: {device.name}, {device.version}", *device.notes]))
+        if not backend.available:
+            print(f"{backend.name}: missing, {backend.reason}; to mend it: {backend.cure}")
+    missing = [name for name in _PACKAGES if find_spec(name) is None]
+    for name, purpose in _PACKAGES.items():
+        print(f"{name} ({purpose}): {'missing' if name in missing else 'installed'}")
+    if missing:
+        print("to install what is missing: pip install 'shpy-dsl[raytracer]'")
+    return 0

@@ -1,0 +1,142 @@
+"""A picture and its layers, and writing it: PNG for the eye, EXR and NPY for numbers.
+
+Stage: picture. `render` gives an `Image`; `save` chooses the format by the path's ending, writes to a temporary name
+beside it and renames, so that an interrupted run leaves no broken file.
+
+    render(scene).save("picture.png")
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.errors import SceneError
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Stats:
+    """What a rendering took: times in seconds, rays and triangles in numbers, `features` what the kernel contains."""
+
+    backend: str
+    seconds: float
+    build_seconds: float
+    record_seconds: float
+    compile_seconds: float
+    rays: int
+    triangles: int
+    features: Mapping[str, bool | int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """A picture of height H and width W, row 0 at the top.
+
+    `pixels` (H, W, 3) float32 linear RGB; `depth` (H, W) float32 along the eye ray, infinity where nothing is hit;
+    `normal` (H, W, 3) float32 unit shading normals, zero there; `object_id` (H, W) int32 the mesh's place in the
+    scene, -1 there; `rays` (H, W) int32 how many rays were traced for the pixel.
+    """
+
+    pixels: Array
+    depth: Array
+    normal: Array
+    object_id: Array
+    rays: Array
+    stats: Stats
+
+    @property
+    def srgb(self) -> NDArray[np.uint8]:
+        """The pixels as sRGB bytes (IEC 61966-2-1), clipped to [0, 1]."""
+        linear = np.clip(np.nan_to_num(self.pixels.astype(np.float64)), 0, 1)
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        return np.asarray(np.rint(encoded * 255), dtype=np.uint8)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); gives the path.
+
+        The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays.
+        Raises SceneError for another ending, FileNotFoundError where the folder does not exist.
+        """
+        path = Path(path)
+        write = writer(path)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        try:
+            write(self, name)
+            os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+        return path
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        _pillow().fromarray(self.srgb).save(buffer, "PNG")
+        return buffer.getvalue()
+
+
+def writer(path: Path) -> Callable[[Image, str], None]:
+    """What writes to this path, found before anything is rendered; raises as `Image.save` does."""
+    if path.suffix.lower() not in _WRITERS:
+        raise SceneError(f"{path}: pictures are written as {', '.join(_WRITERS)}, not as {path.suffix or 'this'}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {path.parent}")
+    return _WRITERS[path.suffix.lower()]
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _pillow() -> Any:
+    try:
+        from PIL import Image as pillow
+    except ImportError as error:
+        raise SceneError("writing PNG needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
+    return pillow
+
+
+def _write_png(image: Image, name: str) -> None:
+    _pillow().fromarray(image.srgb).save(name, "PNG", optimize=True)
+
+
+def _write_exr(image: Image, name: str) -> None:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise SceneError("writing EXR needs OpenEXR: pip install 'shpy-dsl[raytracer]'") from error
+    channels = {"RGB": np.ascontiguousarray(image.pixels), "depth.Z": np.ascontiguousarray(image.depth)}
+    channels |= {f"normal.{axis}": np.ascontiguousarray(image.normal[..., k]) for k, axis in enumerate("XYZ")}
+    channels |= {"object.id": image.object_id.astype(np.float32), "rays.count": image.rays.astype(np.float32)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, channels) as file:
+        file.write(name)
+
+
+def _write_npy(image: Image, name: str) -> None:
+    layers = {
+        "pixels": image.pixels, "depth": image.depth, "normal": image.normal,
+        "object_id": image.object_id, "rays": image.rays,
+    }  # fmt: skip
+    kinds = np.dtype([(key, layer.dtype, layer.shape[2:]) for key, layer in layers.items()])
+    record = np.empty(image.depth.shape, dtype=kinds)
+    for key, layer in layers.items():
+        record[key] = layer
+    np.save(name, record)
+
+
+_WRITERS: dict[str, Callable[[Image, str], None]] = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}

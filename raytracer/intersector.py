@@ -1,0 +1,151 @@
+"""Rays given as arrays against the triangles of a mesh or scene: what is hit, or whether anything is.
+
+Stage: query. The same walk as the pictures', without their shading.
+
+    hits = Intersector(mesh, backend="opencl").intersect(origins, directions)
+    hits.t, hits.triangle, hits.u, hits.v
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import shpy as sh
+from raytracer.accel.choice import build, check
+from raytracer.errors import SceneError
+from raytracer.kernels.intersector import FAR
+from raytracer.kernels.walk import Walk, walk_through
+from raytracer.layout import triangle_rows
+from raytracer.meshes import Mesh
+from raytracer.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+class Hits(NamedTuple):
+    """What N rays met: each (N,); t = infinity and triangle = -1 where nothing was met.
+
+    `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners.
+    """
+
+    t: NDArray[Any]
+    triangle: NDArray[np.int32]
+    u: NDArray[Any]
+    v: NDArray[Any]
+
+
+class _Nearest(NamedTuple):
+    t: sh.Attrib1f
+    triangle: sh.Attrib1i
+    uv: sh.TexCoord2f
+
+
+class Intersector:
+    """Finds hits with the triangles of a mesh, or of all meshes of a scene one after the other.
+
+    `accel` is "bvh", "grid" or "brute", which differ in time alone; `backend` one of `sh.backends()`, None for the
+    default. Raises SceneError for what is neither mesh nor scene, and for another accelerator.
+    """
+
+    def __init__(
+        self, mesh_or_scene: Mesh | Scene, accel: str = "bvh", backend: str | None = None, precision: str = "f32"
+    ) -> None:
+        check(accel)
+        if not isinstance(mesh_or_scene, Mesh | Scene):
+            raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
+        meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
+        meshes = [mesh for mesh in meshes if len(mesh)]
+        self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
+        self._walk: Walk | None = None
+        self._kernels: dict[str, Any] = {}
+        if meshes:
+            corners = np.concatenate([mesh.corners for mesh in meshes])
+            normals = np.concatenate([mesh.face_normals for mesh in meshes])
+            structure = build(accel, corners, precision)
+            self._walk = walk_through(structure, triangle_rows(corners, normals), backend or sh.default_backend())
+
+    def intersect(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+    ) -> Hits:
+        """The nearest hit of each ray with t in [t_min, t_max).
+
+        `origins` and `directions` (N, 3), `t_min` and `t_max` numbers or (N,). Raises SceneError for wrong shapes,
+        NaN, infinite origins or directions, and directions of length zero.
+        """
+        eye, ray, near, limit, length = _checked(origins, directions, t_min, t_max)
+        if self._walk is None or not len(eye):
+            n = len(eye)
+            return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), *np.zeros((2, n), np.float32))
+        t, triangle, uv = self._kernel("intersect")(eye, ray, near, limit)
+        distance = np.full_like(t, np.inf)
+        np.divide(t, length, out=distance, where=triangle >= 0, casting="same_kind")
+        return Hits(distance, triangle, uv[:, 0], uv[:, 1])
+
+    def occluded(
+        self, origins: ArrayLike, directions: ArrayLike, t_max: ArrayLike = np.inf, t_min: ArrayLike = 0.0
+    ) -> NDArray[np.bool_]:
+        """Whether anything is hit with t in [t_min, t_max), (N,); arguments and errors as in `intersect`."""
+        eye, ray, near, limit, _ = _checked(origins, directions, t_min, t_max)
+        if self._walk is None or not len(eye):
+            return np.zeros(len(eye), dtype=bool)
+        return np.asarray(self._kernel("occluded")(eye, ray, near, limit))
+
+    def _kernel(self, name: str) -> Any:
+        assert self._walk is not None
+        if name not in self._kernels:
+            program = {"intersect": _intersect, "occluded": _occluded}[name](self._walk)
+            self._kernels[name] = program.compile(**self._options)
+        return self._kernels[name]
+
+
+def _intersect(walk: Walk) -> Any:
+    @sh.program
+    def intersect(eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f) -> _Nearest:
+        hit = walk(ray, eye, near, limit, False)
+        return _Nearest(hit.l, hit.id, hit.uv)
+
+    return intersect
+
+
+def _occluded(walk: Walk) -> Any:
+    @sh.program
+    def occluded(eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f) -> sh.Attrib1b:
+        hit = walk(ray, eye, near, limit, True)
+        found = sh.Attrib1b(hit.id >= 0)
+        return found
+
+    return occluded
+
+
+def _checked(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Origins, unit directions, and the range in units of those; with the lengths that the directions had."""
+    eye, ray = (np.asarray(a, dtype=np.float64) for a in (origins, directions))
+    for what, array in (("origins", eye), ("directions", ray)):
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise SceneError(f"{what} have the shape (N, 3), not {array.shape}")
+        if not np.all(np.isfinite(array)):
+            raise SceneError(f"{what} contain NaN or infinity, first in ray {_first(~np.isfinite(array).all(axis=1))}")
+    if len(eye) != len(ray):
+        raise SceneError(f"there are {len(eye)} origins but {len(ray)} directions")
+    largest = np.abs(ray).max(axis=1, initial=0)
+    if np.any(largest == 0):
+        raise SceneError(f"a direction has length zero, first that of ray {_first(largest == 0)}")
+    scaled = ray / largest[:, None]
+    short = np.linalg.norm(scaled, axis=1)
+    length = short * largest
+    ends = []
+    for what, values in (("t_min", t_min), ("t_max", t_max)):
+        end = np.asarray(values, dtype=np.float64)
+        if end.shape not in ((), eye.shape[:1]):
+            raise SceneError(f"{what} is a number or has the shape ({len(eye)},), not {end.shape}")
+        if np.any(np.isnan(end)):
+            raise SceneError(f"{what} contains NaN")
+        ends.append(np.clip(np.broadcast_to(end, eye.shape[:1]) * length, -FAR, FAR))
+    return eye, scaled / short[:, None], ends[0], ends[1], length
+
+
+def _first(wrong: Any) -> int:
+    return int(np.flatnonzero(wrong)[0])

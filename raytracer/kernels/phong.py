@@ -1,0 +1,22 @@
+"""Phong's reflection model (Phong 1975): the light that a lit point sends to the viewer.
+
+Stage: kernel. Recorded into the tracer, once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import shpy as sh
+
+
+def diffuse_lobe(normal: Any, light: Any) -> Any:
+    """The cosine between the unit vectors `normal` and `light`; 0 for a light behind the surface."""
+    return sh.max(sh.dot(normal, light), 0.0)
+
+
+def highlight(view: Any, normal: Any, light: Any, shininess: Any) -> Any:
+    """How much of a light the shiny surface mirrors to the viewer; `view` and `light` point away from the surface."""
+    mirrored = sh.reflect(-light, normal)
+    strength = sh.pow(sh.max(sh.dot(mirrored, view), 0.0), shininess)
+    return sh.cond(sh.dot(normal, light) > 0, strength, 0.0)

@@ -1,0 +1,135 @@
+"""The surface that a ray arrives at, and the lights that shine on it.
+
+Stage: kernel. The tracer's `readTables` and `getLightValues`. What all triangles or lights have in common is a constant
+of the kernel; only what differs is a table.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import shpy as sh
+from raytracer.kernels.intersector import FAR
+from raytracer.kernels.phong import diffuse_lobe, highlight
+from raytracer.kernels.triangle import Hit
+from raytracer.layout import Layout, Rows
+
+NEPSILON = 1e-5
+"""How far above a surface its secondary rays begin, as a part of the coordinates and distance that led there: some 80
+roundings of f32."""
+
+
+class Surface:
+    """What is known of the point that was hit last, from its hit until its last shadow ray."""
+
+    def __init__(self) -> None:
+        inter = sh.Point3f()  # moved off the surface, to the side that it is seen from
+        view = sh.Vector3f()
+        face = sh.Normal3f()  # of the triangle itself, on the viewer's side, as is `normal`
+        normal = sh.Normal3f()
+        surface_color = sh.Color3f()
+        coefficients = sh.Attrib3f()  # diffuse, specular, shininess
+        self.inter, self.view, self.face, self.normal = inter, view, face, normal
+        self.color, self.coefficients = surface_color, coefficients
+
+
+class SurfaceTables:
+    """Normals, colours and materials of a scene's triangles."""
+
+    def __init__(self, layout: Layout, triangles: Any) -> None:
+        self.triangles = triangles
+        self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
+        self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
+        self.highlights = bool((layout.materials[1::2, 1] > 0).any())
+        self.one = layout.materials if len(layout.materials) == 2 else None
+        if self.one is None:
+            self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
+            self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of")
+
+    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Surface) -> Any:
+        """Fill in `surface` for a hit; gives its reflectivity."""
+        corners = rows_of(self.triangles, hit)
+        face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
+        side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
+        facing = side * face
+        point = eye + hit.l * ray
+        size = hit.l + sh.max(abs(point.x), abs(point.y), abs(point.z))
+        surface.view[:] = -ray
+        surface.face[:] = facing
+        surface.normal[:] = facing
+        surface.inter[:] = point + (NEPSILON * size) * facing
+        if self.normals is not None:
+            normals = rows_of(self.normals, hit)
+            normal = side * sh.normalize(barylerp(hit, *(n.xyz for n in normals)))
+            surface.normal[:] = sh.cond(sh.dot(normal, facing) < 0, -normal, normal)
+            surface.inter -= barylerp(
+                hit, *(depth(point - p.xyz, side * n.xyz) for p, n in zip(corners, normals, strict=True))
+            )
+        return self.paint(hit, surface)
+
+    def paint(self, hit: Hit, surface: Surface) -> Any:
+        """Colour and coefficients of the surface; gives its reflectivity."""
+        if self.one is not None:
+            row = sh.Attrib4f(self.one[0])
+            surface.coefficients[:] = self.one[1, :3]
+        else:
+            material = 2 * self.material_of[hit.id]
+            row = self.materials[material]
+            surface.coefficients[:] = self.materials[material + 1].xyz
+        surface.color[:] = (
+            row.rgb if self.colors is None else barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
+        )
+        return row.a
+
+    def shade(self, surface: Surface, light: Any) -> Any:
+        """The colour under white light from direction `light`."""
+        diffuse, specular, shininess = surface.coefficients
+        shade = diffuse * diffuse_lobe(surface.normal, light) * surface.color
+        if self.highlights:
+            shade += specular * highlight(surface.view, surface.normal, light, shininess)
+        return shade
+
+
+class LightList:
+    """The lights of a scene."""
+
+    def __init__(self, rows: Rows) -> None:
+        self.count = len(rows) // 2
+        self.points = bool((rows[::2, 3] > 0).any())
+        self.directions = bool((rows[::2, 3] == 0).any())
+        self.rows = rows
+        self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count > 1 else None
+
+    def aim(self, n: Any, surface: Surface, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+        """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
+        place = sh.Attrib4f(self.rows[0]) if self.table is None else self.table[2 * n]
+        color = sh.Attrib4f(self.rows[1]) if self.table is None else self.table[2 * n + 1]
+        toward = sh.Vector3f(place.xyz)
+        distance = sh.Attrib1f(FAR)
+        if self.points:
+            toward -= place.w * surface.inter
+            distance[:] = sh.cond(place.w > 0, sh.length(toward), FAR)
+        ray[:] = sh.normalize(toward)
+        eye[:] = surface.inter
+        limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)
+        lightcol[:] = color.rgb
+
+
+def rows_of(table: Any, hit: Hit) -> tuple[Any, Any, Any]:
+    """The rows of the three corners of the triangle that was hit."""
+    first = 3 * hit.id
+    return table[first], table[first + 1], table[first + 2]
+
+
+def barylerp(hit: Hit, a: Any, b: Any, c: Any) -> Any:
+    """What is `a`, `b`, `c` at the corners of the triangle, at the point that was hit: linear interpolation."""
+    return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
+
+
+def depth(from_corner: Any, normal: Any) -> Any:
+    """How far a point lies below the plane through a corner across its normal, as a vector along the normal.
+
+    Moving the point up by what its three corners say brings it onto the curved surface that the triangles stand for,
+    so that the edge of its shadow is not made of triangles (Hanika 2021, Ray Tracing Gems II, chapter 4).
+    """
+    return sh.min(sh.dot(from_corner, normal), 0.0) * normal

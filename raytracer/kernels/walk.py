@@ -1,0 +1,34 @@
+"""The walk through an accelerator, whichever it is.
+
+Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a kernel calls with a ray for its `Hit`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from raytracer.accel.bvh import Bvh
+from raytracer.accel.grid import Grid
+from raytracer.kernels.bvh_walk import BvhIntersector
+from raytracer.kernels.intersector import GridIntersector
+from raytracer.kernels.triangle import Hit
+
+_TOGETHER = frozenset({"opencl"})
+"""Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
+
+
+class Walk(Protocol):
+    """What finds a ray's hit; `triangles` is the table of `layout.triangle_rows`."""
+
+    triangles: Any
+
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        ...
+
+
+def walk_through(structure: Grid | Bvh, triangles: Any, backend: str) -> Walk:
+    """The walk through a structure over `triangles` (see `layout.triangle_rows`), in the way that suits a backend."""
+    if isinstance(structure, Bvh):
+        return BvhIntersector(structure, triangles, together=backend in _TOGETHER)
+    return GridIntersector(structure, triangles)

@@ -1,0 +1,118 @@
+"""A scene as the arrays that the kernels read: triangles, normals, colours, materials, lights.
+
+Stage: layout. Takes a `Scene`, gives a `Layout` in f64, which tables round to a kernel's working precision. What no
+mesh needs is not there, and `kernels.tracer` records no code for it.
+
+>>> from raytracer.scene import Scene
+>>> Layout.of(Scene.builtin("boxes")).triangles.shape
+(108, 4)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accel.bvh import Bvh
+from raytracer.accel.choice import build
+from raytracer.accel.grid import Grid
+from raytracer.lights import Light, PointLight
+from raytracer.materials import Material
+from raytracer.meshes import Mesh
+from raytracer.scene import Scene
+
+Rows = NDArray[np.float64]
+
+
+def triangle_rows(corners: NDArray[np.float64], normals: NDArray[np.float64]) -> Rows:
+    """(3N, 4): row 3k + c holds corner c of triangle k, and in w component c of its unit normal."""
+    return np.concatenate([corners, normals[:, :, None]], axis=2).reshape(-1, 4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """The tables of a scene of N triangles, M materials and L lights.
+
+    `structure` is the accelerator; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the
+    corners, None if every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no
+    mesh has any; `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and
+    `object_of` (N,) int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the
+    light and 0, then color.
+    """
+
+    structure: Grid | Bvh
+    triangles: Rows
+    normals: Rows | None
+    colors: Rows | None
+    materials: Rows
+    material_of: NDArray[np.int32]
+    object_of: NDArray[np.int32]
+    lights: Rows
+
+    @classmethod
+    def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32") -> Layout:
+        """The layout of a scene of at least one triangle, for kernels that work at `precision`."""
+        meshes = [mesh for mesh in scene.meshes if len(mesh)]
+        corners = np.concatenate([mesh.corners for mesh in meshes])
+        flat = np.concatenate([mesh.face_normals for mesh in meshes])
+        materials, index = _materials(meshes)
+        sizes = [len(mesh) for mesh in meshes]
+        places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
+        return cls(
+            structure=build(accel, corners, precision),
+            triangles=triangle_rows(corners, flat),
+            normals=_normals(meshes),
+            colors=_colors(meshes),
+            materials=materials,
+            material_of=np.repeat(index, sizes).astype(np.int32),
+            object_of=np.repeat(places, sizes).astype(np.int32),
+            lights=light_rows(scene.lights),
+        )
+
+    @property
+    def reflects(self) -> bool:
+        """Whether any surface mirrors."""
+        return bool((self.materials[::2, 3] > 0).any())
+
+
+def light_rows(lights: Sequence[Light]) -> Rows:
+    """(2L, 4): position and 1, or unit direction toward the light and 0; then its colour."""
+    rows = np.zeros((2 * len(lights), 4))
+    for k, light in enumerate(lights):
+        if isinstance(light, PointLight):
+            rows[2 * k] = *light.position, 1
+        else:
+            rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)
+        rows[2 * k + 1, :3] = light.color
+    return rows
+
+
+def _materials(meshes: Sequence[Mesh]) -> tuple[Rows, list[int]]:
+    """The rows of the different materials, and which one each mesh has."""
+    known: dict[Material, int] = {}
+    index = [known.setdefault(mesh.material, len(known)) for mesh in meshes]
+    rows = [[(*m.color, m.reflectivity), (m.diffuse, m.specular, m.shininess, 0.0)] for m in known]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4), index
+
+
+def _normals(meshes: Sequence[Mesh]) -> Rows | None:
+    if all(mesh.normals is None for mesh in meshes):
+        return None
+    flat = [np.repeat(mesh.face_normals[:, None], 3, axis=1) for mesh in meshes]
+    return _corner_rows([f if m.normals is None else m.normals for f, m in zip(flat, meshes, strict=True)])
+
+
+def _colors(meshes: Sequence[Mesh]) -> Rows | None:
+    if all(mesh.colors is None for mesh in meshes):
+        return None
+    own = [np.ones((len(mesh), 3, 3)) if mesh.colors is None else mesh.colors for mesh in meshes]
+    return _corner_rows([colors * mesh.material.color for colors, mesh in zip(own, meshes, strict=True)])
+
+
+def _corner_rows(parts: Sequence[NDArray[np.float64]]) -> Rows:
+    """(3N, 4): what the meshes have at their corners, (n, 3, 3) each, and a component of padding."""
+    rows = np.concatenate(parts).reshape(-1, 3)
+    return np.pad(rows, ((0, 0), (0, 1)))

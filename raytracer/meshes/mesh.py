@@ -1,0 +1,174 @@
+"""A triangle mesh: vertices, faces, and what is known at the corners.
+
+Stage: scene description. `layout` takes its `corners`, `face_normals`, `normals` and `colors` into tables.
+
+>>> mesh = Mesh(vertices=[[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces=[[0, 1, 2]])
+>>> mesh.face_normals.tolist()
+[[0.0, 0.0, 1.0]]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raytracer.errors import SceneError
+from raytracer.materials import PLAIN, Material, Triple
+
+Floats = NDArray[np.float64]
+SMOOTH_BELOW = 45.0
+"""Two faces that meet at a smaller angle than this, in degrees, are taken for parts of one curved surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles of one material.
+
+    `vertices` (V, 3), `faces` (F, 3) vertex numbers, `normals` None (flat) or (V, 3) or, one per corner, (F, 3, 3),
+    `colors` None or linear RGB in the same shapes. Kept as float64 and int64; normals and colors always per corner.
+    Raises SceneError for wrong shapes, numbers that are not finite, faces without their vertices.
+    """
+
+    vertices: Any
+    faces: Any
+    normals: Any = None
+    colors: Any = None
+    material: Material = PLAIN
+    name: str = "mesh"
+
+    def __post_init__(self) -> None:
+        vertices = self._array("vertices", self.vertices).reshape(-1, 3)
+        faces = np.asarray(self.faces)
+        if faces.size == 0:
+            faces = np.zeros((0, 3), dtype=np.int64)
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+            raise SceneError(f"{self.name}: faces are integers (F, 3), not {faces.dtype} {faces.shape}")
+        if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+            wrong = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))[0])
+            raise SceneError(f"{self.name}: face {wrong} names a vertex that is not among the {len(vertices)}")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces.astype(np.int64))
+        for what in ("normals", "colors"):
+            if getattr(self, what) is not None:
+                object.__setattr__(self, what, self._at_corners(what, getattr(self, what)))
+
+    def _array(self, what: str, values: ArrayLike) -> Floats:
+        array = np.asarray(values, dtype=np.float64)
+        if array.size and array.shape[-1] != 3:
+            raise SceneError(f"{self.name}: {what} have three components, not shape {array.shape}")
+        if not np.all(np.isfinite(array)):
+            raise SceneError(f"{self.name}: {what} contain NaN or infinity")
+        return array
+
+    def _at_corners(self, what: str, values: ArrayLike) -> Floats:
+        array = self._array(what, values)
+        if array.shape == (len(self.vertices), 3):
+            return np.asarray(array[self.faces])
+        if array.shape != (len(self.faces), 3, 3):
+            raise SceneError(f"{self.name}: {what} are (V, 3) or (F, 3, 3), not {array.shape}")
+        return array
+
+    def __len__(self) -> int:
+        """The number of triangles."""
+        return len(self.faces)
+
+    @property
+    def corners(self) -> Floats:
+        """The corners of the triangles, (F, 3, 3)."""
+        return np.asarray(self.vertices[self.faces])
+
+    @property
+    def face_normals(self) -> Floats:
+        """Unit normals of the triangles, (F, 3), by the right-hand rule; zero for a triangle without area."""
+        corners = self.corners
+        one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        # Each edge by itself, so that the product of tiny ones does not vanish.
+        return _unit(np.cross(_scaled(one), _scaled(other)))
+
+    def with_material(self, material: Material) -> Mesh:
+        """The same mesh of another material."""
+        return dataclasses.replace(self, material=material)
+
+    def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
+        """Scaled, tilted about x and turned about y (degrees), then moved by `offset`."""
+        a, b = np.radians(turn), np.radians(tilt)
+        about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+        about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+        matrix = about_y @ about_x
+        normals = None if self.normals is None else self.normals @ matrix.T
+        vertices = self.vertices @ matrix.T * scale + np.asarray(offset)
+        return dataclasses.replace(self, vertices=vertices, normals=normals)
+
+    def smoothed(self, below: float = SMOOTH_BELOW) -> Mesh:
+        """With a normal at each corner: the mean of the faces that meet there at less than `below` degrees.
+
+        Faces are weighed by their area; vertices at the same place count as one.
+        """
+        if not len(self):
+            return self
+        corners = self.corners
+        weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        units = _unit(weighted)
+        _, place = np.unique(self.vertices, axis=0, return_inverse=True)
+        one, other = _sharing(place.reshape(-1)[self.faces].reshape(-1))
+        near = np.einsum("ij,ij->i", units[one // 3], units[other // 3]) > np.cos(np.radians(below))
+        sums = np.zeros((self.faces.size, 3))
+        for axis in range(3):
+            values = weighted[other[near] // 3, axis]
+            sums[:, axis] = np.bincount(one[near], weights=values, minlength=self.faces.size)
+        normals = _unit(sums).reshape(-1, 3, 3)
+        empty = ~normals.any(axis=2, keepdims=True)
+        return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
+        """The mesh in an OBJ, PLY, STL or GLB file, all its parts as one; see `loading.load_mesh`."""
+        from raytracer.meshes.loading import load_mesh
+
+        return load_mesh(path, material=material)
+
+
+def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
+    """Several meshes as one, of the first one's material; normals or colours that one of them lacks are made up."""
+    starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+    normals: Floats | None = None
+    colors: Floats | None = None
+    if any(m.normals is not None for m in meshes):
+        flat = [np.repeat(m.face_normals[:, None], 3, axis=1) if m.normals is None else m.normals for m in meshes]
+        normals = np.concatenate(flat)
+    if any(m.colors is not None for m in meshes):
+        colors = np.concatenate([np.ones((len(m), 3, 3)) if m.colors is None else m.colors for m in meshes])
+    vertices = np.concatenate([m.vertices for m in meshes])
+    faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
+    return Mesh(vertices, faces, normals, colors, meshes[0].material, name)
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Each vector divided by its length; zero stays zero."""
+    scaled = _scaled(vectors)
+    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return np.asarray(scaled / np.where(length > 0, length, 1))
+
+
+def _scaled(vectors: Floats) -> Floats:
+    """Each vector divided by its largest component; zero stays zero."""
+    largest = np.abs(vectors).max(axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(largest > 0, largest, 1))
+
+
+def _sharing(place: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All ordered pairs of corners that are at the same place, each corner with itself too."""
+    order = np.argsort(place, kind="stable")
+    counts = np.bincount(place)
+    starts = np.cumsum(counts) - counts
+    mates = counts[place[order]]
+    one = np.repeat(order, mates)
+    within = np.arange(len(one)) - np.repeat(np.cumsum(mates) - mates, mates)
+    other = order[np.repeat(starts[place[order]], mates) + within]
+    return one, other

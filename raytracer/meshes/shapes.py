@@ -1,0 +1,148 @@
+"""Shapes made from formulas: boxes, spheres, tori, a torus knot, cylinders, icosahedra, floors.
+
+Stage: scene description. Each gives a `Mesh` about the origin, y up, outside counter-clockwise; curved ones with the
+exact normals of the surface that they stand for.
+
+>>> len(sphere(rings=8, segments=16)), len(box())
+(224, 12)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.materials import PLAIN, Material, Triple
+from raytracer.meshes.mesh import Mesh
+
+Floats = NDArray[np.float64]
+
+
+def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = False) -> Mesh:
+    """A box of 12 triangles; `inward` turns its faces so that it is a room."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    return Mesh(signs * np.asarray(size) / 2, faces[:, ::-1] if inward else faces, material=material, name="box")
+
+
+def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
+    """A square of two triangles in the plane y = 0, facing up."""
+    s = size / 2
+    corners = [[-s, 0, -s], [-s, 0, s], [s, 0, s], [s, 0, -s]]
+    return Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=material, name="floor")
+
+
+def checkerboard(size: float, squares: int, light: Triple, dark: Triple, material: Material = PLAIN) -> Mesh:
+    """A floor of `squares` by `squares` in two colours: 2 * squares**2 triangles."""
+    lines = np.linspace(-size / 2, size / 2, squares + 1)
+    x, z = (g.reshape(-1) for g in np.meshgrid(lines, lines, indexing="ij"))
+    i, j = (g.reshape(-1) for g in np.mgrid[:squares, :squares])
+    a = i * (squares + 1) + j
+    quads = np.stack([a, a + 1, a + squares + 2, a, a + squares + 2, a + squares + 1], axis=1)
+    tone = np.where(((i + j) % 2 == 0)[:, None], light, dark)
+    colors = np.repeat(np.repeat(tone, 2, axis=0)[:, None], 3, axis=1)
+    vertices = np.stack([x, np.zeros_like(x), z], axis=1)
+    return Mesh(vertices, quads.reshape(-1, 3), colors=colors, material=material, name="checkerboard")
+
+
+def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, segments: int = 64) -> Mesh:
+    """A sphere of `rings` bands, 2 * segments * (rings - 1) triangles."""
+    vertices, faces = _lattice(rings, segments, closed=False)
+    theta, phi = np.pi * vertices[:, 0], 2 * np.pi * vertices[:, 1]
+    around = np.where(theta < np.pi, np.sin(theta), 0.0)  # exactly one pole, where sin(pi) is not quite 0
+    units = np.stack([around * np.sin(phi), np.cos(theta), around * np.cos(phi)], axis=1)
+    poles = (faces < segments).sum(axis=1) > 1
+    poles |= (faces >= rings * segments).sum(axis=1) > 1
+    return Mesh(units * radius, faces[~poles], units, material=material, name="sphere")
+
+
+def torus(
+    radius: float = 1.0, tube: float = 0.35, material: Material = PLAIN, *, segments: int = 96, sides: int = 48
+) -> Mesh:
+    """A ring about the y axis: 2 * segments * sides triangles."""
+
+    def ring(t: Floats) -> Floats:
+        return np.stack([radius * np.sin(t), np.zeros_like(t), radius * np.cos(t)], axis=1)
+
+    return _tube(ring, tube, segments, sides, material, "torus")
+
+
+def knot(
+    p: int = 2, q: int = 3, radius: float = 1.0, tube: float = 0.3, material: Material = PLAIN,
+    *, segments: int = 400, sides: int = 40,
+) -> Mesh:  # fmt: skip
+    """A tube along the (p, q) torus knot: 2 * segments * sides triangles."""
+
+    def curve(t: Floats) -> Floats:
+        r = radius * (1 + 0.45 * np.cos(q * t))
+        return np.stack([r * np.cos(p * t), r * np.sin(p * t), 0.6 * radius * np.sin(q * t)], axis=1)
+
+    return _tube(curve, tube, segments, sides, material, "knot")
+
+
+def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAIN, *, segments: int = 64) -> Mesh:
+    """A closed cylinder about the y axis: 4 * segments triangles; its caps are flat, its side is smooth."""
+    angle = 2 * np.pi * np.arange(segments) / segments
+    rim = np.stack([radius * np.sin(angle), np.zeros(segments), radius * np.cos(angle)], axis=1)
+    up = np.array([0, height / 2, 0])
+    top, bottom = rim + up, rim - up
+    vertices = np.concatenate([top, bottom, [up, -up]])
+    k = np.arange(segments)
+    n = (k + 1) % segments
+    upper, lower = np.full(segments, 2 * segments), np.full(segments, 2 * segments + 1)
+    sides = [(k, k + segments, n + segments), (k, n + segments, n)]
+    faces = np.concatenate([np.stack(f, axis=1) for f in (*sides, (k, n, upper), (n + segments, k + segments, lower))])
+    return dataclasses.replace(Mesh(vertices, faces, material=material, name="cylinder").smoothed(60))
+
+
+def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
+    """Twenty flat triangles."""
+    g = (1 + 5**0.5) / 2
+    points = [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
+              [0, -1, -g], [0, 1, -g], [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]]  # fmt: skip
+    faces = [[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6],
+             [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10],
+             [8, 6, 7], [9, 8, 1]]  # fmt: skip
+    return Mesh(np.array(points) * radius / np.hypot(1, g), faces, material=material, name="icosahedron")
+
+
+def _tube(
+    curve: Callable[[Floats], Floats], tube: float, segments: int, sides: int, material: Material, name: str
+) -> Mesh:
+    """A tube of radius `tube` along a closed curve over [0, 2 pi), its cross sections turned as little as possible."""
+    lattice, faces = _lattice(segments, sides, closed=True)
+    t = 2 * np.pi * np.arange(segments) / segments
+    step = 1e-4
+    tangent = curve(t + step) - curve(t - step)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    frame = np.empty_like(tangent)
+    start = np.array([0.0, 1.0, 0.0]) if abs(tangent[0, 1]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    for here in range(segments):
+        start = start - tangent[here] * (start @ tangent[here])
+        start /= np.linalg.norm(start)
+        frame[here] = start
+    # Carried once round, the frame comes back turned: spread the difference over the whole curve.
+    last = start - tangent[0] * (start @ tangent[0])
+    twist = np.arctan2(np.cross(frame[0], last) @ tangent[0], frame[0] @ last)
+    angle = 2 * np.pi * lattice[:, 1] - twist * lattice[:, 0]
+    k = np.rint(lattice[:, 0] * segments).astype(int)
+    across = np.cross(tangent, frame)
+    normals = np.cos(angle)[:, None] * frame[k] + np.sin(angle)[:, None] * across[k]
+    return Mesh(curve(t)[k] + tube * normals, faces[:, ::-1], normals, material=material, name=name)
+
+
+def _lattice(rows: int, columns: int, *, closed: bool) -> tuple[Floats, NDArray[np.int64]]:
+    """Parameters (V, 2) in [0, 1] and two triangles for each cell; columns wrap round, rows too where `closed`."""
+    count = rows if closed else rows + 1
+    i, j = np.mgrid[:count, :columns]
+    parameters = np.stack([i.reshape(-1) / rows, j.reshape(-1) / columns], axis=1)
+    i, j = np.mgrid[:rows, :columns]
+    below, beside = (i + 1) % count, (j + 1) % columns
+    a, b = (i * columns + j).reshape(-1), (below * columns + j).reshape(-1)
+    c, d = (below * columns + beside).reshape(-1), (i * columns + beside).reshape(-1)
+    faces = np.stack([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)], axis=1)
+    return parameters, faces.reshape(-1, 3)

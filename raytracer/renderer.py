@@ -1,0 +1,187 @@
+"""From a scene to a picture: lays the scene out, records and compiles the tracer, and runs it over bands of rows.
+
+Stage: render. A `Renderer` keeps the compiled kernel of one scene; `render` makes one and uses it once.
+
+    image = render(Scene.builtin("boxes"), size=(512, 512), backend="numpy", bounces=2)
+    image.save("boxes.png")
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from raytracer.accel.choice import check
+from raytracer.camera import Camera
+from raytracer.errors import SceneError
+from raytracer.image import Image, Stats
+from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.layout import Layout
+from raytracer.scene import Scene
+
+Progress = Callable[[int, int], None]
+"""Called with the rows that are done and all rows, after each band."""
+
+_BAND = 1 << 14
+"""Rays of a band: enough to keep a device busy, few enough for progress to be seen and Ctrl-C to be heard."""
+
+
+class Renderer:
+    """The compiled tracer of one scene, for pictures of any size from any camera.
+
+    `backend` is one of `sh.backends()`, None for the default one; `bounces` how often a ray may be mirrored; `accel`
+    one of `accel.choice.ACCELERATORS`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        backend: str | None = None,
+        bounces: int = 3,
+        precision: str = "f32",
+        accel: str = "bvh",
+    ) -> None:
+        if isinstance(bounces, bool) or not isinstance(bounces, int) or not 0 <= bounces <= 64:
+            raise SceneError(f"bounces is a number from 0 to 64, not {bounces!r}")
+        check(accel)
+        self.scene = scene
+        self.backend = backend or sh.default_backend()
+        started = time.perf_counter()
+        self.layout = Layout.of(scene, accel, precision) if scene.triangles else None
+        self.build_seconds = time.perf_counter() - started
+        self.record_seconds = self.compile_seconds = 0.0
+        self.features: dict[str, bool | int] = {}
+        if self.layout is None:
+            return
+        started = time.perf_counter()
+        tracer = Tracer(self.layout, scene.background, scene.ambient, bounces, self.backend)
+        self.features = tracer.features
+        self.program = eye_rays(tracer)
+        recorded = time.perf_counter()
+        # No budget of turns: each turn of the walk leaves a triangle or a cell behind, each of the tracer's a ray.
+        self.kernel = self.program.compile(self.backend, precision=precision, loop_limit=None)
+        self.record_seconds = recorded - started
+        self.compile_seconds = time.perf_counter() - recorded
+
+    def render(
+        self,
+        size: tuple[int, int] = (512, 512),
+        *,
+        camera: Camera | None = None,
+        samples: int = 1,
+        progress: Progress | None = None,
+    ) -> Image:
+        """A picture of `size` = (width, height) pixels; see `render`."""
+        width, height = _checked(size)
+        fine = math.isqrt(samples) if isinstance(samples, int) and samples > 0 else 0
+        if fine < 1 or fine * fine != samples or fine > 8:
+            raise SceneError(f"samples is a square number from 1 to 64, not {samples!r}")
+        started = time.perf_counter()
+        layers = _blank(width, height, self.scene.background)
+        if self.layout is not None:
+            self._aim(camera or self.scene.camera, width * fine, height * fine)
+            rows = max(1, _BAND // (width * fine * fine))
+            for top in range(0, height, rows):
+                count = min(rows, height - top)
+                self._band(layers, top, count, width, fine)
+                if progress is not None:
+                    progress(top + count, height)
+        stats = Stats(
+            backend=self.backend,
+            seconds=time.perf_counter() - started,
+            build_seconds=self.build_seconds,
+            record_seconds=self.record_seconds,
+            compile_seconds=self.compile_seconds,
+            rays=int(layers["rays"].sum(dtype=np.int64)),
+            triangles=self.scene.triangles,
+            features=self.features,
+        )
+        return Image(**layers, stats=stats)
+
+    def _aim(self, camera: Camera | None, width: int, height: int) -> None:
+        assert camera is not None  # a scene frames one if it has none
+        view = camera.view(width, height)
+        for name, value in view._asdict().items():
+            self.program.params[name].value = value
+
+    def _band(self, layers: dict[str, Any], top: int, count: int, width: int, fine: int) -> None:
+        """Trace rows `top` to `top + count` and put them into the layers."""
+        assert self.layout is not None
+        self.program.params["first_row"].value = top * fine
+        shape = (count * fine, width * fine)
+        color, depth, normal, triangle, rays = self.kernel(shape=shape)
+        rows = slice(top, top + count)
+        layers["pixels"][rows] = color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
+        layers["rays"][rows] = rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+        middle = slice(fine // 2, None, fine)
+        hit = triangle[middle, middle] >= 0
+        objects = self.layout.object_of[np.maximum(triangle[middle, middle], 0)]
+        layers["object_id"][rows] = np.where(hit, objects, -1)
+        layers["depth"][rows] = np.where(hit, depth[middle, middle], np.inf)
+        layers["normal"][rows] = normal[middle, middle]
+
+
+def eye_rays(tracer: Tracer) -> Any:
+    """The program of the whole picture: makes the eye ray of each pixel of a band and traces it."""
+    eye = sh.Param(sh.Point3f, (0, 0, 0), name="eye")
+    corner = sh.Param(sh.Vector3f, (0, 0, 0), name="corner")
+    across = sh.Param(sh.Vector3f, (0, 0, 0), name="across")
+    down = sh.Param(sh.Vector3f, (0, 0, 0), name="down")
+    first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
+
+    @sh.program
+    def picture() -> Pixel:
+        row, column = sh.grid_index(2)
+        ray = sh.normalize(corner + (column + 0.5) * across + (row + first_row + 0.5) * down)
+        return tracer(ray, sh.Point3f(eye))
+
+    return picture
+
+
+def render(
+    scene: Scene,
+    size: tuple[int, int] = (512, 512),
+    *,
+    backend: str | None = None,
+    bounces: int = 3,
+    samples: int = 1,
+    precision: str = "f32",
+    accel: str = "bvh",
+    progress: Progress | None = None,
+) -> Image:
+    """The picture of a scene from its camera, `size` = (width, height) pixels.
+
+    `bounces` is how often a ray may be mirrored; `samples` how many rays there are for each pixel, a square number,
+    on a regular grid (colours are averaged, the other layers show the middle one); `accel` is "bvh",
+    "grid" or "brute", which differ in time alone. An empty scene shows its background. Raises SceneError for sizes and
+    numbers that make no picture and for another accelerator, sh.BackendUnavailable for a backend that is not there.
+    """
+    renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, accel=accel)
+    return renderer.render(size, samples=samples, progress=progress)
+
+
+def _checked(size: tuple[int, int]) -> tuple[int, int]:
+    try:
+        width, height = (int(n) for n in size if int(n) == n)
+    except (TypeError, ValueError):
+        raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
+    if not (1 <= width <= 32768 and 1 <= height <= 32768):
+        raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
+    return width, height
+
+
+def _blank(width: int, height: int, background: Any) -> dict[str, Any]:
+    """The layers of a picture that shows nothing but the background."""
+    return {
+        "pixels": np.broadcast_to(np.asarray(background, dtype=np.float32), (height, width, 3)).copy(),
+        "depth": np.full((height, width), np.inf, dtype=np.float32),
+        "normal": np.zeros((height, width, 3), dtype=np.float32),
+        "object_id": np.full((height, width), -1, dtype=np.int32),
+        "rays": np.ones((height, width), dtype=np.int32),
+    }

@@ -1,0 +1,82 @@
+"""The built-in scenes: made from formulas, no files needed.
+
+Stage: scene description. `SCENES` gives for each name the function that makes it; the first line of the function's
+docstring is what `raytracer scenes` prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from raytracer.camera import Camera
+from raytracer.lights import DirectionalLight, PointLight
+from raytracer.materials import Material
+from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
+from raytracer.scene import Scene
+
+
+def boxes() -> Scene:
+    """Three boxes, 36 triangles, two lights."""
+    slab = box((6.4, 0.4, 6.4), Material((0.55, 0.54, 0.50), specular=0.0, reflectivity=0.2))
+    tall = box((1.5, 2.7, 1.5), Material((0.13, 0.32, 0.60), specular=0.3, reflectivity=0.12))
+    cube = box((1.4, 1.4, 1.4), Material((0.78, 0.24, 0.08), specular=0.3))
+    meshes = (
+        slab.moved((0, -0.2, 0), turn=12),
+        tall.moved((-1.0, 1.35, -0.6), turn=38),
+        cube.moved((1.1, 0.7, 0.8), turn=-20),
+    )
+    lights = (PointLight((-5, 8, 5), (0.85, 0.80, 0.72)), PointLight((7, 5, 2), (0.26, 0.30, 0.38)))
+    camera = Camera((4.2, 5.0, 9.2), (0, 0.7, 0), fov=38)
+    return Scene(meshes, lights, camera, background=(0.52, 0.62, 0.75), name="boxes")
+
+
+def mirror_box() -> Scene:
+    """Coloured shapes in a room with mirrors for walls: reflections of reflections."""
+    room = box((8, 5, 8), Material((0.30, 0.34, 0.38), diffuse=0.6, specular=0.0, reflectivity=0.82), inward=True)
+    ground = floor(8, Material((0.42, 0.36, 0.31), specular=0.0, reflectivity=0.08))
+    ball = sphere(0.8, Material((0.78, 0.10, 0.07), specular=0.6, shininess=80), rings=24, segments=48)
+    meshes = (
+        room.moved((0, 2.5, 0)),
+        ground.moved((0, 0.01, 0)),
+        ball.moved((-1.2, 0.81, 0.4)),
+        box((1.1, 1.9, 1.1), Material((0.86, 0.58, 0.10))).moved((0.9, 0.96, -0.9), turn=25),
+        icosahedron(0.62, Material((0.08, 0.40, 0.58), specular=0.4)).moved((1.5, 0.55, 1.2), turn=15),
+        torus(0.55, 0.2, Material((0.20, 0.50, 0.16), specular=0.4), segments=48, sides=24).moved((-0.1, 0.215, 1.9)),
+    )
+    lights = (PointLight((-2.2, 4.4, 2.4), (0.85, 0.80, 0.72)), PointLight((2.6, 4.0, -1.5), (0.35, 0.38, 0.45)))
+    camera = Camera((-3.2, 2.7, 3.6), (0.5, 0.7, -0.5), fov=62)
+    return Scene(meshes, lights, camera, background=(0, 0, 0), ambient=0.15, name="mirror-box")
+
+
+def mixed() -> Scene:
+    """High and low polygon objects together: 61,562 triangles, two lights, a mirroring floor."""
+    red = Material((0.70, 0.07, 0.05), specular=0.5, shininess=60, reflectivity=0.06)
+    silver = Material((0.55, 0.57, 0.60), diffuse=0.5, specular=0.9, shininess=200, reflectivity=0.75)
+    gold = Material((0.75, 0.46, 0.09), specular=0.6, shininess=50, reflectivity=0.15)
+    stone = Material((0.42, 0.41, 0.38), specular=0.0)
+    teal, violet = Material((0.05, 0.36, 0.40), specular=0.3), Material((0.32, 0.20, 0.55), specular=0.3)
+    green = Material((0.24, 0.46, 0.12))
+    low = [
+        box((0.7, 0.7, 0.7), green).moved((-2.7, 0.35, 1.9), turn=20),
+        box((0.5, 0.5, 0.5), teal).moved((-2.62, 0.95, 1.95), turn=52),
+        box((0.6, 1.2, 0.6), violet).moved((3.3, 0.6, -0.9), turn=-15),
+        box((0.8, 0.5, 0.8), teal).moved((2.85, 0.25, 1.95), turn=35),
+        box((2.2, 0.25, 2.2), stone).moved((0, 0.125, 0), turn=45),
+        icosahedron(0.45, violet).moved((-0.9, 0.37, 2.5), turn=10, tilt=20),
+        icosahedron(0.35, red).moved((2.85, 0.79, 1.95), turn=40, tilt=20),
+        icosahedron(0.4, gold).moved((0.55, 0.33, 2.75), turn=70, tilt=20),
+        floor(400, Material((0.42, 0.41, 0.40), specular=0.0, reflectivity=0.2)),
+    ]
+    high = [
+        knot(2, 3, 0.78, 0.25, red, segments=400, sides=40).moved((0, 1.62, 0), turn=15),
+        sphere(0.9, silver, rings=127, segments=64).moved((2.0, 0.9, 0.35)),
+        torus(0.75, 0.26, gold, segments=128, sides=48).moved((-2.15, 0.85, -0.1), turn=35, tilt=62),
+        cylinder(0.55, 2.2, teal, segments=256).moved((-1.7, 1.1, -1.9)),
+    ]
+    lights = (PointLight((-4, 8, 6), (0.80, 0.76, 0.68)), DirectionalLight((-5, -4, -3), (0.28, 0.32, 0.40)))
+    camera = Camera((0.8, 3.9, 8.8), (0.15, 0.75, 0), fov=37)
+    return Scene([*high, *low], lights, camera, background=(0.46, 0.56, 0.70), name="mixed")
+
+
+SCENES: Final[Mapping[str, Callable[[], Scene]]] = {"boxes": boxes, "mirror-box": mirror_box, "mixed": mixed}

@@ -1,0 +1,1 @@
+"""EMIT, COMPILE, RUN: the targets."""

@@ -1,0 +1,133 @@
+"""The GLSL backend: programs as fragment shaders of OpenGL 3.3, run without a window.
+
+Stage: emit, compile, run. `printer` makes the text, `runtime` runs it; moderngl is imported on first use. Mesa's
+llvmpipe, the driver without a GPU, stops an element's loops after 65,535 turns in all, without a word: a program that
+may take as many gets flags that tell (`passes/exits.py`), and its status is DEVICE_STOPPED.
+
+    executable = backend.compile(module, Options())
+    print(executable.source)
+    executable.run(call)
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+from shpy.backends.base import Array, Call, Device, Options
+from shpy.backends.glsl.context import Context, open_context
+from shpy.backends.glsl.printer import NATIVE, Printer
+from shpy.backends.glsl.runtime import Program, Runtime, unsupported
+from shpy.errors import BackendUnavailable, CompileError
+from shpy.ir.nodes import Loc, Module, Value, Variable
+from shpy.ir.traverse import defined, variables_of
+from shpy.ir.types import Base
+from shpy.passes.exits import few_turns
+from shpy.passes.pipeline import Target, prepare
+from shpy.passes.specialise import select_outputs
+
+__all__ = ["GlslBackend", "GlslExecutable", "backend"]
+
+TARGET = Target("glsl", native=NATIVE, loop_flags=True)
+
+
+@dataclass(frozen=True, slots=True)
+class GlslExecutable:
+    """A compiled module: one program, or several where it has more outputs than the device writes at a time."""
+
+    source: str
+    notes: tuple[str, ...]
+    loops: tuple[Loc | None, ...]
+    runtime: Runtime
+    programs: tuple[Program, ...]
+    groups: tuple[tuple[int, ...], ...]
+
+    def run(self, call: Call) -> Array | None:
+        """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
+        if call.count == 0 or not self.programs:
+            return None
+        return self.runtime.run(self.programs, self.groups, call)
+
+
+class GlslBackend:
+    """Fragment shaders through moderngl."""
+
+    name = "glsl"
+
+    def __init__(self) -> None:
+        self._runtimes: dict[tuple[int, int], Runtime] = {}
+
+    def devices(self) -> list[Device]:
+        """Every device that EGL lists; BackendUnavailable without one."""
+        found = [_described(open_context(0))]
+        while True:
+            try:
+                found.append(_described(open_context(len(found))))
+            except BackendUnavailable:
+                return found
+
+    def compile(self, module: Module, options: Options) -> GlslExecutable:
+        """Prepare, print and build; CompileError, at the user's line, for what GLSL or the device has not."""
+        if options.lanes not in ("auto", 1):
+            raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
+        prepared = prepare(module, options, TARGET)
+        _refuse(prepared.module)
+        runtime = self._runtime(options.device or 0)
+        limits = runtime.context.limits
+        count = len(prepared.module.entry.outputs)
+        groups = tuple(
+            tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
+        )
+        programs = []
+        for group in groups:
+            part = select_outputs(prepared.module, group) if len(groups) > 1 else prepared.module
+            printer = Printer(
+                part,
+                exact_division=limits.exact_division,
+                exact_root=limits.exact_root,
+                loops_stop=not few_turns(part),
+                limited=options.loop_limit is not None,
+            )
+            programs.append(runtime.build(printer.shader(), module.entry.loc))
+        sources = [p.shader.source for p in programs]
+        return GlslExecutable(
+            "\n".join(sources), _notes(runtime.context), prepared.loops, runtime, tuple(programs), groups
+        )
+
+    def _runtime(self, device: int) -> Runtime:
+        key = (os.getpid(), device)
+        if key not in self._runtimes:
+            self._runtimes[key] = Runtime(open_context(device))
+        return self._runtimes[key]
+
+
+def _described(context: Context) -> Device:
+    info = context.call(lambda: dict(context.gl.info))
+    limits = context.limits
+    features = ["f32", "f16 by rounding", f"{limits.outputs} outputs a pass"]
+    return Device(info["GL_RENDERER"], info["GL_VERSION"], tuple(features), _notes(context))
+
+
+def _notes(context: Context) -> tuple[str, ...]:
+    limits = context.limits
+    notes = []
+    if not limits.keeps_denormals:
+        notes.append("this device flushes denormals to zero")
+    if not limits.keeps_order:
+        notes.append("this device lacks GL_ARB_gpu_shader5: its compiler may reorder and contract arithmetic")
+    return tuple(notes)
+
+
+def _refuse(module: Module) -> None:
+    """CompileError for what GLSL 3.30 has not: f64."""
+    for function in module.functions:
+        things: list[Value | Variable] = [*defined(function), *variables_of(function)]
+        for thing in things:
+            if thing.type.base in (Base.D, Base.H):
+                raise unsupported(thing.type, thing.loc or function.loc)
+    for table in module.tables:
+        if table.type.base in (Base.D, Base.H):
+            raise unsupported(table.type, module.entry.loc)
+
+
+backend = GlslBackend()

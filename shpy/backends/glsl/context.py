@@ -1,0 +1,159 @@
+"""The GL context: one a device and process, headless, owned by one thread that does all of its work.
+
+Stage: run. A GL context belongs to a thread, so each is given a thread of its own: `Context.call` runs a function
+there and waits, from whatever thread it was called. Every function here and in `textures.py` that touches GL runs
+there.
+
+    context = open_context(None)
+    context.call(lambda: context.gl.info["GL_RENDERER"])
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from shpy.errors import BackendUnavailable, ShpyError
+
+T = TypeVar("T")
+
+VERTEX = """\
+#version 330 core
+// One triangle that covers the viewport.
+void main() {
+    gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
+}
+"""
+
+# Divisions and roots that a device with approximate ones gets wrong, and a product that is denormal.
+_PROBE = """\
+#version 330 core
+uniform sampler2D pairs;
+out vec4 found;
+void main() {
+    vec4 p = texelFetch(pairs, ivec2(gl_FragCoord.xy), 0);
+    found = vec4(p.x / p.y, sqrt(p.x), p.z * p.w, 0.0);
+}
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the device can do: texels along an axis, outputs and textures of one program, and how exact it is."""
+
+    width: int
+    outputs: int
+    textures: int
+    exact_division: bool = True
+    exact_root: bool = True
+    keeps_denormals: bool = True
+    keeps_order: bool = True
+
+
+def _moderngl() -> Any:
+    try:
+        import moderngl
+    except ImportError as e:
+        raise BackendUnavailable(f"glsl needs moderngl: {e}", cure="pip install 'shpy-dsl[glsl]'") from e
+    return moderngl
+
+
+def check(gl: Any, what: str) -> None:
+    """Raise ShpyError if GL has an error pending: moderngl itself stays silent."""
+    error = gl.error
+    if error != "GL_NO_ERROR":
+        raise ShpyError(f"GL could not {what}: {error}")
+
+
+class Context:
+    """A GL context with its thread. `gl` is moderngl's, to be touched inside `call` only."""
+
+    def __init__(self, index: int | None) -> None:
+        self.moderngl = _moderngl()
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="shpy-gl")
+        self._process = os.getpid()
+        self.doomed: list[Any] = []
+        """GL objects whose owner is gone; released before the next job."""
+        try:
+            self.gl = self._thread.submit(self._create, index).result()
+        except Exception as e:
+            self._thread.shutdown()
+            raise BackendUnavailable(
+                f"glsl needs OpenGL 3.3 without a window: {e}",
+                cure="apt install libegl1 libgl1-mesa-dri (or the EGL library of the GPU's driver)",
+            ) from e
+        self.limits = self.call(self._probe)
+
+    def call(self, job: Callable[[], T]) -> T:
+        """Run `job` on the context's thread and give what it gives; ShpyError in a forked process, which has none."""
+        if os.getpid() != self._process:
+            raise ShpyError(
+                "a forked process cannot use the GL context of its parent", cure='multiprocessing.get_context("spawn")'
+            )
+        return self._thread.submit(self._tidied, job).result()
+
+    def _tidied(self, job: Callable[[], T]) -> T:
+        while self.doomed:
+            self.doomed.pop().release()
+        return job()
+
+    def _create(self, index: int | None) -> Any:
+        options: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
+        if index is not None and sys.platform == "linux":
+            options["device_index"] = index
+        gl = self.moderngl.create_context(standalone=True, require=330, **options)
+        # Always bound when nothing else is: moderngl binds the last framebuffer again when it makes a new one.
+        self.resting = gl.framebuffer([gl.texture((1, 1), 4)])
+        self.resting.use()
+        check(gl, "make a framebuffer")
+        return gl
+
+    def program(self, source: str) -> Any:
+        """Compile and link a fragment shader; moderngl.Error with the driver's log if it is refused."""
+        program = self.gl.program(vertex_shader=VERTEX, fragment_shader=source)
+        check(self.gl, "link a program")
+        return program
+
+    def _probe(self) -> Limits:
+        gl = self.gl
+        rng = np.random.default_rng(1)
+        pairs = rng.uniform(1, 2, (64 * 64, 4)).astype(np.float32)
+        pairs[:, 2:] = (1.1754944e-38, 0.5)
+        texture = gl.texture((64, 64), 4, pairs.tobytes(), dtype="f4")
+        target = gl.framebuffer([gl.texture((64, 64), 4, dtype="f4")])
+        target.use()
+        texture.use(0)
+        program = self.program(_PROBE)
+        gl.vertex_array(program, []).render(self.moderngl.TRIANGLES, 3)
+        found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(-1, 4)
+        self.resting.use()
+        check(gl, "probe the device")
+        return Limits(
+            width=min(gl.info["GL_MAX_TEXTURE_SIZE"], *gl.info["GL_MAX_VIEWPORT_DIMS"]),
+            outputs=min(gl.info["GL_MAX_DRAW_BUFFERS"], gl.info["GL_MAX_COLOR_ATTACHMENTS"]),
+            textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
+            exact_division=bool(np.array_equal(found[:, 0], pairs[:, 0] / pairs[:, 1])),
+            exact_root=bool(np.array_equal(found[:, 1], np.sqrt(pairs[:, 0]))),
+            keeps_denormals=bool(found[0, 2] != 0),
+            keeps_order="GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400,
+        )
+
+
+_OPEN: dict[tuple[int, int | None], Context] = {}
+_OPENING = threading.Lock()
+
+
+def open_context(index: int | None) -> Context:
+    """The context of device `index` (None: the driver's choice), made on first use; BackendUnavailable without one."""
+    with _OPENING:
+        key = (os.getpid(), index)  # a forked process has the parent's contexts, but not their threads
+        if key not in _OPEN:
+            _OPEN[key] = Context(index)
+        return _OPEN[key]

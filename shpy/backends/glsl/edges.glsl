@@ -1,0 +1,229 @@
+// What GLSL 3.30 leaves open, or drivers do differently, done as the op table says, for one component.
+// Read by prologue.py, which emits what a program uses and adds the vector forms.
+
+bool sh_and(bool a, bool b) {
+    return a && b;
+}
+
+bool sh_or(bool a, bool b) {
+    return a || b;
+}
+
+bool sh_xor(bool a, bool b) {
+    return a != b;
+}
+
+float sh_select(bool c, float a, float b) {
+    return c ? a : b;
+}
+
+int sh_select(bool c, int a, int b) {
+    return c ? a : b;
+}
+
+uint sh_select(bool c, uint a, uint b) {
+    return c ? a : b;
+}
+
+bool sh_select(bool c, bool a, bool b) {
+    return c ? a : b;
+}
+
+// The number where one is NaN.
+float sh_min(float a, float b) {
+    precise bool second = b < a || a != a;
+    return second ? b : a;
+}
+
+float sh_max(float a, float b) {
+    precise bool second = a < b || a != a;
+    return second ? b : a;
+}
+
+float sh_clamp(float x, float low, float high) {
+    return sh_min(sh_max(x, low), high);
+}
+
+// Truncates and saturates; 0 for NaN.
+int sh_int(float x) {
+    precise bool inside = x > -2147483648.0 && x < 2147483648.0;
+    precise bool above = x >= 2147483648.0;
+    precise bool below = x <= -2147483648.0;
+    return inside ? int(x) : above ? 2147483647 : below ? (-2147483647 - 1) : 0;
+}
+
+// In two halves: a driver may convert through int.
+uint sh_uint(float x) {
+    precise bool inside = x > 0.0 && x < 4294967296.0;
+    precise bool above = x >= 4294967296.0;
+    precise float past = x - 2147483648.0;
+    uint whole = x >= 2147483648.0 ? uint(int(past)) + 2147483648u : uint(int(x));
+    return inside ? whole : above ? 4294967295u : 0u;
+}
+
+// floor(a / b) from a division that truncates; 0 for b = 0.
+int sh_floordiv(int a, int b) {
+    int by = b == 0 || b == -1 ? 1 : b;
+    int q = a / by;
+    int rest = a - q * by;
+    q -= rest != 0 && (rest ^ by) < 0 ? 1 : 0;
+    return b == 0 ? 0 : b == -1 ? -a : q;
+}
+
+uint sh_floordiv(uint a, uint b) {
+    return b == 0u ? 0u : a / max(b, 1u);
+}
+
+// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+int sh_floormod(int a, int b) {
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a - a / by * by;
+    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+}
+
+uint sh_floormod(uint a, uint b) {
+    return b == 0u ? 0u : a % max(b, 1u);
+}
+
+// Counts pairs, fours, bytes, and sums the bytes by a product.
+uint sh_popcount(uint a) {
+    a -= (a >> 1) & 0x55555555u;
+    a = (a & 0x33333333u) + ((a >> 2) & 0x33333333u);
+    return (((a + (a >> 4)) & 0x0f0f0f0fu) * 0x01010101u) >> 24;
+}
+
+int sh_popcount(int a) {
+    return int(sh_popcount(uint(a)));
+}
+
+uint sh_bits(float x) {
+    precise bool nan = x != x;
+    return nan ? 0x7fc00000u : floatBitsToUint(x);
+}
+
+bool sh_isnan(float x) {
+    return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
+bool sh_isinf(float x) {
+    return (floatBitsToUint(x) & 0x7fffffffu) == 0x7f800000u;
+}
+
+float sh_sign(float x) {
+    precise bool above = x > 0.0;
+    precise bool below = x < 0.0;
+    return float(above) - float(below);
+}
+
+// x * 2^n rounded once: by the bits, but for results that are denormal (one product) or too large.
+float sh_ldexp(float x, int n) {
+    uint bits = floatBitsToUint(x);
+    int raised = (bits & 0x7f800000u) == 0u ? 24 : 0;
+    precise float normal = raised == 0 ? x : x * 16777216.0;
+    int own = int((floatBitsToUint(normal) >> 23) & 255u);
+    int e = own - raised + clamp(n, -1000, 1000);
+    float at_e = uintBitsToFloat((floatBitsToUint(normal) & 0x807fffffu) | (uint(clamp(e, 1, 254)) << 23));
+    precise float small = at_e * uintBitsToFloat(uint(clamp(126 + e, 1, 126)) << 23);
+    float infinity = uintBitsToFloat(0x7f800000u | (bits & 0x80000000u));
+    precise bool kept = x == 0.0 || own == 255;
+    return kept ? x : e > 254 ? infinity : e < 1 ? small : at_e;
+}
+
+// The nearest binary16, half to even: by the bits, but for halves that are denormal, where 2^-24 is the last place.
+float sh_half(float x) {
+    uint bits = floatBitsToUint(x);
+    uint size = bits & 0x7fffffffu;
+    uint rounded = (size + 0xfffu + ((size >> 13) & 1u)) & 0xffffe000u;
+    rounded = rounded >= 0x47800000u ? 0x7f800000u : rounded;
+    precise float small = (uintBitsToFloat(size) + 0.5) - 0.5;
+    rounded = size > 0x7f800000u ? 0x7fc00000u : size < 0x38800000u ? floatBitsToUint(small) : rounded;
+    return uintBitsToFloat(rounded | (bits & 0x80000000u));
+}
+
+// a * b as a sum of two floats (Dekker 1971), for products that neither overflow nor underflow.
+vec2 sh_two_product(float a, float b) {
+    precise float product = a * b;
+    precise float a_high = a * 4097.0 - (a * 4097.0 - a);
+    precise float b_high = b * 4097.0 - (b * 4097.0 - b);
+    precise float a_low = a - a_high;
+    precise float b_low = b - b_high;
+    precise float rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low;
+    return vec2(product, rest);
+}
+
+// a + b as a sum of two floats (Knuth 1969).
+vec2 sh_two_sum(float a, float b) {
+    precise float sum = a + b;
+    precise float back = sum - a;
+    precise float rest = (a - (sum - back)) + (b - back);
+    return vec2(sum, rest);
+}
+
+// a * b + c rounded once: the exact parts of the product and of the sums, the lower ones rounded to odd (Boldo and
+// Melquiond 2008). Mantissas are taken to [1, 2), so that no part leaves the range.
+float sh_fma(float a, float b, float c) {
+    uvec3 bits = floatBitsToUint(vec3(a, b, c));
+    ivec3 e = ivec3((bits >> 23) & 255u) - 127;
+    vec3 m = uintBitsToFloat((bits & 0x807fffffu) | 0x3f800000u);
+    int scale = e.x + e.y;
+    int above = max(e.z - scale, -60);
+    vec2 product = sh_two_product(m.x, m.y);
+    vec2 low = sh_two_sum(uintBitsToFloat((bits.z & 0x807fffffu) | (uint(clamp(above, -60, 60) + 127) << 23)), product.y);
+    vec2 high = sh_two_sum(product.x, low.x);
+    vec2 rest = sh_two_sum(low.y, high.y);
+    uint odd = floatBitsToUint(rest.x);
+    bool outward = (rest.y < 0.0) == (rest.x < 0.0);
+    odd = rest.y != 0.0 && (odd & 1u) == 0u ? (outward ? odd + 1u : odd - 1u) : odd;
+    precise float sum = high.x + uintBitsToFloat(odd);
+    bool huge = max(e.x, e.y) < 128 && e.z == 128;
+    precise float plain = huge ? c : a * b + c;
+    bool simple = a == 0.0 || b == 0.0 || c == 0.0 || max(e.x, max(e.y, e.z)) == 128 || min(e.x, min(e.y, e.z)) == -127;
+    return simple ? plain : above > 55 ? c : sh_ldexp(sum, scale);
+}
+
+// q to the nearest 24 bits, half to even, where `rest` tells whether anything follows; times 2^(n - 23).
+float sh_rounded(uint q, int rest, int n) {
+    uint up = q & 1u & ((rest != 0 ? 1u : 0u) | (q >> 1));
+    precise float mantissa = float((q >> 1) + up) * 1.1920929e-7;
+    return sh_ldexp(mantissa, n);
+}
+
+// a / b correctly rounded, for devices whose own is not: the quotient of the mantissas to 25 bits, from an estimate
+// and its remainder modulo 2^32. Zeros, infinities and NaN are the device's affair.
+float sh_div(float a, float b) {
+    uvec2 bits = floatBitsToUint(vec2(a, b));
+    uvec2 m = (bits & 0x7fffffu) | 0x800000u;
+    ivec2 e = ivec2((bits >> 23) & 255u);
+    int less = m.x < m.y ? 1 : 0;
+    int by = int(m.y);
+    uint q = uint(float(m.x) / float(by) * (less == 1 ? 33554432.0 : 16777216.0));
+    int rest = int((m.x << (24 + less)) - q * m.y);
+    int off = int(floor(float(rest) / float(by)));
+    q += uint(off);
+    rest -= off * by;
+    off = rest < 0 ? -1 : rest >= by ? 1 : 0;
+    q += uint(off);
+    rest -= off * by;
+    float size = sh_rounded(q, rest, e.x - e.y - less);
+    precise float plain = a / b;
+    bool simple = min(e.x, e.y) == 0 || max(e.x, e.y) == 255;
+    return simple ? plain : (int(bits.x ^ bits.y) < 0 ? -size : size);
+}
+
+// The root likewise, from the mantissa times an even power of two.
+float sh_sqrt(float x) {
+    uint bits = floatBitsToUint(x);
+    int e = int(bits >> 23);
+    uint m = ((bits & 0x7fffffu) | 0x800000u) << (2 - (e & 1));
+    uint q = uint(sqrt(float(m)) * 4096.0);
+    int rest = int((m << 24) - q * q);
+    int off = int(floor(float(rest) / (2.0 * float(q))));
+    rest -= off * (2 * int(q) + off);
+    q += uint(off);
+    off = rest < 0 ? -1 : rest > 2 * int(q) ? 1 : 0;
+    rest -= off * (2 * int(q) + off);
+    q += uint(off);
+    float root = sh_rounded(q, rest, ((e - 152 + (e & 1)) >> 1) + 12);
+    precise float plain = sqrt(x);
+    return e == 0 || e >= 255 ? plain : root;
+}

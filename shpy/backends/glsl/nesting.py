@@ -1,0 +1,60 @@
+"""How deep a module's blocks nest for a driver, and which functions need a shelter.
+
+Stage: emit, before printing. Mesa's llvmpipe keeps the conditions of 79 blocks inside each other, functions called
+counted in, and loses track of any more without a word. To it, what follows an early return nests, too:
+
+    if (a) { return; }              if (a) { } else {
+    if (b) { return; }      is          if (b) { } else { ... } }
+    ...
+
+Inside a loop it does not, for there a return is a break. So a function with too many returns is put into a loop of
+one turn: that is its shelter.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from shpy.errors import CompileError
+from shpy.ir.nodes import Call, If, Loop, Module, Region, Return, Stmt
+from shpy.ir.traverse import regions_of, walk
+
+MAX_NESTING: Final = 72
+"""What is certain to be right: the driver adds a few of its own."""
+
+_MANY: Final = 24
+
+
+def sheltered_functions(module: Module) -> frozenset[str]:
+    """The functions to put into a loop of one turn; CompileError where even that nests too deep."""
+    depths: dict[str, int] = {}
+    sheltered = set()
+    for function in module.functions:
+        depth = _depth(function.body, depths, returns_nest=True)
+        inside = 1 + _depth(function.body, depths, returns_nest=False)
+        if depth > _MANY and inside < depth:
+            sheltered.add(function.name)
+            depth = inside
+        if depth > MAX_NESTING:
+            raise CompileError(
+                f"{depth} blocks inside each other, subroutines counted in; GLSL takes {MAX_NESTING}", loc=function.loc
+            )
+        depths[function.name] = depth
+    return frozenset(sheltered)
+
+
+def _depth(region: Region, depths: dict[str, int], *, returns_nest: bool) -> int:
+    """How deep the region's blocks nest, those of the functions called counted in."""
+    deepest = before = 0
+    for s in region:
+        inner = depths[s.function] if isinstance(s, Call) else 0
+        if isinstance(s, If | Loop):
+            nest = returns_nest and not isinstance(s, Loop)
+            inner = 1 + max(_depth(r, depths, returns_nest=nest) for r in regions_of(s))
+        deepest = max(deepest, before + inner)
+        before += returns_nest and _returns(s)
+    return deepest
+
+
+def _returns(statement: Stmt) -> bool:
+    return any(isinstance(s, Return) for r in regions_of(statement) for s in walk(r))

@@ -1,0 +1,209 @@
+"""Builds shaders and runs them: one full-screen draw a band of elements, textures in, framebuffer out.
+
+Stage: compile, run. n elements fill a texture row by row, a row being the last axis where that has a fair length, so
+that elements that are near lie near. More than `BAND` elements take several draws; more outputs than the device has
+draw buffers take several programs, each of which computes its share of the outputs anew.
+"""
+
+from __future__ import annotations
+
+import re
+import weakref
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, Call
+from shpy.backends.glsl.context import Context, check
+from shpy.backends.glsl.shader import FIRST, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader
+from shpy.backends.glsl.textures import Lent, Store, Target, read
+from shpy.errors import CompileError
+from shpy.ir.nodes import Loc, Status
+from shpy.ir.types import Base, Type, vec
+
+BAND: Final = 1 << 22
+"""Elements of one draw at most: it holds little at a time, and no draw takes so long that a driver stops it."""
+
+_ROW: Final = 1024
+_ERROR: Final = re.compile(r"^(?:ERROR: )?0[:(](\d+)(?:\(\d+\)|\))?\s*:\s*(?:error\b)?[\s:]*(.*)$", re.MULTILINE)
+_USER_LINE: Final = re.compile(r"// (.+):(\d+)$")
+
+
+@dataclass(slots=True, weakref_slot=True, eq=False)
+class Program:
+    """A linked program with its shader, the draw that runs it, and the texture unit of each sampler that it reads."""
+
+    shader: Shader
+    program: Any
+    vertices: Any
+    units: dict[str, int]
+
+
+class Runtime:
+    """All that is kept on one context: programs by their text, textures, tables."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.store = Store(context)
+        self._programs: weakref.WeakValueDictionary[str, Program] = weakref.WeakValueDictionary()
+
+    def build(self, shader: Shader, loc: Loc | None) -> Program:
+        """The program of this text; CompileError if the device refuses it, or it reads too many textures."""
+        known = self._programs.get(shader.source)
+        if known is None:
+            known = self.context.call(lambda: self._link(shader, loc))
+            self._programs[shader.source] = known
+        return known
+
+    def _link(self, shader: Shader, loc: Loc | None) -> Program:
+        samplers = [i.sampler for i in shader.inputs] + [t.sampler for t in shader.tables]
+        limit = self.context.limits.textures
+        try:
+            program = self.context.program(shader.source)
+        except self.context.moderngl.Error as e:
+            if len(samplers) > limit:
+                message = f"{len(samplers)} inputs and tables: a program of this device reads {limit} at most"
+                raise CompileError(message, loc=loc) from e
+            raise refused(shader.source, str(e), loc) from e
+        vertices = self.context.gl.vertex_array(program, [])
+        check(self.context.gl, "prepare a program")
+        units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
+        for sampler, unit in units.items():
+            program[sampler].value = unit
+        made = Program(shader, program, vertices, units)
+        doomed = self.context.doomed
+        weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
+        return made
+
+    def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
+        """Run `programs`, whose outputs are those of `groups`, over all elements; gives the status if one is made.
+
+        The status is the output after the last of `call.outputs`.
+        """
+        return self.context.call(lambda: self._run(programs, groups, call))
+
+    def _run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
+        last = len(call.outputs)
+        status = np.ones(call.count, np.int32) if any(last in g for g in groups) else None
+        width = row_length(call.shape, self.context.limits.width)
+        band = max(1, min(self.context.limits.width, BAND // width)) * width
+        for first in range(0, call.count, band):
+            part = slice(first, min(first + band, call.count))
+            with self.store.lent() as lent:
+                inputs: dict[int, Any] = {}
+                # The program that makes the status comes first: the others' outputs are written where it says so.
+                for program, group in sorted(zip(programs, groups, strict=True), key=lambda p: last not in p[1]):
+                    target = self._draw(program, call, part, width, lent, inputs)
+                    _collect(target, program.shader.outputs, group, call, status, part, width)
+            check(self.context.gl, "run the program")
+        return status
+
+    def _draw(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> Target:
+        program, shader, gl = made.program, made.shader, self.context.gl
+        count = part.stop - part.start
+        target = lent.target(list(shader.outputs), width, -(-count // width))
+        check(gl, "make the outputs")
+        self._bind(made, call, part, width, lent, inputs)
+        _set(program, FIRST, part.start)
+        _set(program, WIDTH, width)
+        _set(program, GRID_SHAPE, (*call.shape, 1, 1, 1, 1)[:4])
+        _set(program, RUNNING, True)
+        target.framebuffer.use()
+        rows, rest = divmod(count, width)
+        for across, first, height in ((width, 0, rows), (rest, rows, min(rest, 1))):
+            if height:
+                _set(program, LAST, (across - 1, first + height - 1))
+                gl.viewport = (0, first, across, height)
+                made.vertices.render(self.context.moderngl.TRIANGLES, 3)
+        return target
+
+    def _bind(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> None:
+        program, shader, units = made.program, made.shader, made.units
+        for port in shader.inputs:
+            if port.sampler in units:
+                array = call.inputs[port.index]
+                alone = len(array) == 1
+                if port.index not in inputs:
+                    inputs[port.index] = lent.filled(array if alone else array[part], 1 if alone else width)
+                inputs[port.index].use(units[port.sampler])
+                _set(program, port.each, 0 if alone else 1)
+        for table in shader.tables:
+            if table.sampler in units:
+                data = call.tables[table.name]
+                self.store.table(data, table.type).use(units[table.sampler])
+                shape = data.array.shape if table.type.size == 1 else data.array.shape[:-1]
+                _set(program, table.shape, shape if len(shape) > 1 else shape[0])
+        for name, (uniform, type) in shader.params.items():
+            if uniform in program:
+                program[uniform].write(uniform_bytes(call.params[name], type))
+
+
+def row_length(shape: tuple[int, ...], limit: int) -> int:
+    """How many elements stand in a row of the texture."""
+    if len(shape) > 1 and 64 <= shape[-1] <= limit:
+        return shape[-1]
+    n = 1
+    for extent in shape:
+        n *= extent
+    return min(n, _ROW)
+
+
+def uniform_bytes(value: Array, type: Type) -> bytes:
+    """A param as GL takes it: floats as binary32, bools as ints."""
+    dtype: Any = {Base.F: np.float32, Base.U: np.uint32}.get(type.base, np.int32)
+    return np.ascontiguousarray(value).astype(dtype).tobytes()
+
+
+def _set(program: Any, name: str, value: Any) -> None:
+    """Set a uniform, if the driver has kept it."""
+    if name in program:
+        program[name].value = value
+
+
+def _collect(
+    target: Target,
+    types: tuple[Type, ...],
+    group: tuple[int, ...],
+    call: Call,
+    status: Array | None,
+    part: slice,
+    width: int,
+) -> None:
+    """Read a framebuffer into the call's outputs, the status first."""
+    if status is not None and len(call.outputs) in group:
+        read(target, group.index(len(call.outputs)), vec(Base.I), status[part].reshape(-1, 1), width)
+    written = None if status is None else status[part] == Status.WRITTEN
+    for attachment, (output, type) in enumerate(zip(group, types, strict=True)):
+        if output == len(call.outputs):
+            continue
+        out = call.outputs[output][part].reshape(-1, type.size)
+        dtype = np.dtype({Base.B: np.uint8, Base.I: np.int32, Base.U: np.uint32}.get(type.base, np.float32))
+        view = out.view(np.uint8) if out.dtype == np.bool_ else out
+        if written is None and view.dtype == dtype:
+            read(target, attachment, type, view, width)
+            continue
+        found = np.empty(out.shape, dtype)
+        read(target, attachment, type, found, width)
+        np.copyto(view, found, casting="same_kind", where=True if written is None else written[:, None])
+
+
+def refused(source: str, log: str, loc: Loc | None) -> CompileError:
+    """The driver's log as an error at the user's line, as far as the text's comments tell it."""
+    found = _ERROR.search(log)
+    if found is None:
+        return CompileError(f"the driver refused the shader:\n{log.strip()}", loc=loc)
+    lines = source.splitlines()
+    at = int(found[1])
+    for line in reversed(lines[:at]):
+        user = _USER_LINE.search(line)
+        if user is not None:
+            loc = Loc(user[1], int(user[2]))
+            break
+    text = lines[at - 1].strip() if 0 < at <= len(lines) else ""
+    return CompileError(f"the driver refused this line of the shader: {found[2].strip()}\n  {at}: {text}", loc=loc)
+
+
+def unsupported(type: Type, loc: Loc | None) -> CompileError:
+    """The error for a base that GLSL 3.30 has not."""
+    return CompileError(f"GLSL 3.30 has no {type!r}", loc=loc, cure='compile this program on "numpy" or "opencl"')

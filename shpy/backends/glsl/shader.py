@@ -1,0 +1,56 @@
+"""What the printer hands to the runtime: the text of a shader, and which name in it stands for what.
+
+Stage: between emit and run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from shpy.ir.types import Type
+
+RUNNING = "sh_running"
+"""A bool that is always true."""
+
+LAST = "sh_last"
+"""The last cell of a draw: `ivec2`. A cell is a pixel, the place of one element."""
+
+FIRST = "sh_first"
+"""The flat index of the element in cell (0, 0): `int`."""
+
+WIDTH = "sh_width"
+"""The elements in a row of cells: `int`."""
+
+GRID_SHAPE = "sh_grid_shape"
+"""The number of elements along numpy's axes, then ones: `ivec4`."""
+
+
+@dataclass(frozen=True, slots=True)
+class InputTexture:
+    """The `index`-th input: its sampler, and the int uniform that is 1, or 0 where one value serves all elements."""
+
+    index: int
+    type: Type
+    sampler: str
+    each: str
+
+
+@dataclass(frozen=True, slots=True)
+class TableTexture:
+    """A table: its sampler and the uniform of its shape."""
+
+    name: str
+    type: Type
+    sampler: str
+    shape: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shader:
+    """A fragment shader. `params` maps a param's name to its uniform; `outputs` are in the order of the attachments."""
+
+    source: str
+    inputs: tuple[InputTexture, ...]
+    params: dict[str, tuple[str, Type]]
+    tables: tuple[TableTexture, ...]
+    outputs: tuple[Type, ...]

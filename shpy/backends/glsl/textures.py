@@ -1,0 +1,215 @@
+"""Arrays as textures, and textures as arrays: what a full-screen pass reads and writes.
+
+Stage: run. A flat array of elements becomes rows of a 2-D texture, 32-bit integers as integer textures, so that they
+stay exact, bools as bytes, in one to four components. Textures and framebuffers are lent and given back; the copy of
+a table is kept as long as its `TableData` lives and its version does not change.
+
+    store = Store(context)
+    texture = store.table(data, vec("f", 3))   # the device's copy, sent only when it has changed
+    with store.lent() as lent:               # what is borrowed here goes back to the store afterwards
+        source = lent.filled(array, 1024)
+        target = lent.target([vec("f", 3), vec("i")], 1024, 8)
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, TableData
+from shpy.backends.glsl.context import Context, check
+from shpy.errors import ShpyError
+from shpy.ir.types import Type
+
+FOLD: Final = 4096
+"""Texels in a row of a table: element i stands at (i % FOLD, i / FOLD)."""
+
+KEPT_BYTES: Final = 256 << 20
+"""How much a store keeps of what is not lent out."""
+
+_FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A framebuffer with one texture an output."""
+
+    framebuffer: Any
+    textures: tuple[Any, ...]
+    bytes: int
+
+    def release(self) -> None:
+        """Give it back to GL."""
+        self.framebuffer.release()
+        for texture in self.textures:
+            texture.release()
+
+
+def as_texels(array: Array) -> Array:
+    """The array as GL takes it: float16 as float32, bools as bytes; float64 is refused."""
+    if array.dtype == np.float64:
+        raise ShpyError("GLSL 3.30 has no f64")
+    if array.dtype == np.float16:
+        return array.astype(np.float32)
+    return np.ascontiguousarray(array).view(np.uint8) if array.dtype == np.bool_ else np.ascontiguousarray(array)
+
+
+def _rounded(extent: int, limit: int) -> int:
+    """The next power of two: textures of few sizes are found again more often."""
+    return min(1 << max(extent - 1, 0).bit_length(), limit)
+
+
+class Store:
+    """The textures of one context. Everything here runs on the context's thread."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.tables: dict[int, tuple[Any, int]] = {}
+        self.uploads = 0
+        """How many tables were sent so far."""
+        self._free: dict[tuple[Any, ...], list[Any]] = {}
+        self._kept = 0
+
+    def table(self, data: TableData, type: Type) -> Any:
+        """The texture that holds the table's elements in C order, folded."""
+        known = self.tables.get(id(data))
+        if known is not None and known[1] == data.version:
+            return known[0]
+        texels = as_texels(data.array).reshape(-1, type.size)
+        if type.size == 3:  # texels of four components are read a third faster
+            texels = np.pad(texels, ((0, 0), (0, 1)))
+        if known is not None:
+            texture = known[0]
+        else:
+            rows = -(-len(texels) // FOLD)
+            texture = self._texture((min(len(texels), FOLD), rows), texels.shape[1], texels.dtype)
+            weakref.finalize(data, self._forget, id(data), texture).atexit = False
+        write(texture, texels, texture.width)
+        check(self.context.gl, "send a table")
+        self.tables[id(data)] = (texture, data.version)
+        self.uploads += 1
+        return texture
+
+    def _forget(self, key: int, texture: Any) -> None:
+        self.tables.pop(key, None)
+        self.context.doomed.append(texture)
+
+    def _texture(self, size: tuple[int, int], components: int, dtype: np.dtype[Any]) -> Any:
+        limit = self.context.limits.width
+        if max(size) > limit:
+            raise ShpyError(f"a table of {size[0] * size[1]} elements: this device's textures hold {FOLD * limit}")
+        texture = self.context.gl.texture(size, components, dtype=_format(dtype), alignment=1)
+        check(self.context.gl, f"make a texture of {size[0]} x {size[1]}")
+        nearest = self.context.moderngl.NEAREST
+        texture.filter = (nearest, nearest)
+        return texture
+
+    @contextmanager
+    def lent(self) -> Iterator[Lent]:
+        """What is borrowed through the result comes back at the end."""
+        lent = Lent(self)
+        try:
+            yield lent
+        finally:
+            self.context.resting.use()
+            for key, thing, size in lent.things:
+                self._give_back(key, thing, size)
+
+    def take(self, key: tuple[Any, ...], size: int) -> Any | None:
+        """A free thing of this kind, or None."""
+        free = self._free.get(key)
+        if not free:
+            return None
+        self._kept -= size
+        return free.pop()
+
+    def _give_back(self, key: tuple[Any, ...], thing: Any, size: int) -> None:
+        if self._kept + size > KEPT_BYTES:
+            thing.release()
+            return
+        self._kept += size
+        self._free.setdefault(key, []).append(thing)
+
+
+class Lent:
+    """What one run has borrowed."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.things: list[tuple[tuple[Any, ...], Any, int]] = []
+
+    def _borrow(self, key: tuple[Any, ...], size: int, make: Any) -> Any:
+        thing = self.store.take(key, size) or make()
+        self.things.append((key, thing, size))
+        return thing
+
+    def filled(self, array: Array, width: int) -> Any:
+        """A texture with the elements of `array`, (n, components) or (n,), in rows of `width`."""
+        texels = as_texels(array).reshape(len(array), -1)
+        limit = self.store.context.limits.width
+        size = (_rounded(width, limit), _rounded(-(-len(texels) // width), limit))
+        components = texels.shape[1]
+        key = ("texture", size, components, texels.dtype.str)
+        texture = self._borrow(
+            key,
+            size[0] * size[1] * components * texels.itemsize,
+            lambda: self.store._texture(size, components, texels.dtype),
+        )
+        write(texture, texels, width)
+        check(self.store.context.gl, "send an input")
+        return texture
+
+    def target(self, types: list[Type], width: int, height: int) -> Target:
+        """A framebuffer of at least `width` x `height` with an output of each type."""
+        limit = self.store.context.limits.width
+        size = (_rounded(width, limit), _rounded(height, limit))
+        # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
+        kinds = tuple((4 if t.size == 3 else t.size, _FORMATS[t.base.value]) for t in types)
+        cells = sum(components * int(dtype[1]) for components, dtype in kinds)
+        made: Target = self._borrow(
+            ("target", size, kinds), size[0] * size[1] * cells, lambda: self._make_target(size, kinds, cells)
+        )
+        return made
+
+    def _make_target(self, size: tuple[int, int], kinds: tuple[tuple[int, str], ...], cells: int) -> Target:
+        gl = self.store.context.gl
+        textures = []
+        for components, dtype in kinds:
+            textures.append(gl.texture(size, components, dtype=dtype, alignment=1))
+            check(gl, f"make an output of {size[0]} x {size[1]}")
+        framebuffer = gl.framebuffer(textures)
+        check(gl, f"make a framebuffer of {len(kinds)} outputs")
+        return Target(framebuffer, tuple(textures), size[0] * size[1] * cells)
+
+
+def _format(dtype: np.dtype[Any]) -> str:
+    return f"{dtype.kind}{dtype.itemsize}"
+
+
+def write(texture: Any, texels: Array, width: int) -> None:
+    """Put (n, components) texels into the first rows of `width`: the whole rows at once, then the rest."""
+    rows, rest = divmod(len(texels), width)
+    if rows:
+        texture.write(texels[: rows * width], viewport=(0, 0, width, rows))
+    if rest:
+        texture.write(texels[rows * width :], viewport=(0, rows, rest, 1))
+
+
+def read(target: Target, attachment: int, type: Type, out: Array, width: int) -> None:
+    """Fill `out`, (count, size) contiguous texels, with the first elements of an output, bools as bytes."""
+    rows, rest = divmod(len(out), width)
+    for first, height, across in ((0, rows, width), (rows, min(rest, 1), rest)):
+        if height:
+            target.framebuffer.read_into(
+                out[first * width : first * width + height * across],
+                viewport=(0, first, across, height),
+                components=type.size,
+                attachment=attachment,
+                alignment=1,
+                dtype=_FORMATS[type.base.value],
+            )

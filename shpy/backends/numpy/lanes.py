@@ -1,0 +1,209 @@
+"""What emitted code calls and numpy lacks: gathers, arrays of a lane's own, vectors from components.
+
+Stage: run. A scalar that varies is an array (lanes,), a vector (size, lanes); a uniform one () or (1,), and (size, 1).
+A local array is (length, lanes) or (length, size, lanes), with 1 for `lanes` while it is uniform. Nothing here traps:
+indices are clamped on reading, and stores out of range are dropped.
+
+>>> vector(np.float32([1, 2]), np.float32(3))
+array([[1., 2.],
+       [3., 3.]], dtype=float32)
+>>> TableView(np.float32([10, 20, 30]), 1).gather(np.int32([-5, 1, 9]))
+array([10., 20., 30.], dtype=float32)
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.ir import meaning
+
+__all__ = [
+    "TableView",
+    "clamp",
+    "compact",
+    "component",
+    "few",
+    "half",
+    "lane_count",
+    "maximum",
+    "minimum",
+    "normalize",
+    "on_components",
+    "pick",
+    "put",
+    "select",
+    "splat",
+    "spread",
+    "vector",
+]
+
+Array = NDArray[Any]
+
+FEW = 2048
+"""Up to here numpy's own time to start a function counts more than what it does."""
+
+
+def vector(*parts: Array) -> Array:
+    """The vector with these components: scalars, and vectors whose components follow one another."""
+    sizes = [p.shape[0] if p.ndim == 2 else 1 for p in parts]
+    lanes = max((p.shape[-1] for p in parts if p.ndim), default=1)
+    made = np.empty((sum(sizes), lanes), parts[0].dtype)
+    row = 0
+    for part, size in zip(parts, sizes, strict=True):
+        made[row : row + size] = part
+        row += size
+    return made
+
+
+def splat(scalar: Array, size: int) -> Array:
+    """The vector of `size` equal components."""
+    made = np.empty((size, scalar.shape[0] if scalar.ndim else 1), scalar.dtype)
+    made[:] = scalar
+    return made
+
+
+def spread(value: Array, lanes: int) -> Array:
+    """A uniform value, given to every lane."""
+    value = np.asarray(value)
+    made = np.empty((*value.shape[:-1], lanes), value.dtype)
+    made[:] = value
+    return made
+
+
+def lane_count(*args: Array) -> int:
+    """How many lanes these values have."""
+    return max((int(np.shape(a)[-1]) for a in args if np.ndim(a)), default=1)
+
+
+def half(x: Array) -> Array:
+    """Rounded to the nearest binary16, kept as binary32."""
+    return x.astype(np.float16).astype(np.float32)
+
+
+def component(v: Array, i: Array) -> Array:
+    """The component of a vector at an index of each lane, clamped."""
+    return np.asarray(pick(v, i))
+
+
+def on_components(f: Any, *args: Array) -> Array:
+    """A function of vectors applied to scalars, as vectors of one component."""
+    given = f(*(np.asarray(a)[None] for a in args))
+    return np.asarray(given[0] if given.ndim == max(np.ndim(a) for a in args) + 1 else given)
+
+
+def select(mask: Array, a: Any, b: Any) -> Array:
+    """`np.where(mask, a, b)`, of which at most one is a literal, by their bits: in time that no mask prolongs."""
+    if np.size(mask) < FEW:
+        return np.asarray(np.where(mask, a, b))
+    dtype = np.result_type(a, b)
+    bits = np.dtype(f"i{dtype.itemsize}")
+    x, y = np.asarray(a, dtype).view(bits), np.asarray(b, dtype).view(bits)
+    chosen: Array = np.negative(mask.view(np.int8), dtype=bits) & (x ^ y)
+    chosen ^= y
+    return np.asarray(chosen.view(dtype))
+
+
+def minimum(a: Any, b: Any) -> Array:
+    """The op `min`, of which at most one is a literal."""
+    return select((b < a) | (a != a), b, a)
+
+
+def maximum(a: Any, b: Any) -> Array:
+    """The op `max`, of which at most one is a literal."""
+    return select((a < b) | (a != a), b, a)
+
+
+def clamp(x: Any, low: Any, high: Any) -> Array:
+    """The op `clamp`, of which some are literals, but not x."""
+    return minimum(maximum(x, low), high)
+
+
+def normalize(v: Array) -> Array:
+    """The op `normalize`, by a division alone where no vector is zero."""
+    size = meaning.length(v)
+    return v / size if (size > 0).all() else meaning.normalize(v)
+
+
+def few(live: Array) -> bool:
+    """Whether going on with the live lanes alone saves more than it costs: fewer than half are left."""
+    return bool(2 * np.count_nonzero(live) < live.size)
+
+
+def compact(live: Array, *values: Array) -> list[Array]:
+    """The live lanes of each value."""
+    index = np.flatnonzero(live)
+    return [v.take(index, axis=-1) for v in values]
+
+
+@lru_cache(maxsize=16)
+def _lane_numbers(lanes: int) -> Array:
+    return np.arange(lanes)
+
+
+def _is_uniform(index: Array) -> bool:
+    return index.ndim == 0 or index.shape[0] == 1
+
+
+def pick(a: Array, i: Array) -> Array:
+    """The element of a local array at `i`, clamped."""
+    if _is_uniform(i):
+        return np.array(a[min(max(int(i.item()), 0), len(a) - 1)])
+    clamped = np.clip(i, 0, len(a) - 1).astype(np.intp)
+    lane = 0 if a.shape[-1] == 1 else _lane_numbers(a.shape[-1])
+    element: Array = a[clamped, lane] if a.ndim == 2 else np.ascontiguousarray(a[clamped, :, lane].T)
+    return element
+
+
+def put(a: Array, i: Array, value: Array, components: tuple[int, ...] | None = None) -> None:
+    """Store `value`, or some components, into the element of a local array at `i`; dropped where out of range."""
+    length = len(a)
+    if _is_uniform(i):
+        n = int(i.item())
+        if not 0 <= n < length:
+            return
+        if components is None:
+            a[n] = value
+        else:
+            a[n, list(components)] = value
+        return
+    lane = np.flatnonzero((i >= 0) & (i < length))
+    element, value = i[lane], np.broadcast_to(value, (*np.shape(value)[:-1], len(i)))[..., lane]
+    if a.ndim == 2:
+        a[element, lane] = value
+        return
+    rows = value if value.ndim == 2 else value[None]
+    for row, k in zip(rows, range(a.shape[1]) if components is None else components, strict=True):
+        a[element, k, lane] = row
+
+
+class TableView:
+    """A table as emitted code reads it: `at` a uniform index, or a `gather` with one for each lane."""
+
+    def __init__(self, array: Array, rank: int) -> None:
+        extents = array.shape[:rank]
+        self._extents = extents
+        self._vectors = array.ndim > rank
+        self._rows = np.ascontiguousarray(array).reshape(-1, *array.shape[rank:])
+        self.size: Array = np.array(extents, np.int32).reshape(() if rank == 1 else (rank, 1))[()]
+        """Its shape, as a uniform."""
+
+    def at(self, index: Array) -> Array:
+        """The element at a uniform index, clamped on every axis."""
+        flat = 0
+        for i, extent in zip(np.atleast_1d(index).reshape(-1).tolist(), self._extents, strict=True):
+            flat = flat * extent + min(max(i, 0), extent - 1)
+        element: Array = self._rows[flat]
+        return element[:, None] if self._vectors else element
+
+    def gather(self, index: Array) -> Array:
+        """The elements at the lanes' indices, clamped on every axis."""
+        if index.ndim == 0:
+            return self.at(index)  # a function may be called with what is the same for every lane
+        if len(self._extents) > 1:
+            index = np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
+        found = self._rows.take(index, axis=0, mode="clip")
+        return np.ascontiguousarray(found.T) if self._vectors else found

@@ -1,0 +1,111 @@
+"""Finds the loops whose live lanes may be compacted, and the stores by which lanes leave them.
+
+Stage: emit. Part of the numpy printer. Takes a vectorised function; gives a plan for each loop that lanes leave one by
+one, if all that such a loop changes for the code behind it are *exit copies*: a select under the mask of those that
+leave, of a slot that the loop does not read. The other lanes of that slot are out of the loop's sight, so that an exit
+copy can be written as a store into some lanes of the whole array, whatever lanes the loop itself still has:
+
+    $n_out = cond(%leaving, $n, $n_out)      ->      n_out[lane[leaving]] = n
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from shpy.backends.numpy.expressions import Expr, item
+from shpy.ir.nodes import Function, If, Let, Loop, Region, Return, Stmt, Store
+from shpy.ir.traverse import regions_of, uses, walk
+from shpy.passes.liveness import Note, annotate
+
+__all__ = ["ExitCopy", "Plan", "copied", "plans"]
+
+
+@dataclass(frozen=True, slots=True)
+class ExitCopy:
+    """`slot = cond(mask, new, old)`: the values, of which `mask` may be a splat, and `old` is the slot's load."""
+
+    mask: int
+    new: int
+    old: int
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A loop that may be compacted: the slot of its live mask, and its exit copies by the value that they store."""
+
+    live: int
+    copies: dict[int, ExitCopy] = field(default_factory=dict)
+    slots: frozenset[int] = frozenset()
+
+
+def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> dict[int, Plan]:
+    """The plans of a function's loops, by `id` of the loop; `live` are the loops' masks, `varying` slots."""
+    made: dict[int, Plan] = {}
+    if not live:
+        return made
+    used = Counter(v for s in walk(function.body) for v in uses(s))
+    for loop, note in _loops(function.body, annotate(function)):
+        masks = live & note.inner[0] & {s.variable for s in _direct(loop) if isinstance(s, Store)}
+        changed = note.stored & note.after & varying
+        if len(masks) != 1 or masks & changed or any(isinstance(s, Return) for s in walk((loop,))):
+            continue
+        copies = _copies(loop, changed, used)
+        touched = Counter(slot for s in walk((loop,)) if (slot := _touched(s)) in changed)
+        if all(touched[slot] == 2 * sum(c[0] == slot for c in copies.values()) for slot in changed):
+            made[id(loop)] = Plan(next(iter(masks)), {v: c for v, (_, c) in copies.items()}, changed)
+    return made
+
+
+def _loops(region: Region, notes: list[Note]) -> Iterator[tuple[Loop, Note]]:
+    for s, note in zip(region, notes, strict=True):
+        if isinstance(s, Loop):
+            yield s, note
+        for inner, inner_notes in zip(regions_of(s), note.regions, strict=False):
+            yield from _loops(inner, inner_notes)
+
+
+def _direct(loop: Loop) -> Iterator[Stmt]:
+    """The statements of a loop that are in none of the loops inside."""
+    for region in _regions(loop):
+        yield from region
+
+
+def _regions(s: Stmt) -> Iterator[Region]:
+    for region in regions_of(s):
+        yield region
+        for inner in region:
+            if isinstance(inner, If):
+                yield from _regions(inner)
+
+
+def _touched(s: Stmt) -> int | None:
+    """The slot that a statement loads or stores."""
+    if isinstance(s, Store):
+        return s.variable
+    return s.attr if isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int) else None
+
+
+def _copies(loop: Loop, changed: frozenset[int], used: Counter[int]) -> dict[int, tuple[int, ExitCopy]]:
+    """The exit copies of a loop to the slots `changed`, with their slots, by the value that they store."""
+    loads = {s.value.id: s.attr for s in _direct(loop) if isinstance(s, Let) and s.op == "load" and not s.args}
+    found = {}
+    for region in _regions(loop):
+        for s, following in pairwise(region):
+            match s, following:
+                case Let(value, "cond", (mask, new, old)), Store(slot, stored, None, None):
+                    once = used[value.id] == 1 and used[old] == 1
+                    if stored == value.id and once and slot in changed and loads.get(old) == slot:
+                        found[stored] = slot, ExitCopy(mask, new, old)
+    return found
+
+
+def copied(whole: str, lane: str, mask: str, new: Expr, size: int, varies: bool) -> str:
+    """The line of an exit copy; `new` has `size` components, and a value for each of the loop's lanes if it varies."""
+    scalar = new.splat or new
+    rows = ":, " if size > 1 else ""
+    if varies:
+        scalar = item(scalar, mask if new.splat is not None else rows + mask)
+    return f"{whole}[{rows}{lane}[{mask}]] = {scalar.text}"

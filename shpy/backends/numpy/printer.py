@@ -1,0 +1,499 @@
+"""Prints a vectorised module as Python text for numpy.
+
+Stage: emit. Takes what `vectorize` gives; gives the text and the names of the arguments of its entry. The text is a
+Python module that anyone may run; a tile of lanes is one call of its entry:
+
+    import numpy as np
+    from shpy.backends.numpy.lanes import vector
+    from shpy.ir.meaning import dot
+
+
+    def mandelbrot(c, lanes):
+        z = np.zeros((2, lanes), np.float32)
+        n = np.float32(0.0)
+        ...
+
+A value that the user named keeps its name and line. Any other that is used once is written where it is used, unless a
+store to what it reads comes first; one that is used more often gets the name of the variable it is stored into first.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+from shpy.backends.naming import Names
+from shpy.backends.numpy import lanes as lane_functions
+from shpy.backends.numpy.compaction import MARK, Compaction, compacted
+from shpy.backends.numpy.expressions import Expr, call, condition, item, method, name, negation
+from shpy.backends.numpy.heading import asked_by, components_of, imports_of
+from shpy.backends.numpy.leaving import ExitCopy, Plan, copied, plans
+from shpy.backends.numpy.operations import Imports, constant, dtype, operation, picked, zeros
+from shpy.ir import meaning
+from shpy.ir.nodes import (
+    Break,
+    Continue,
+    Function,
+    If,
+    Let,
+    Loc,
+    Loop,
+    Region,
+    Return,
+    Stmt,
+    Store,
+    Value,
+    Variable,
+)
+from shpy.ir.traverse import defined, regions_of, rewrite, uses, walk
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.liveness import annotate
+from shpy.passes.vectorize import VectorModule
+
+__all__ = ["Printed", "print_python"]
+
+MAX_DEPTH = 32
+MAX_LENGTH = 88
+"""An expression that is longer gets a name."""
+_RESERVED = ("np", "lanes", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
+
+    An argument is `("param", name)`, `("table", name)`, or `("grid_index" | "grid_shape" | "lanes", "")`.
+    """
+
+    text: str
+    entry: str
+    arguments: tuple[tuple[str, str], ...]
+
+
+def print_python(vector: VectorModule) -> Printed:
+    """The module's text."""
+    module, use = vector.module, Imports()
+    names = Names("python", _RESERVED)
+    functions = {f.name: names.take(f.name, "f") for f in module.functions}
+    asked = asked_by(module)
+    texts = []
+    for function in module.functions[:-1]:
+        if function.pure:
+            varying = frozenset(v.id for v in defined(function))
+            slots = frozenset(v.id for v in (*function.outputs, *function.variables))
+            texts.append(_Printer(function, functions, names.scope(), use, varying, slots, asked).function())
+    printer = _Printer(module.entry, functions, names.scope(), use, vector.varying, vector.slots, asked, vector.live)
+    texts.append(printer.function())
+    text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
+    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]))
+
+
+def _partial(s: Store) -> bool:
+    return s.components is not None or s.index is not None
+
+
+class _Printer:
+    """Prints one function.
+
+    `values`: the expression of each value so far; `left`: how often it will still be asked for; `waiting`: those that
+    are not written yet; `readers`: the values whose expressions read a slot.
+    """
+
+    def __init__(
+        self,
+        function: Function,
+        functions: dict[str, str],
+        names: Names,
+        use: Imports,
+        varying: frozenset[int],
+        varying_slots: frozenset[int],
+        asked: dict[str, list[tuple[str, str]]],
+        live: frozenset[int] = frozenset(),
+    ) -> None:
+        self.f, self.functions, self.names, self.use = function, functions, names, use
+        self.asked = asked
+        self.varying, self.varying_slots = varying, varying_slots
+        self.made = {v.id: v for v in defined(function)}
+        self.slots = {v.id: v for v in (*function.outputs, *function.variables)}
+        self.slot_names: dict[int, str] = {}
+        self.given: dict[tuple[str, str], str] = {}
+        self.uses = Counter(v for s in walk(function.body) for v in uses(s))
+        self.left = Counter(self.uses)
+        self.values: dict[int, Expr] = {}
+        self.waiting: set[int] = set()
+        self.readers: dict[int, set[int]] = {}
+        self.plans = plans(function, live, varying_slots)
+        self.in_place = frozenset(s.variable for s in walk(function.body) if isinstance(s, Store) and _partial(s))
+        self.in_place |= frozenset(slot for plan in self.plans.values() for slot in plan.slots)
+        self.compactions: dict[int, Compaction] = {}
+        self.lane_names: set[str] = set()
+        self.within: list[tuple[Plan, str]] = []
+        self.lanes = "lanes"
+        self.lines: list[str] = []
+        self.indent = 1
+        self.shown: Loc | None = None
+        self.loops: list[Loop] = []
+        self.loop_head = -2
+        self.stored: list[tuple[int, Expr]] = []
+
+    def function(self) -> str:
+        """The text of the function, whose arguments besides its inputs are those it asks for."""
+        arguments = []
+        for port in self.f.inputs:
+            arguments.append(self.names.take(port.name, "x"))
+            self.values[port.id] = name(arguments[-1])
+        for kind, what in self.asked[self.f.name]:
+            self.given[kind, what] = self.names.take(what) if what else kind
+        for slot in (*self.f.variables, *self.f.outputs):
+            self.slot_names[slot.id] = self.names.take(slot.name)
+        blank = self.blank()
+        if self.f.pure and blank:
+            self.line(f"lanes = lane_count({', '.join(arguments)})")
+            self.use.from_lanes("lane_count")
+        for slot in blank:
+            lanes = "lanes" if slot.id in self.varying_slots else ""
+            self.line(f"{self.slot_names[slot.id]} = {zeros(slot.type, lanes, slot.length)}")
+        if not self.region(self.f.body):
+            self.leave(None)
+        head = f"def {self.functions[self.f.name]}({', '.join([*arguments, *self.given.values()])}):"
+        slots = {text for slot, text in self.slot_names.items() if slot in self.varying_slots}
+        self.lane_names |= {"grid_index", *arguments, *slots}
+        return compacted("\n".join([head, *self.lines]), self.compactions, self.lane_names, self.names)
+
+    def blank(self) -> list[Variable]:
+        """The slots that may be read, or changed in part, before they are stored as a whole."""
+        read = Value(-1, vec(Base.B))
+
+        def reading(s: Stmt) -> Stmt | tuple[Stmt, ...]:
+            return (Let(read, "load", (), s.variable), s) if isinstance(s, Store) and _partial(s) else s
+
+        notes = annotate(replace(self.f, body=rewrite(self.f.body, reading)))
+        live = notes[0].before if notes else frozenset(v.id for v in self.f.outputs)
+        return [v for v in self.slots.values() if v.id in live]
+
+    def line(self, text: str, loc: Loc | None = None) -> None:
+        """Print a line, with the source line that it came from if that is another than before."""
+        self.stored.clear()
+        self.lines.append("    " * self.indent + text + self.comment(loc))
+
+    def comment(self, loc: Loc | None) -> str:
+        if loc is None or loc == self.shown:
+            return ""
+        self.shown = loc
+        file = "".join(c if c.isprintable() else "?" for c in PurePath(loc.file).name)
+        return f"  # {file}:{loc.line}"
+
+    # Values
+
+    def take(self, value: int) -> Expr:
+        """The expression for one use of a value; one that is used again gets a name first."""
+        self.left[value] -= 1
+        if value in self.waiting:
+            if self.left[value] > 0:
+                self.bind(value)
+            else:
+                self.waiting.discard(value)
+        return self.values[value]
+
+    def hold(self, value: int, e: Expr) -> None:
+        """Let `e` stand for a value."""
+        self.values[value] = e
+        for slot in e.reads:
+            self.readers.setdefault(slot, set()).add(value)
+
+    def bind(self, value: int) -> None:
+        """Give a value a name of its own."""
+        self.waiting.discard(value)
+        made, e = self.made[value], self.values[value]
+        bound = self.names.take(made.name)
+        scalar = e.splat
+        self.line(f"{bound} = {self.unshared(scalar or e).own().text}", made.loc)
+        if value in self.varying:
+            self.lane_names.add(bound)
+        whole = name(bound)
+        if scalar is not None:
+            size = made.type.size
+            whole = replace(call(self.use.from_lanes("splat"), whole, str(size)), splat=whole)
+        self.values[value] = whole
+
+    def unshared(self, e: Expr) -> Expr:
+        """A copy, where a later store could change the array that the expression looks into."""
+        return method(e, "copy") if e.shared and e.reads & self.in_place else e
+
+    def settle(self, slots: Iterable[int]) -> None:
+        """Name all that reads one of these slots and will be asked for again: they are about to change."""
+        for slot in slots:
+            for value in sorted(self.readers.pop(slot, ())):
+                if self.left[value] > 0 and value in self.values and slot in self.values[value].reads:
+                    self.bind(value)
+
+    def let(self, s: Let) -> None:
+        value = s.value.id
+        self.left[value] = self.uses[value]
+        if not self.left[value]:
+            self.left.subtract(s.args)
+            return
+        e = self.expression(s)
+        self.hold(value, e)
+        simple = e.splat if e.splat is not None else e
+        if simple.depth == 0 and (simple.shared or simple.literal):
+            return
+        self.waiting.add(value)
+        if s.value.name is not None or e.depth > MAX_DEPTH or len(e.text) > MAX_LENGTH:
+            self.bind(value)
+
+    def expression(self, s: Let) -> Expr:
+        """The expression of an operation."""
+        match s.op, s.attr:
+            case "const", tuple(bits):
+                return constant(s.value.type, bits)
+            case "load", int(slot):
+                return self.loaded(self.slots[slot], s.args)
+            case "swizzle", tuple(components):
+                return picked(self.take(s.args[0]), components)
+            case ("param" | "grid_index" | "grid_shape") as op, what:
+                return name(self.given[op, str(what or "")])
+            case "table_size", str(table):
+                return name(f"{self.given['table', table]}.size")
+            case "table", str(table):
+                method = "gather" if s.args[0] in self.varying else "at"
+                return call(f"{self.given['table', table]}.{method}", self.take(s.args[0]).own())
+            case "lane_mask", _:
+                return call("np.ones", self.lanes, "np.bool_")
+            case "call", str(function):
+                context = [name(self.given[key]) for key in self.asked[function]]
+                return call(self.functions[function], *[self.take(a).own() for a in s.args], *context)
+        args = [self.take(a) for a in s.args]
+        types = [self.made[a].type for a in s.args]
+        return operation(s.op, args, types, s.value.type, s.value.id in self.varying, self.use)
+
+    def loaded(self, slot: Variable, index: tuple[int, ...]) -> Expr:
+        whole = name(self.slot_names[slot.id], [slot.id])
+        if not index:
+            return whole
+        at = self.take(index[0])
+        if at.literal:
+            return item(whole, str(min(max(int(at.text), 0), (slot.length or 1) - 1)))
+        return call(self.use.from_lanes("pick"), whole, at)
+
+    # Statements
+
+    def region(self, region: Region) -> bool:
+        """Print a region; whether it ends in an exit."""
+        for s in region:
+            match s:
+                case Let(value) if self.exit_copy(value.id):
+                    pass  # written by the store that follows
+                case Store(_, value) if copy := self.exit_copy(value):
+                    self.put_aside(s, copy)
+                case Let():
+                    self.let(s)
+                case Store(_, _, None, None):
+                    self.store(s)
+                case Store():
+                    self.store_part(s)
+                case If():
+                    self.branch(s)
+                case Loop():
+                    self.loop(s)
+                case Break():
+                    self.line("break", s.loc)
+                case Continue():
+                    self.again(s)
+                case Return():
+                    self.leave(s.loc)
+                case _:
+                    raise TypeError(f"{type(s).__name__} has no place in a vectorised function")
+        return bool(region) and isinstance(region[-1], (Break, Continue, Return))
+
+    def store(self, s: Store) -> None:
+        slot, value = self.slots[s.variable], s.value
+        alike = (slot.id in self.varying_slots) == (value in self.varying)
+        adopted = alike and value in self.waiting and self.left[value] > 1 and self.values[value].splat is None
+        if adopted:  # what has no name yet is called by the slot's
+            self.waiting.discard(value)
+            self.left[value] -= 1
+            e = self.values.pop(value)
+        else:
+            e = self.take(value)
+        self.settle([slot.id])
+        stored = [*self.stored, (slot.id, e.own() if alike else self.spread(slot.type, e))]
+        e = self.stored_form(slot, e, alike)
+        self.line(f"{self.slot_names[slot.id]} = {e.text}", s.loc)
+        self.stored = stored
+        if adopted:
+            self.hold(value, name(self.slot_names[slot.id], [slot.id]))
+
+    def stored_form(self, slot: Variable, e: Expr, alike: bool) -> Expr:
+        """What to store: spread over the lanes, or copied, if need be."""
+        if not alike or (self.f.pure and slot.id in self.in_place):
+            return self.spread(slot.type, e)
+        e = e.own()
+        if e.shared and (slot.id in self.in_place or e.reads & self.in_place):
+            return method(e, "copy")
+        return e
+
+    def spread(self, type: Type, e: Expr) -> Expr:
+        """A uniform expression given to every lane."""
+        number = e.splat or e
+        if not number.literal:
+            return call(self.use.from_lanes("spread"), e, self.lanes)
+        if number.text in ("0", "0.0", "False"):
+            return Expr(zeros(type, self.lanes), depth=1)
+        extents = self.lanes if type.size == 1 else f"({type.size}, {self.lanes})"
+        return call("np.full", extents, number, dtype(type))
+
+    def exit_copy(self, value: int) -> ExitCopy | None:
+        """What the value is made of, if it is only for lanes that leave the loop."""
+        return self.within[-1][0].copies.get(value) if self.within else None
+
+    def put_aside(self, s: Store, copy: ExitCopy) -> None:
+        """An exit copy, into the array of all lanes."""
+        whole, mask, new = self.take(copy.old), self.take(copy.mask), self.take(copy.new)
+        mask = mask.splat or mask
+        self.settle([s.variable])
+        size, varies = self.slots[s.variable].type.size, copy.new in self.varying
+        self.line(copied(whole.text, self.within[-1][1], mask.text, new, size, varies), s.loc)
+
+    def store_part(self, s: Store) -> None:
+        """Store into some components, or an element of an array."""
+        slot, e = self.slots[s.variable], self.take(s.value)
+        e = e if e.splat is None else e.splat
+        index = None if s.index is None else self.take(s.index)
+        self.settle([slot.id])
+        whole = self.slot_names[slot.id]
+        components = "" if s.components is None else components_of(s.components)
+        if index is None:
+            self.line(f"{whole}[{components}] = {e.text}", s.loc)
+        elif index.literal:
+            if 0 <= int(index.text) < (slot.length or 0):
+                at = f"{index.text}, {components}" if components else index.text
+                self.line(f"{whole}[{at}] = {e.text}", s.loc)
+        else:
+            args = [whole, index.text, e.own().text] + ([str(s.components)] if components else [])
+            self.line(f"{self.use.from_lanes('put')}({', '.join(args)})", s.loc)
+
+    def prepare(self, s: If | Loop) -> None:
+        """Before the regions of a statement: name what cannot wait until it is asked for inside."""
+        inside = [Counter(v for n in walk(r) for v in uses(n)) for r in regions_of(s)]
+        if isinstance(s, Loop) and s.until is not None:
+            inside.append(Counter((s.until,)))
+        for value in sorted(self.waiting):
+            counts = [count[value] for count in inside]
+            if sum(counts) and (isinstance(s, Loop) or self.left[value] > max(counts)):
+                self.bind(value)
+        stored = {n.variable for r in regions_of(s) for n in walk(r) if isinstance(n, Store)}
+        self.settle(sorted(stored))
+
+    def branch(self, s: If) -> None:
+        test = self.take(s.condition)
+        if self.loop_head == len(self.lines) - 1 - self.marked() and s.then == (Break(),) and not s.orelse:
+            indent = "    " * (self.indent - 1)
+            self.lines[self.loop_head] = f"{indent}while {condition(negation(test))}:{self.comment(s.loc)}"
+            self.loop_head = -1
+            return
+        self.prepare(s)
+        then, orelse = s.then, s.orelse
+        if not then:
+            test, then, orelse = negation(test), orelse, ()
+        if not then:
+            return
+        self.line(f"if {condition(test)}:", s.loc)
+        self.block(then)
+        if orelse:
+            start = len(self.lines)
+            self.line("else:")
+            self.block(orelse)
+            self.flatten(start)
+
+    def block(self, region: Region) -> bool:
+        self.indent += 1
+        start = len(self.lines)
+        ended = self.region(region)
+        if len(self.lines) == start:
+            self.line("pass")
+        self.indent -= 1
+        self.stored.clear()
+        return ended
+
+    def flatten(self, start: int) -> None:
+        """Turn `else: if ...` into `elif ...` where nothing else is in that block."""
+        inner = "    " * (self.indent + 1)
+        first, *others = [line[len(inner) :] for line in self.lines[start + 1 :]]
+        if first.startswith("if ") and all(o.startswith((" ", "elif ", "else:")) for o in others):
+            self.lines[start:] = ["    " * self.indent + line for line in ("el" + first, *others)]
+
+    def loop(self, s: Loop) -> None:
+        self.prepare(s)
+        self.line("while True:", s.loc)
+        self.loop_head = len(self.lines) - 1
+        self.loops.append(s)
+        self.indent += 1
+        outside, plan = self.lanes, self.plans.get(id(s))
+        self.within.append(self.mark(plan) if plan else (Plan(-1), ""))
+        start = len(self.lines)
+        if not self.region(s.body):
+            self.step(s)
+        self.loop_head = -1
+        if len(self.lines) == start:
+            self.line("pass")
+        self.indent -= 1
+        self.stored.clear()
+        self.loops.pop()
+        self.within.pop()
+        self.lanes = outside
+
+    def marked(self) -> bool:
+        """Whether a mark follows the head of the loop at hand."""
+        return bool(self.within) and self.within[-1][1] != ""
+
+    def mark(self, plan: Plan) -> tuple[Plan, str]:
+        """Mark the head of a loop that goes on with its live lanes alone; the name of their numbers."""
+        live, lane = self.slot_names[plan.live], self.names.take("lane")
+        exits = frozenset(self.slot_names[slot] for slot in plan.slots)
+        self.line(f"{MARK}({len(self.compactions)})")
+        self.compactions[len(self.compactions)] = Compaction(lane, live, exits, self.lanes)
+        self.use.lanes |= {"few", "compact"}
+        self.lanes = f"{live}.size"
+        return plan, lane
+
+    def step(self, s: Loop) -> None:
+        """The end of a turn: what continues, and the test."""
+        self.region(s.continuing)
+        if s.until is not None:
+            self.line(f"if {condition(self.take(s.until))}:", s.loc)
+            self.indent += 1
+            self.line("break")
+            self.indent -= 1
+
+    def again(self, s: Continue) -> None:
+        """Python has no way to go on with the end of a turn, so it is written here too."""
+        left, values, waiting = Counter(self.left), dict(self.values), set(self.waiting)
+        readers = {slot: set(found) for slot, found in self.readers.items()}
+        loop = self.loops[-1]
+        self.left = Counter(v for s in walk(loop.continuing) for v in uses(s))
+        self.left.update(() if loop.until is None else (loop.until,))
+        self.step(loop)
+        self.left, self.values, self.waiting, self.readers = left, values, waiting, readers
+        self.line("continue", s.loc)
+
+    def leave(self, loc: Loc | None) -> None:
+        """Return the outputs; those that were stored last as what was stored."""
+        texts: dict[int, Expr] = {}
+        outputs = [v.id for v in self.f.outputs]
+        stored = list(self.stored)
+        while stored and stored[-1][0] in outputs and stored[-1][0] not in texts:
+            slot, e = stored.pop()
+            if any(slot in later.reads for later in texts.values()):
+                break
+            texts[slot] = e
+        found = [texts[o].text if o in texts else self.slot_names[o] for o in outputs]
+        if texts and sum(map(len, found)) < MAX_LENGTH:
+            comment = self.lines[-1].partition("  # ")[2] if len(texts) == 1 else ""
+            del self.lines[-len(texts) :]
+            text = f"{'    ' * self.indent}return {', '.join(found)}"
+            self.lines.append(f"{text}  # {comment}" if comment else text)
+            return
+        self.line(f"return {', '.join(self.slot_names[o] for o in outputs)}", loc)

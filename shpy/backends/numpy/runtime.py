@@ -1,0 +1,184 @@
+"""The numpy backend: compiles the printed Python text and runs it over arrays, a tile of lanes at a time.
+
+Stage: compile, run. It is always there. A tile is small enough to stay in a core's cache, and large enough that
+Python's own time does not matter. Tiles are read before they are written, so an output may be an input.
+
+    executable = NumpyBackend().compile(module, Options())
+    status = executable.run(call)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from shpy.backends.base import Array, Call, Device, Options, TableData
+from shpy.backends.dump import dump
+from shpy.backends.numpy.lanes import TableView
+from shpy.backends.numpy.printer import Printed, print_python
+from shpy.errors import BackendUnavailable, CompileError
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Function, Loc, Module, Status, Value
+from shpy.ir.ops import OPS
+from shpy.ir.types import Type
+from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.vectorize import vectorize
+
+__all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
+
+TILE: Final = 65_536
+"""Lanes that run together."""
+TARGET: Final = Target("numpy", native=frozenset(OPS), functions=False, vector=True)
+
+
+class NumpyBackend:
+    """The backend: see `base.Backend`."""
+
+    name = "numpy"
+
+    def devices(self) -> list[Device]:
+        """The processor, by numpy."""
+        return [Device("numpy", np.__version__, ("f64",))]
+
+    def compile(self, module: Module, options: Options, tile: int = TILE) -> NumpyExecutable:
+        """Prepare, vectorise, print and compile; CompileError naming the user's line. `tile` is for tests."""
+        if options.device not in (None, 0):
+            raise BackendUnavailable(f"numpy has one device, not a device {options.device}", cure="device=0")
+        if options.lanes not in ("auto", 1):
+            raise CompileError(f"numpy runs tiles of elements, not {options.lanes}", loc=module.entry.loc)
+        prepared = prepare(module, options, TARGET)
+        vector = vectorize(prepared.module)
+        dump("vector", module.name, lambda: str(vector.module))
+        printed = print_python(vector)
+        return NumpyExecutable(prepared, printed, tile, _compiled(printed, module))
+
+
+def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
+    """The entry of the text, which is our own: names were made by `naming`, all else is numbers."""
+    scope: dict[str, Any] = {"__name__": module.name}
+    try:
+        exec(compile(printed.text, f"<{printed.entry}, as numpy>", "exec"), scope)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise CompileError(f"Python cannot take the text of {module.name}: {error}", loc=module.entry.loc) from error
+    entry: Callable[..., Any] = scope[printed.entry]
+    return entry
+
+
+@dataclass(slots=True, eq=False)
+class NumpyExecutable:
+    """A compiled module: see `base.Executable`."""
+
+    prepared: Prepared
+    printed: Printed
+    tile: int
+    entry: Callable[..., Any]
+    views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
+
+    @property
+    def source(self) -> str:
+        """The Python text."""
+        return self.printed.text
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing to say: numpy keeps denormals and has every precision."""
+        return ()
+
+    @property
+    def loops(self) -> tuple[Loc | None, ...]:
+        """The lines of the limited loops."""
+        return self.prepared.loops
+
+    def run(self, call: Call) -> Array | None:
+        """Run it; gives the status of each element, or None when every element was written."""
+        status = np.full(call.count, Status.WRITTEN, np.int32)
+        uniforms = self._uniforms(call)
+        with np.errstate(all="ignore"):
+            for start in range(0, call.count, self.tile):
+                self._run_tile(call, slice(start, min(start + self.tile, call.count)), uniforms, status)
+        return None if np.all(status == Status.WRITTEN) else status
+
+    def _run_tile(self, call: Call, part: slice, uniforms: dict[tuple[str, str], Any], status: Array) -> None:
+        lanes = part.stop - part.start
+        inputs = [
+            _tile(given, port.type, part, call.outputs)
+            for given, port in zip(call.inputs, _ports(self.prepared.module.entry), strict=True)
+        ]
+        given = uniforms | {("lanes", ""): lanes}
+        if ("grid_index", "") in self.printed.arguments:
+            given["grid_index", ""] = _grid_index(part, call.shape)
+        results = self.entry(*inputs, *(given[key] for key in self.printed.arguments))
+        results = results if isinstance(results, tuple) else (results,)
+        written: Array | None = None
+        if self.prepared.status:
+            *results, ended = results
+            status[part] = ended
+            written = status[part] == Status.WRITTEN
+            if written.all():
+                written = None
+        for out, result in zip(call.outputs, results, strict=True):
+            _write(out[part], result, written)
+
+    def _uniforms(self, call: Call) -> dict[tuple[str, str], Any]:
+        """Params, tables and the grid's shape, by the argument that they are for."""
+        module = self.prepared.module
+        given: dict[tuple[str, str], Any] = {}
+        for param in module.params:
+            given["param", param.name] = _uniform(call.params[param.name], param.type)
+        for table in module.tables:
+            given["table", table.name] = self._view(call.tables[table.name], table.rank, table.type)
+        if ("grid_shape", "") in self.printed.arguments:
+            given["grid_shape", ""] = _column(np.array(call.shape, np.int32))
+        return given
+
+    def _view(self, data: TableData, rank: int, type: Type) -> TableView:
+        known = self.views.get(data)
+        if known is None or known[0] != data.version:
+            known = data.version, TableView(np.array(data.array, DTYPES[type.base]), rank)
+            self.views[data] = known
+        return known[1]
+
+
+def _ports(entry: Function) -> list[Value]:
+    return [port for port in entry.inputs if isinstance(port, Value)]
+
+
+def _column(values: Array) -> Any:
+    """One for each axis, as a uniform."""
+    return values[0] if len(values) == 1 else values[:, None]
+
+
+def _uniform(value: Array, type: Type) -> Any:
+    typed = np.asarray(value).astype(DTYPES[type.base])
+    return typed.reshape(())[()] if type.size == 1 else typed.reshape(type.size, 1)
+
+
+def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> Array:
+    """The tile of an input: (lanes,) or (size, lanes), not in memory that will be written."""
+    lanes = part.stop - part.start
+    rows = given[part] if given.shape[0] != 1 else np.broadcast_to(given, (lanes, *given.shape[1:]))
+    tile = (
+        np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
+    )
+    return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
+
+
+def _grid_index(part: slice, shape: tuple[int, ...]) -> Array:
+    axes = np.unravel_index(np.arange(part.start, part.stop), shape)
+    return np.array(axes[0] if len(axes) == 1 else axes, np.int32)
+
+
+def _write(out: Array, result: Any, written: Array | None) -> None:
+    """Put a result, (size, lanes) or uniform, where it belongs."""
+    rows = np.asarray(result).T if out.ndim == 2 else result
+    if written is None:
+        out[...] = rows
+    else:
+        np.copyto(out, rows, where=written[:, None] if out.ndim == 2 else written, casting="same_kind")
+
+
+backend = NumpyBackend()

@@ -1,0 +1,237 @@
+"""OpenCL devices: contexts, queues, programs in memory, and buffers that are used again.
+
+Stage: run. Everything of pyopencl that the runtime touches is here; it is imported when a device is asked for.
+
+    machine = machine_of(None)               # the first device
+    program = machine.build(text)            # cached by its text
+    with machine.lock:
+        buffer = machine.take(4096)
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import warnings
+from collections import defaultdict
+from functools import cache, cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from shpy.backends import store
+from shpy.backends.base import Array, Device
+from shpy.backends.opencl.packet_prologue import ELEMENTWISE, Abilities
+from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.errors import BackendUnavailable, ShpyTypeError
+from shpy.ir.tabledata import TableData
+
+LOCAL_SIZE = 64
+"""Work items of a group. PoCL generates code anew for each local size, so there is one."""
+PACKETS = 16
+"""Packets of a group: each is as much work as many elements."""
+
+_REDUCE = """\
+__kernel void probe(__global int8 *a) {
+    a[0].x = __builtin_reduce_or(a[0]);
+}
+"""
+_ELEMENTWISE = f"""\
+__kernel void probe(__global float8 *a) {{
+    float8 x = a[0];
+    a[0] = {" + ".join(f"__builtin_elementwise_{name}(x)" for name in ELEMENTWISE.values())};
+}}
+"""
+_SHUFFLE = """\
+__kernel void probe(__global int8 *a) {
+    a[0] = __builtin_shufflevector(a[0], a[1], 0, 8, 1, 9, 2, 10, 3, 11);
+}
+"""
+_POOLED_BYTES = 1 << 28
+"""Buffers that are kept for the next run, in bytes a device."""
+
+
+def _pyopencl() -> Any:
+    os.environ.setdefault("PYOPENCL_COMPILER_OUTPUT", "0")
+    try:
+        import pyopencl
+    except ImportError as e:
+        raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure="pip install 'shpy-dsl[opencl]'") from e
+    return pyopencl
+
+
+@cache
+def _found(process: int) -> tuple[Any, ...]:
+    cl = _pyopencl()
+    try:
+        found = [d for platform in cl.get_platforms() for d in platform.get_devices()]
+        found.sort(key=lambda d: not d.type & cl.device_type.GPU)
+    except cl.Error:
+        found = []
+    if not found:
+        raise BackendUnavailable(
+            "opencl needs an OpenCL driver, and there is none",
+            cure="apt install pocl-opencl-icd (or the driver of the GPU)",
+        )
+    return tuple(found)
+
+
+def devices() -> list[Device]:
+    """Every OpenCL device of every platform, GPUs first; BackendUnavailable when there is none."""
+    return [
+        Device(
+            d.name.strip(),
+            f"{d.platform.name.strip()}, {d.version.strip()}",
+            tuple(name for name, extension in _FEATURES.items() if extension in d.extensions.split()),
+            _notes(d),
+        )
+        for d in _found(os.getpid())
+    ]
+
+
+_FEATURES = {"f64": "cl_khr_fp64", "f16": "cl_khr_fp16"}
+
+
+def _notes(device: Any) -> tuple[str, ...]:
+    return () if _rounds_correctly(device) else ("division and square root are not correctly rounded",)
+
+
+def _rounds_correctly(device: Any) -> bool:
+    return bool(device.single_fp_config & _pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
+
+
+def machine_of(index: int | None) -> Machine:
+    """The device of this index in `devices()`, opened once a process; None: the first."""
+    found = _found(os.getpid())
+    index = index or 0
+    if not 0 <= index < len(found):
+        raise ShpyTypeError(f"there is no OpenCL device {index}", cure=f"device=0 to {len(found) - 1}")
+    return _opened(index, os.getpid())
+
+
+@cache
+def _opened(index: int, process: int) -> Machine:
+    return Machine(_found(process)[index])
+
+
+class Machine:
+    """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
+
+    def __init__(self, device: Any) -> None:
+        self.cl = _pyopencl()
+        self.device = device
+        self.context = self.cl.Context([device])
+        self.queue = self.cl.CommandQueue(self.context)
+        self.lock = threading.RLock()
+        self.doubles = "cl_khr_fp64" in device.extensions.split()
+        self.notes = _notes(device)
+        self.options = ["-cl-std=CL1.2", "-w"]
+        if not self.notes:
+            self.options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        self._programs: dict[str, Any] = {}
+        self._from_disk: set[str] = set()
+        self._free: dict[int, list[Any]] = defaultdict(list)
+        self._pooled = 0
+        self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
+
+    def build(self, text: str) -> Any:
+        """The program of this text, from memory if it was built before; pyopencl's error if the driver refuses it."""
+        if text not in self._programs:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                self._programs[text] = self._kept(text) or self.cl.Program(self.context, text).build(
+                    options=self.options, cache_dir=False
+                )
+        return self._programs[text]
+
+    def _key(self, text: str) -> str:
+        device = self.device
+        parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
+        return store.key("opencl", *parts, " ".join(self.options), text)
+
+    def _kept(self, text: str) -> Any:
+        """The program from an earlier process's binary; None where there is none that the driver takes."""
+        binary = store.load(self._key(text))
+        if binary is None:
+            return None
+        try:
+            program = self.cl.Program(self.context, [self.device], [binary]).build(self.options, cache_dir=False)
+        except self.cl.Error:
+            store.remove(self._key(text))
+            return None
+        self._from_disk.add(text)
+        return program
+
+    def keep(self, text: str) -> None:
+        """Keep the program's binary for later processes: once it was launched, so that it holds generated code."""
+        if text not in self._from_disk:
+            self._from_disk.add(text)
+            store.save(self._key(text), bytes(self._programs[text].get_info(self.cl.program_info.BINARIES)[0]))
+
+    def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int = LOCAL_SIZE) -> None:
+        """Queue a kernel over columns and lines of work items, and as many idle ones as fill each line's last group."""
+        columns, lines = items
+        groups = max(1, -(-columns // group))
+        kernel.set_args(*args)
+        self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, lines), (group, 1))
+
+    def take(self, size: int) -> Any:
+        """A buffer of at least `size` bytes, to be given back."""
+        size = 1 << max(6, (size - 1).bit_length())
+        if self._free[size]:
+            self._pooled -= size
+            return self._free[size].pop()
+        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
+
+    def give_back(self, buffers: list[Any]) -> None:
+        """Keep the buffers for the next run, as long as there are not too many."""
+        for buffer in buffers:
+            if self._pooled + buffer.size <= _POOLED_BYTES:
+                self._pooled += buffer.size
+                self._free[buffer.size].append(buffer)
+
+    def upload(self, array: Array) -> Any:
+        """A buffer that holds the array."""
+        buffer = self.take(array.nbytes)
+        self.cl.enqueue_copy(self.queue, buffer, array)
+        return buffer
+
+    def download(self, array: Array, buffer: Any) -> None:
+        """Read the buffer into the array."""
+        self.cl.enqueue_copy(self.queue, array, buffer)
+
+    def table(self, data: TableData, dtype: Any, *, padded: bool = False) -> Any:
+        """The device's copy of a table, uploaded when there is none or the data has changed since.
+
+        `padded`: each vector is followed by a number that nobody reads.
+        """
+        copies = self._tables.setdefault(data, {})
+        version, buffer = copies.get((dtype, padded), (None, None))
+        if version != data.version:
+            array = np.ascontiguousarray(data.array, dtype=dtype)
+            if padded:
+                array = np.concatenate([array, array[..., :1]], axis=-1)
+            flags = self.cl.mem_flags
+            buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
+            copies[dtype, padded] = (data.version, buffer)
+        return buffer
+
+    @property
+    def lanes(self) -> int:
+        """Elements that a work item should compute: as many as a CPU's vectors hold, one on any other device."""
+        if not self.device.type & self.cl.device_type.CPU:
+            return 1
+        return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
+
+    @cached_property
+    def abilities(self) -> Abilities:
+        """What the compiler has besides OpenCL C."""
+        return Abilities(self._compiles(_REDUCE), self._compiles(_ELEMENTWISE), self._compiles(_SHUFFLE))
+
+    def _compiles(self, text: str) -> bool:
+        try:
+            self.build(text)
+        except self.cl.Error:
+            return False
+        return True

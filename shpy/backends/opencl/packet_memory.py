@@ -1,0 +1,298 @@
+"""The prologue of a packet's kernel, part two: how the lanes of a packet read and write memory.
+
+Stage: emit. A packet is a few rows of four elements, `row` elements apart: a block of an image, or, with `row` 4, as
+many neighbours in a list. Each method of `PacketMemory` gives the text of functions for one type:
+
+    float16x2 sh_read_f2(__global const float *a, int step, sh_packet p)      an input; step 0: the same for all
+    void sh_write_f2(__global float *a, float16x2 v, sh_packet p)             an output; lanes without an element: not
+    float16x3 sh_gather_f3(__global const float4 *a, int16 at)                elements of a table, rows of four at once
+
+Numbers that lie side by side are loaded four at a time and sorted by shuffles of two vectors, which are spelled out:
+PoCL makes chains of inserts of what is only a list of components (40 ns where shuffles take 20, for 16 float4s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from shpy.backends.opencl.packet_types import rows_of
+from shpy.backends.opencl.prologue import SCALARS
+from shpy.ir.types import Base, Type
+
+__all__ = ["COLUMNS", "HEX", "INLINE", "PacketMemory", "spelled_wide", "struct_text"]
+
+COLUMNS: Final = 4
+"""Elements that lie side by side in a packet."""
+HEX: Final = "0123456789abcdef"
+_XYZW: Final = "xyzw"
+_PARTS: Final = ("ra", "rb", "rc", "rd")
+INLINE: Final = "__attribute__((always_inline))"
+"""Before functions that take a packet, which is many registers, or an array that is to be registers."""
+
+Pick = tuple[str, int]
+"""A vector's name, and a place in each group of four of its numbers."""
+
+
+def spelled_wide(type: Type) -> str:
+    """`float16` for a packet of numbers (bools are ints, -1 for true), `float16x3` for one of vectors."""
+    lanes = getattr(type, "lanes", None)
+    base = SCALARS[Base.I if type.is_bool else type.base]
+    return f"{base}{type.size}" if lanes is None else f"{base}{lanes}x{type.size}"
+
+
+def struct_text(type: Type) -> str:
+    """The declaration of the struct that holds vectors."""
+    lanes = getattr(type, "lanes", 0)
+    base = SCALARS[Base.I if type.is_bool else type.base]
+    return f"typedef struct {{\n    {base}{lanes} {', '.join(_XYZW[: type.size])};\n}} {spelled_wide(type)};"
+
+
+def _fields(size: int) -> list[str]:
+    return [f".{c}" for c in _XYZW[:size]] if size > 1 else [""]
+
+
+def _scaled(text: str, size: int) -> str:
+    return f"{text} * {size}" if size > 1 else text
+
+
+def _start(size: int, row: int) -> str:
+    """Where a row of the block begins."""
+    step = row * size
+    return f"a + {f'{step} * ' if step > 1 else ''}p.row" if step else "a"
+
+
+def _element(base: Base) -> str:
+    return "uchar" if base is Base.B else SCALARS[base]
+
+
+def _place(size: int, component: int) -> str:
+    scaled = f"(size_t)place[k] * {size}" if size > 1 else "place[k]"
+    return f"{scaled} + {component}" if component else scaled
+
+
+@dataclass(frozen=True, slots=True)
+class PacketMemory:
+    """Writes the functions for packets of `lanes`; `shuffle` if the compiler has `__builtin_shufflevector`."""
+
+    lanes: int
+    shuffle: bool
+
+    def packet(self) -> str:
+        """`sh_packet` and the function that makes the packet of a work item."""
+        lanes, rows = self.lanes, self.lanes // COLUMNS
+        columns = ", ".join(str(k % COLUMNS) for k in range(lanes))
+        lines = ", ".join(str(k // COLUMNS) for k in range(lanes))
+        return f"""\
+// The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {COLUMNS} in an array that is `row` wide.
+// Each lane holds the element `first + at`, which is in column x of line y.
+typedef struct {{
+    size_t first;
+    int row;
+    int{lanes} at;
+    int{lanes} x;
+    int{lanes} y;
+    int{lanes} active;
+    bool whole;
+    bool empty;
+}} sh_packet;
+
+// The packet of this work item; the last one of a row, and the last row, may hold fewer elements.
+{INLINE} sh_packet sh_packet_of(ulong count, int row) {{
+    bool list = row == {COLUMNS};
+    int x = list ? 0 : (int)get_global_id(0) * {COLUMNS};
+    int y = (int)get_global_id(list ? 0 : 1) * {rows};
+    sh_packet p;
+    p.first = (size_t)y * row + x;
+    p.row = row;
+    p.empty = p.first >= count || x >= row;
+    int left = (int)min(count - p.first, (ulong)INT_MAX);
+    p.x = (int{lanes})({columns});
+    p.at = p.x + row * (int{lanes})({lines});
+    p.active = (p.x < row - x) & (p.at < left);
+    p.whole = x + {COLUMNS} <= row && left > {rows - 1} * row + {COLUMNS - 1};
+    p.at &= p.active;
+    p.x += x;
+    p.y = y + (int{lanes})({lines});
+    return p;
+}}"""
+
+    def read(self, name: str, base: Base, size: int) -> str:
+        """`sh_read_f2`, and the function for packets that are not whole."""
+        lanes, element, fields = self.lanes, _element(base), _fields(size)
+        result = spelled_wide(rows_of(base, size, lanes))
+        same = [f"v{f} = {self._loaded(f'({element}{lanes})(a[{k}])', base)};" for k, f in enumerate(fields)]
+        parts = [f"v{f} = {self._loaded(f'vload{lanes}(0, part{k})', base)};" for k, f in enumerate(fields)]
+        what = "A vector" if size > 1 else "A number"
+        return "\n".join([
+            f"// {what} for each lane of an array, one after the other.",
+            f"__attribute__((noinline)) {result} {name}_each(__global const {element} *a, int{lanes} at) {{",
+            f"    int place[{lanes}];",
+            f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
+            f"    vstore{lanes}(at, 0, place);",
+            f"    for (int k = 0; k < {lanes}; k += 1) {{",
+            *(f"        part{k}[k] = a[{_place(size, k)}];" for k in range(size)),
+            "    }",
+            f"    {result} v;",
+            *(f"    {line}" for line in parts),
+            "    return v;",
+            "}",
+            "",
+            f"// {what} for each lane of an array; with step 0, the same for all.",
+            f"{INLINE} {result} {name}(__global const {element} *a, int step, sh_packet p) {{",
+            f"    {result} v;",
+            "    if (step == 0) {",
+            *(f"        {line}" for line in same),
+            "        return v;",
+            "    }",
+            f"    a += {_scaled('p.first', size)};",
+            "    if (!p.whole) {",
+            f"        return {name}_each(a, p.at);",
+            "    }",
+            *(f"    {line}" for line in self._block_loads(base, size)),
+            "    return v;",
+            "}",
+        ])  # fmt: skip
+
+    def write(self, name: str, base: Base, size: int) -> str:
+        """`sh_write_f2`, and the function for packets that are not whole."""
+        lanes, element, fields = self.lanes, _element(base), _fields(size)
+        value = spelled_wide(rows_of(base, size, lanes))
+        numbers = [f"v{f}" if base is not Base.B else f"convert_uchar{lanes}(-v{f})" for f in fields]
+        what = "vector" if size > 1 else "number"
+        return "\n".join([
+            f"// Each lane's {what} into its element of an array, one after the other.",
+            f"__attribute__((noinline)) void {name}_each(",
+            f"    __global {element} *a, {value} v, int{lanes} at, int{lanes} active) {{",
+            f"    int place[{lanes}], there[{lanes}];",
+            f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
+            f"    vstore{lanes}(at, 0, place);",
+            f"    vstore{lanes}(active, 0, there);",
+            *(f"    vstore{lanes}({n}, 0, part{k});" for k, n in enumerate(numbers)),
+            f"    for (int k = 0; k < {lanes}; k += 1) {{",
+            "        if (there[k]) {",
+            *(f"            a[{_place(size, k)}] = part{k}[k];" for k in range(size)),
+            "        }",
+            "    }",
+            "}",
+            "",
+            f"// Each lane's {what} into its element of an array.",
+            f"{INLINE} void {name}(__global {element} *a, {value} v, sh_packet p) {{",
+            f"    a += {_scaled('p.first', size)};",
+            "    if (!p.whole) {",
+            f"        {name}_each(a, v, p.at, p.active);",
+            "        return;",
+            "    }",
+            *(f"    {line}" for line in self._block_stores(element, numbers)),
+            "}",
+        ])  # fmt: skip
+
+    def gather(self, name: str, base: Base, size: int) -> str:
+        """`sh_gather_f3`: elements of a table; those of three numbers are kept as four."""
+        lanes, element = self.lanes, _element(base)
+        held = {3: 4}.get(size, size)
+        pointer = element if held == 1 else f"{element}{held}"
+        result = spelled_wide(rows_of(base, size, lanes))
+        lines = [
+            "// The elements at these places, which are in range.",
+            f"{INLINE} {result} {name}(__global const {pointer} *a, int{lanes} at) {{",
+        ]
+        if size == 1:
+            loads = ", ".join(f"a[at.s{HEX[k]}]" for k in range(lanes))
+            return "\n".join([*lines, f"    return {self._loaded(f'({element}{lanes})({loads})', base)};", "}"])
+        body = self._pairs(element, base) if size == 2 else self._quads(element, base, size)
+        return "\n".join([*lines, f"    {result} v;", *(f"    {line}" for line in body), "    return v;", "}"])
+
+    # Shuffles
+
+    def _loaded(self, text: str, base: Base) -> str:
+        """What was read, as a packet holds it."""
+        return f"convert_int{self.lanes}({text} != (uchar)0)" if base is Base.B else text
+
+    def _shuffled(self, element: str, picks: Iterable[Pick]) -> str:
+        """A packet of numbers of two vectors at most, picked within each group of four."""
+        chosen, groups = list(picks), range(self.lanes // 4)
+        if not self.shuffle:
+            numbers = ", ".join(f"{name}.s{HEX[4 * g + k]}" for g in groups for name, k in chosen)
+            return f"({element}{self.lanes})({numbers})"
+        first, second = (list(dict.fromkeys(name for name, _ in chosen)) * 2)[:2]
+        places = ", ".join(str(4 * g + k + self.lanes * (name != first)) for g in groups for name, k in chosen)
+        return f"__builtin_shufflevector({first}, {second}, {places})"
+
+    def _sorted(self, element: str, name: str, picks: list[Pick]) -> tuple[list[str], str]:
+        """Four numbers of three vectors or more: statements, named after `name`, and the shuffle that comes last."""
+        if len({source for source, _ in picks}) <= 2:
+            return [], self._shuffled(element, picks)
+        lines = []
+        for half, (one, two) in enumerate((picks[:2], picks[2:])):
+            lines.append(f"{element}{self.lanes} {name}{half} = {self._shuffled(element, [one, one, two, two])};")
+        return lines, self._shuffled(element, [(f"{name}{half}", at) for half in (0, 1) for at in (0, 2)])
+
+    def _block_loads(self, base: Base, size: int) -> list[str]:
+        """The statements that load a whole block, four numbers at a time, and sort them by component."""
+        element, rows = _element(base), range(self.lanes // COLUMNS)
+        wide, lines = f"{element}{self.lanes}", []
+        for k, part in enumerate(_PARTS[:size]):
+            loads = ", ".join(f"vload4({k}, {_start(size, r)})" for r in rows)
+            if size == 1:
+                return [f"v = {self._loaded(f'({wide})({loads})', base)};"]
+            lines.append(f"{wide} {part} = ({wide})({loads});")
+        return lines + self._columns(element, base, size)
+
+    def _columns(self, element: str, base: Base, size: int) -> list[str]:
+        """From `ra`, `rb`, ..., each group of whose lanes holds four numbers of a row: its elements' components."""
+        if size == 4:
+            return self._transposed(element, base, size)
+        lines = []
+        for component, c in enumerate(_XYZW[:size]):
+            places = [divmod(component + size * k, 4) for k in range(4)]
+            steps, made = self._sorted(element, c, [(_PARTS[part], at) for part, at in places])
+            lines += [*steps, f"v.{c} = {self._loaded(made, base)};"]
+        return lines
+
+    def _block_stores(self, element: str, numbers: list[str]) -> list[str]:
+        """The statements that store a whole block, four numbers at a time."""
+        size, wide = len(numbers), f"{element}{self.lanes}"
+        lines = [f"{wide} {_XYZW[k]} = {n};" for k, n in enumerate(numbers)]
+        parts = _PARTS[:size] if size > 1 else ("x",)
+        for n, part in enumerate(parts if size > 1 else ()):
+            picks = [(_XYZW[at % size], at // size) for at in range(4 * n, 4 * n + 4)]
+            steps, made = self._sorted(element, part, picks)
+            lines += [*steps, f"{wide} {part} = {made};"]
+        for r in range(self.lanes // COLUMNS):
+            picked = HEX[COLUMNS * r : COLUMNS * (r + 1)]
+            lines += [f"vstore4({part}.s{picked}, {k}, {_start(size, r)});" for k, part in enumerate(parts)]
+        return lines
+
+    def _pairs(self, element: str, base: Base) -> list[str]:
+        half, lines = self.lanes // 2, []
+        for part, first in (("lo", 0), ("hi", half)):
+            loads = ", ".join(f"a[at.s{HEX[first + k]}]" for k in range(half))
+            lines.append(f"{element}{self.lanes} {part} = ({element}{self.lanes})({loads});")
+        for c, which in (("x", "even"), ("y", "odd")):
+            made = f"({element}{self.lanes})(lo.{which}, hi.{which})"
+            lines.append(f"v.{c} = {self._loaded(made, base)};")
+        return lines
+
+    def _quads(self, element: str, base: Base, size: int) -> list[str]:
+        """Four packets with the rows of every fourth lane each."""
+        wide, lines = f"{element}{self.lanes}", []
+        for k, part in enumerate(_PARTS):
+            loads = ", ".join(f"a[at.s{HEX[4 * g + k]}]" for g in range(self.lanes // 4))
+            lines.append(f"{wide} {part} = ({wide})({loads});")
+        return lines + self._transposed(element, base, size)
+
+    def _transposed(self, element: str, base: Base, size: int) -> list[str]:
+        """Two steps of unpacking make columns of rows, within each group of four lanes."""
+        lines = []
+        for first, second in ("ab", "cd"):
+            for part, (one, two) in (("lo", (0, 1)), ("hi", (2, 3))):
+                picks = [(f"r{first}", one), (f"r{second}", one), (f"r{first}", two), (f"r{second}", two)]
+                made = self._shuffled(element, picks)
+                lines.append(f"{element}{self.lanes} {part}_{first}{second} = {made};")
+        for component, c in enumerate(_XYZW[:size]):
+            part, at = ("lo", "hi")[component // 2], 2 * (component % 2)
+            picks = [(f"{part}_{pair}", at + k) for pair in ("ab", "cd") for k in (0, 1)]
+            lines.append(f"v.{c} = {self._loaded(self._shuffled(element, picks), base)};")
+        return lines

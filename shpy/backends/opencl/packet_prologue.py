@@ -1,0 +1,288 @@
+"""The prologue of a packet's kernel: operations on packets that OpenCL C does badly, or not as the op table says.
+
+Stage: emit. Texts are written with FLOAT, INT, UINT, DOUBLE for `float16` and so on, or with T for the type at hand
+and MASK for what a comparison of two T gives. Only what is used is printed. Clang has functions that PoCL compiles to
+fewer instructions than OpenCL's own (`Abilities`); whether a device has them is found by asking it once.
+
+>>> prologue = PacketPrologue(8, Abilities())
+>>> prologue.use("lane_any", lanes_of(Base.B, 8))
+'sh_any'
+>>> print(prologue.text())
+// Whether a lane is set.
+bool sh_any(int8 mask) {
+    ulong4 a = as_ulong4(mask);
+    ulong2 b = a.lo | a.hi;
+    return (b.x | b.y) != 0;
+}
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from shpy.backends.opencl.packet_memory import HEX, INLINE, PacketMemory, spelled_wide, struct_text
+from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
+from shpy.backends.opencl.prologue import SCALARS, Prologue
+from shpy.ir.types import Base, Type
+
+__all__ = ["ELEMENTWISE", "IN_REGISTERS", "Abilities", "PacketPrologue"]
+
+IN_REGISTERS: Final = 8
+"""Local arrays of so many elements at most are chosen from by comparing; longer ones are memory."""
+
+ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
+"""Operations that Clang has as `__builtin_elementwise_floor` and so on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """What a compiler has besides OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`."""
+
+    reduce: bool = False
+    elementwise: bool = False
+    shuffle: bool = False
+
+
+_TEXTS: Final = {
+    ("min", Base.F): """\
+// The number where one is NaN.
+T {name}(T a, T b) {
+    return (b < a) | (a != a) ? b : a;
+}""",
+    ("max", Base.F): """\
+// The number where one is NaN.
+T {name}(T a, T b) {
+    return (a < b) | (a != a) ? b : a;
+}""",
+    ("abs", Base.I): """\
+// |a|, but INT_MIN for INT_MIN.
+INT {name}(INT a) {
+    return a < 0 ? as_INT(-as_UINT(a)) : a;
+}""",
+    ("floordiv", Base.I): """\
+// floor(a / b), by way of doubles, which are exact enough; 0 for b = 0, and INT_MIN for INT_MIN / -1.
+INT {name}(INT a, INT b) {
+    INT q = convert_INT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
+    q = b == -1 ? as_INT(-as_UINT(a)) : q;
+    return b == 0 ? (INT)(0) : q;
+}""",
+    ("floormod", Base.I): """\
+// a - b * floor(a / b), which has b's sign; 0 for b = 0. Doubles are exact enough.
+INT {name}(INT a, INT b) {
+    UINT q = as_UINT(convert_INT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b))));
+    return (b == 0) | (b == -1) ? (INT)(0) : as_INT(as_UINT(a) - as_UINT(b) * q);
+}""",
+    ("floordiv", Base.U): """\
+// a / b, by way of doubles, which are exact enough; 0 for b = 0.
+UINT {name}(UINT a, UINT b) {
+    UINT q = convert_UINT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
+    return b == 0 ? (UINT)(0) : q;
+}""",
+    ("floormod", Base.U): """\
+// a % b, by way of doubles, which are exact enough; 0 for b = 0.
+UINT {name}(UINT a, UINT b) {
+    UINT q = convert_UINT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
+    return b == 0 ? (UINT)(0) : a - b * q;
+}""",
+    ("bits_from_float", Base.F): """\
+// The bits of x; the same ones for every NaN.
+UINT {name}(FLOAT x) {
+    return x != x ? (UINT)(0x7fc00000u) : as_UINT(x);
+}""",
+    ("half", Base.F): """\
+// x rounded to binary16.
+FLOAT {name}(FLOAT x) {
+    USHORT bits;
+    vstore_half{lanes}_rte(x, 0, (half *)&bits);
+    return vload_half{lanes}(0, (half *)&bits);
+}""",
+}
+"""By operation and base; those of F serve D too."""
+
+_TRIGONOMETRIC: Final = """\
+// Lanes near zero and those far from it one after the other: PoCL loses the near ones beside a far one.
+T {name}(T x) {
+    MASK far = fabs(x) >= 125;
+    T y = {op}(far ? (T)(0) : x);
+    if (sh_any(convert_INT(far))) {
+        y = far ? {op}(far ? x : (T)(125)) : y;
+    }
+    return y;
+}"""
+_SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
+
+
+class PacketPrologue(Prologue):
+    """The functions that one packet's kernel uses, in the order in which they were asked for."""
+
+    def __init__(self, lanes: int, abilities: Abilities) -> None:
+        super().__init__()
+        self.lanes = lanes
+        self.abilities = abilities
+        self.doubles = False
+        self._memory = PacketMemory(lanes, abilities.shuffle)
+
+    def use(self, op: str, type: Type) -> str:
+        """Ask for the function that does `op` for a first argument of `type`; gives its name."""
+        if not isinstance(type, Lanes):
+            return super().use(op, type)
+        if op == "lane_any":
+            return self._ask("sh_any", lambda _: self._any())
+        suffix = "" if type.base is Base.F else f"_{type.base.value}"
+        name = f"sh_{_SHORT.get(op, op)}{suffix}{type.size}"
+        if op in _SIGN_LOST:
+            self.use("lane_any", lanes_of(Base.B, self.lanes))
+            return self._ask(name, lambda n: self._filled(_TRIGONOMETRIC.replace("{op}", op), n, type))
+        if op == "pow":
+            return self._ask(name, lambda n: _each_lane(n, op, spelled_wide(type), self.lanes))
+        text = _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
+        return self._ask(name, lambda n: self._filled(text, n, type))
+
+    def _ask(self, name: str, text: Callable[[str], str]) -> str:
+        if name not in self._texts:
+            self._texts[name] = text(name)
+        return name
+
+    def _filled(self, text: str, name: str, type: Type) -> str:
+        self.doubles = self.doubles or "DOUBLE" in text
+        wide = {w: f"{w.lower()}{self.lanes}" for w in ("FLOAT", "INT", "UINT", "DOUBLE", "USHORT")}
+        wide["T"] = spelled_wide(type)
+        wide["MASK"] = f"{'long' if type.base is Base.D else 'int'}{self.lanes}"
+        wide["FLOOR"] = "__builtin_elementwise_floor" if self.abilities.elementwise else "floor"
+        for word, meant in wide.items():
+            text = re.sub(rf"(\b|(?<=_)){word}\b", meant, text)
+        return text.replace("{name}", name).replace("{lanes}", str(self.lanes))
+
+    def _any(self) -> str:
+        head = f"// Whether a lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
+        if self.abilities.reduce:
+            return f"{head}    return __builtin_reduce_or(mask) != 0;\n}}"
+        lines, width, name = [], self.lanes // 2, "a"
+        lines.append(f"    ulong{width} a = as_ulong{width}(mask);")
+        while width > 2:
+            width //= 2
+            last, name = name, chr(ord(name) + 1)
+            lines.append(f"    ulong{width} {name} = {last}.lo | {last}.hi;")
+        lines.append(f"    return ({name}.x | {name}.y) != 0;")
+        return head + "\n".join(lines) + "\n}"
+
+    # Types and memory
+
+    def struct(self, type: Type) -> str:
+        """Ask for the struct of a packet of vectors; gives its name."""
+        return self._ask(spelled_wide(type), lambda _: struct_text(type))
+
+    def packet(self) -> str:
+        """Ask for the packet of a work item; gives the function's name."""
+        self._ask("sh_packet", lambda _: self._memory.packet())
+        return "sh_packet_of"
+
+    def memory(self, way: str, base: Base, size: int) -> str:
+        """Ask for the function that can `read`, `write` or `gather`; gives its name."""
+        if size > 1:
+            self.struct(rows_of(base, size, self.lanes))
+        name = f"sh_{way}_{base.value}{size if size > 1 else ''}"
+        text = {"read": self._memory.read, "write": self._memory.write, "gather": self._memory.gather}[way]
+        return self._ask(name, lambda n: text(n, base, size))
+
+    def flat_lanes(self, rank: int) -> str:
+        """Ask for the function that finds the places of elements in a table of two or three axes."""
+        index = rows_of(Base.I, rank, self.lanes)
+        self.struct(index)
+        return self._ask(f"sh_at{rank}_lanes", lambda n: _flat(n, spelled_wide(index), rank, self.lanes))
+
+    # Local arrays
+
+    def array(self, way: str, base: Base, length: int, varies: bool = True) -> str:
+        """Ask for the function that can `pick` from a local array, or `put` into it, at an index for each lane.
+
+        With `varies` false the array has one number for all lanes.
+        """
+        name = f"sh_{way}_{base.value}{length}{'' if varies else '_uniform'}"
+        texts = {"pick": _pick if varies else _pick_uniform, "put": _put}
+        scalar = SCALARS[Base.I if base is Base.B and varies else base]
+        return self._ask(name, lambda n: texts[way](n, scalar, length, self.lanes))
+
+
+_SHORT: Final = {"bits_from_float": "bits"}
+
+
+def _each_lane(name: str, op: str, wide: str, lanes: int) -> str:
+    calls = ", ".join(f"{op}(a.s{h}, b.s{h})" for h in HEX[:lanes])
+    return f"""\
+// One lane after the other: PoCL's {op} of many doubles is wrong beside an infinity.
+{wide} {name}({wide} a, {wide} b) {{
+    return ({wide})({calls});
+}}"""
+
+
+def _flat(name: str, index: str, rank: int, lanes: int) -> str:
+    steps = [f"clamp(at.{c}, 0, size.{c} - 1)" for c in "xyz"[:rank]]
+    made = f"{steps[0]} * size.y + {steps[1]}"
+    if rank == 3:
+        made = f"({made}) * size.z + {steps[2]}"
+    return f"""\
+// The places of elements, the nearest ones for indices that are out of range.
+int{lanes} {name}({index} at, int{rank} size) {{
+    return {made};
+}}"""
+
+
+def _tests(scalar: str, lanes: int) -> str:
+    """A statement that makes `i` as wide as what is chosen by it."""
+    return f"    long{lanes} n = convert_long{lanes}(i);\n" if scalar == "double" else f"    int{lanes} n = i;\n"
+
+
+def _choice(parts: Iterable[str]) -> str:
+    """The part whose number is `n`, the nearest for a number that is out of range."""
+    *others, last = parts
+    return "".join(f"n {'==' if k else '<='} {k} ? {part} : " for k, part in enumerate(others)) + last
+
+
+def _pick(name: str, scalar: str, length: int, lanes: int) -> str:
+    wide = f"{scalar}{lanes}"
+    head = (
+        f"// Each lane's element at its own index, clamped.\n{INLINE} {wide} {name}(const {wide} *a, int{lanes} i) {{\n"
+    )
+    if length <= IN_REGISTERS:
+        return f"{head}{_tests(scalar, lanes)}    return {_choice(f'a[{k}]' for k in range(length))};\n}}"
+    loads = ", ".join(f"flat[i.s{h}]" for h in HEX[:lanes])
+    return f"""{head}\
+    const {scalar} *flat = (const {scalar} *)a;
+    i = clamp(i, 0, {length - 1}) * {lanes} + {_numbers(lanes)};
+    return ({scalar}{lanes})({loads});
+}}"""
+
+
+def _pick_uniform(name: str, scalar: str, length: int, lanes: int) -> str:
+    held, minus = ("int", "-") if scalar == "bool" else (scalar, "")
+    told = "// The element at each lane's index, clamped.\n"
+    head = f"{told}{INLINE} {held}{lanes} {name}(const {scalar} *a, int{lanes} i) {{\n"
+    if length <= IN_REGISTERS:
+        choice = _choice(f"({held}{lanes})({minus}a[{k}])" for k in range(length))
+        return f"{head}{_tests(scalar, lanes)}    return {choice};\n}}"
+    loads = ", ".join(f"{minus}a[i.s{h}]" for h in HEX[:lanes])
+    return f"{head}    i = clamp(i, 0, {length - 1});\n    return ({held}{lanes})({loads});\n}}"
+
+
+def _put(name: str, scalar: str, length: int, lanes: int) -> str:
+    head = f"{INLINE} void {name}({scalar}{lanes} *a, int{lanes} i, {scalar}{lanes} v) {{\n"
+    if length <= IN_REGISTERS:
+        stores = "".join(f"    a[{k}] = n == {k} ? v : a[{k}];\n" for k in range(length))
+        told = "// Each lane's number into the element at its own index, if there is one.\n"
+        return f"{told}{head}{_tests(scalar, lanes)}{stores}}}"
+    stores = "".join(f"    flat[i.s{h}] = v.s{h};\n" for h in HEX[:lanes])
+    return f"""\
+// Each lane's number into the element at its own index; element {length} takes what is out of range.
+{head}\
+    {scalar} *flat = ({scalar} *)a;
+    i = (i < 0) | (i > {length}) ? (int{lanes})({length}) : i;
+    i = i * {lanes} + {_numbers(lanes)};
+{stores}}}"""
+
+
+def _numbers(lanes: int) -> str:
+    return f"(int{lanes})({', '.join(map(str, range(lanes)))})"

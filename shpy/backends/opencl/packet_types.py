@@ -1,0 +1,177 @@
+"""Types of packets, and a vectorised module with these types: the last step before packets are printed.
+
+Stage: improve, after `take_apart` and `vectorize`. What varies from lane to lane gets a type that says so; what is the
+same for all lanes keeps its own, and is spread where a varying operation takes it:
+
+    %3: f = load $z_x                  %3: f16 = load $z_x           (float16: one number a lane)
+    %4: f = const 0x1p+2         ->    %4: f = const 0x1p+2
+    %5: b = gt %3, %4                  %6: f16 = splat %4
+                                       %5: b16 = gt %3, %6           (int16: -1 where it holds)
+
+A vector that comes from elsewhere is `Rows`, a struct with a packet for each component: `p.x`, `p.y`. Functions are
+copied for packets, and keep their own form for arguments that do not vary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Function, If, Let, Loop, Module, Region, Stmt, Store, Variable
+from shpy.ir.types import Base, Type
+from shpy.passes.dead import remove_unused_functions
+from shpy.passes.uniformity import varies
+from shpy.passes.vectorize import VectorModule
+
+__all__ = ["WIDTHS", "Lanes", "Rows", "lanes_of", "rows_of", "widen"]
+
+WIDTHS = (4, 8, 16)
+"""Lanes that a packet may have: OpenCL C has vectors of so many numbers, and rows of four fill them."""
+
+
+class Lanes(Type):
+    """One number of `base` for each lane: `size` is the number of lanes, as in OpenCL's `float16`. By `lanes_of`."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return lanes_of, (self.base, self.size)
+
+    def based(self, base: Base) -> Type:
+        """The same lanes with numbers of another base."""
+        return lanes_of(base, self.size)
+
+
+class Rows(Type):
+    """A vector of `size` components for each of `lanes` lanes, component by component. By `rows_of`."""
+
+    __slots__ = ("lanes",)
+    lanes: int
+
+    def __repr__(self) -> str:
+        return f"{self.base.value}{self.lanes}x{self.size}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return rows_of, (self.base, self.size, self.lanes)
+
+
+@cache
+def lanes_of(base: Base, lanes: int) -> Lanes:
+    """The type of a number for each of `lanes` lanes; one object a type."""
+    return Lanes(base, lanes)
+
+
+@cache
+def rows_of(base: Base, size: int, lanes: int) -> Type:
+    """The type of a vector of `size` (1 to 4) for each of `lanes` lanes; one object a type."""
+    if size == 1:
+        return lanes_of(base, lanes)
+    made = Rows(base, size)
+    made.lanes = lanes
+    return made
+
+
+def widen(vector: VectorModule, lanes: int) -> Module:
+    """The module with types that tell what varies. Its functions come twice, as far as they are used."""
+    *functions, entry = vector.module.functions
+    names = {f.name for f in vector.module.functions}
+    uniform = {f.name: _fresh(f"{f.name}_uniform", names) for f in functions}
+    made: list[Function] = []
+    for f in functions:
+        made.append(_renamed(f, uniform))
+        varying, slots = _everything_varies(f)
+        made.append(_Widener(f, varying, slots, lanes, uniform).run())
+    made.append(_Widener(entry, vector.varying, vector.slots, lanes, uniform).run())
+    return remove_unused_functions(replace(vector.module, functions=tuple(made)))
+
+
+def _fresh(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _renamed(function: Function, names: dict[str, str]) -> Function:
+    """A function for arguments that do not vary, calling others of that kind."""
+    body = tuple(
+        replace(s, attr=names[str(s.attr)]) if isinstance(s, Let) and s.op == "call" else s for s in function.body
+    )
+    return replace(function, name=names[function.name], body=body)
+
+
+def _everything_varies(function: Function) -> tuple[frozenset[int], frozenset[int]]:
+    """What varies in a pure function whose arguments do: all slots, and what comes from these and from those."""
+    slots = frozenset(v.id for v in (*function.outputs, *function.variables))
+    varying = {v.id for v in function.inputs}
+    for s in function.body:
+        if isinstance(s, Let) and (s.op == "load" or varies(s.op, (a in varying for a in s.args))):
+            varying.add(s.value.id)
+    return frozenset(varying), slots
+
+
+class _Widener:
+    """Gives the values of one function their types, and spreads uniform operands."""
+
+    def __init__(
+        self, function: Function, varying: frozenset[int], slots: frozenset[int], lanes: int, uniform: dict[str, str]
+    ) -> None:
+        self.function = function
+        self.varying = varying
+        self.varying_slots = slots
+        self.lanes = lanes
+        self.uniform = uniform
+        self.b = Builder(function=function)
+        self.parts: dict[int, tuple[int, ...]] = {}
+
+    def run(self) -> Function:
+        """The function with the types of packets."""
+        self.b.inputs = [replace(i, type=self.wide(i.type)) for i in self.function.inputs]
+        self.statements(self.function.body)
+        made = self.b.finish()
+        return replace(
+            made, outputs=tuple(map(self.slot, made.outputs)), variables=tuple(map(self.slot, made.variables))
+        )
+
+    def wide(self, type: Type) -> Type:
+        return rows_of(type.base, type.size, self.lanes)
+
+    def slot(self, variable: Variable) -> Variable:
+        return replace(variable, type=self.wide(variable.type)) if variable.id in self.varying_slots else variable
+
+    def spread(self, value: int) -> int:
+        """The value as one for each lane."""
+        if value in self.varying:
+            return value
+        return self.b.let("splat", value, type=self.wide(self.b.type_of(value))).id
+
+    def let(self, s: Let) -> None:
+        if s.value.id not in self.varying:
+            attr = self.uniform[str(s.attr)] if s.op == "call" else s.attr
+            args = tuple(map(self.spread, s.args)) if s.op == "lane_any" else s.args
+            self.b.append(replace(s, args=args, attr=attr))
+            return
+        args = s.args if s.op in ("load", "swizzle") else tuple(map(self.spread, s.args))
+        self.b.append(Let(replace(s.value, type=self.wide(s.value.type)), s.op, args, s.attr))
+
+    def statements(self, region: Iterable[Stmt]) -> None:
+        for s in region:
+            match s:
+                case Let():
+                    self.let(s)
+                case Store(variable, value):
+                    spread = self.spread(value) if variable in self.varying_slots else value
+                    self.b.append(replace(s, value=spread))
+                case If(condition, then, orelse, loc):
+                    self.b.append(If(condition, self.region(then), self.region(orelse), loc))
+                case Loop(body, continuing, until, turns, loc):
+                    self.b.append(Loop(self.region(body), self.region(continuing), until, turns, loc))
+                case _:
+                    self.b.append(s)
+
+    def region(self, region: Region) -> Region:
+        self.b.push()
+        self.statements(region)
+        return self.b.pop()

@@ -1,0 +1,187 @@
+"""The printer of packets: a prepared module as one kernel, many elements a work item.
+
+Stage: emit. The module is taken apart into scalars and vectorised; what varies from lane to lane becomes a `float16`,
+what does not stays a `float`, and control flow is what it was where it is the same for all:
+
+    __kernel void mandelbrot(ulong count, int row, __global const float *c_in, int c_step, __global float *result_out) {
+        sh_packet packet = sh_packet_of(count, row);
+        ...
+        float16x2 c = sh_read_f2(c_in, c_step, packet);
+        float16 z_x = (float16)(0.0f);
+        ...
+
+    print_packets(prepared.module, 16, Abilities()).text
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from shpy.backends.expressions import Expr
+from shpy.backends.opencl.packet_memory import spelled_wide
+from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
+from shpy.backends.opencl.packet_spelling import PacketSpelling
+from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of, widen
+from shpy.backends.opencl.printer import Kernel, Needs, OpenCLPrinter, leaves_early
+from shpy.backends.opencl.prologue import spelled
+from shpy.ir.nodes import Function, Let, Module, Value, Variable
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.components import take_apart
+from shpy.passes.pipeline import optimise
+from shpy.passes.vectorize import vectorize
+
+__all__ = ["print_packets"]
+
+
+def print_packets(module: Module, lanes: int, abilities: Abilities) -> Kernel:
+    """The kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do."""
+    scalar = optimise(take_apart(module))
+    packets = widen(vectorize(scalar, padded=True), lanes)
+    return PacketPrinter(packets, module.entry, lanes, abilities).print()
+
+
+class PacketPrinter(PacketSpelling, OpenCLPrinter):
+    """Prints one module of packets; `ports` has the inputs and outputs as they were before they were taken apart."""
+
+    def __init__(self, module: Module, ports: Function, lanes: int, abilities: Abilities) -> None:
+        super().__init__(module)
+        self.lanes = lanes
+        self.ports = ports
+        self.prologue = PacketPrologue(lanes, abilities)
+        for base in Base:
+            for size in (2, 3, 4):
+                if base is not Base.H:
+                    self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
+        self.row = self.globals.take("row")
+        self.packet = self.globals.take("packet")
+
+    def print(self) -> Kernel:
+        """The whole text."""
+        made = super().print()
+        return replace(made, doubles=made.doubles or self.prologue.doubles, lanes=self.lanes)
+
+    # What a function needs besides its arguments
+
+    def _needs(self, function: Function) -> Needs:
+        found = super()._needs(function)
+        for s in walk(function.body):
+            if isinstance(s, Let) and s.op in ("grid_index", "grid_shape"):
+                self.grid_rank = 1 if isinstance(s.value.type, Lanes) else s.value.type.size
+        return found
+
+    def _handed(self, function: Function) -> list[tuple[str, str]]:
+        """The packet is handed to the entry's own function; a lane's place in the grid is wide."""
+        pairs = super()._handed(function)
+        index = self.grid_names["grid_index"]
+        pairs = [(self.declaration(self._index_type(), name) if name == index else text, name) for text, name in pairs]
+        return [(f"sh_packet {self.packet}", self.packet), *pairs] if function.name == self.module.entry.name else pairs
+
+    def _index_type(self) -> Type:
+        return rows_of(Base.I, max(self.grid_rank, 1), self.lanes)
+
+    # The kernel
+
+    def _kernel(self, entry: Function) -> None:
+        name = self.function_names[entry.name]
+        early = leaves_early(entry)
+        inner = self.globals.take(f"{name}_packet") if early else ""
+        if early:
+            self._function(entry, inner)
+        self.begin(entry)
+        self.prologue.packet()
+        read = [i for i in entry.inputs if isinstance(i, Value) and self.layout.uses[i.id]]
+        self.inputs = tuple(at for at, i in enumerate(entry.inputs) if i in read)
+        inputs = [(self.inputs[k], i, self.names.take(f"{i.name or 'a'}_in")) for k, i in enumerate(read)]
+        steps = [self.names.take(f"{i.name or 'a'}_step") for i in read]
+        outputs = [self.names.take(f"{o.name or 'result'}_out") for o in self.ports.outputs]
+        self.emit("")
+        self._packet_signature(name, entry, inputs, steps, outputs)
+        with self.block(scope=False):
+            self._packet_prelude(entry)
+            for (at, value, array), step in zip(inputs, steps, strict=True):
+                type = self.ports.inputs[at].type
+                function = self.prologue.memory("read", type.base, type.size)
+                self.bind(value, Expr(f"{function}({array}, {step}, {self.packet})"))
+            if early:
+                self._call_packet(entry, inner)
+            else:
+                self.body(entry, returns=False)
+            self._write_outputs(entry, outputs)
+        self.emit("}")
+
+    def _packet_signature(
+        self,
+        name: str,
+        entry: Function,
+        inputs: list[tuple[int, Value, str]],
+        steps: list[str],
+        outputs: list[str],
+    ) -> None:
+        parameters = [f"ulong {self.count}", f"int {self.row}"]
+        if self.needs[entry.name].grid:
+            parameters.append(f"{spelled(vec(Base.I, self.grid_rank))} {self.grid_names['grid_shape']}")
+        for (at, _, array), step in zip(inputs, steps, strict=True):
+            parameters += [f"{self._array_of(self.ports.inputs[at].type, 'const ')}{array}", f"int {step}"]
+        own = {self.packet, *self.grid_names.values()}
+        parameters += [text for text, handed in self._handed(entry) if handed not in own]
+        parameters += [f"{self._array_of(o.type)}{n}" for o, n in zip(self.ports.outputs, outputs, strict=True)]
+        self._head(f"__kernel void {name}", parameters, entry.loc)
+
+    def _array_of(self, type: Type, qualifier: str = "") -> str:
+        """Inputs and outputs are arrays of numbers."""
+        return self.pointer(type.scalar, qualifier)
+
+    def _packet_prelude(self, entry: Function) -> None:
+        self.emit(f"sh_packet {self.packet} = sh_packet_of({self.count}, {self.row});")
+        self.emit(f"if ({self.packet}.empty) {{")
+        with self.block():
+            self.emit("return;")
+        self.emit("}")
+        if "grid_index" in self.needs[entry.name].grid:
+            declaration = self.declaration(self._index_type(), self.grid_names["grid_index"])
+            self.emit(f"{declaration} = {self._grid_of_lanes()};")
+
+    def _grid_of_lanes(self) -> str:
+        """The lanes' index along each axis; an image's rows are numbered through all its planes."""
+        x, y = f"{self.packet}.x", f"{self.packet}.y"
+        if self.grid_rank == 1:
+            return f"{x} + {y} * {self.row}"
+        shape = self.grid_names["grid_shape"]
+        axes = [x]
+        for axis in "xyzw"[1 : self.grid_rank - 1][::-1]:
+            axes.append(f"{y} % {shape}.{axis}")
+            y = f"{y} / {shape}.{axis}"
+        return f"({spelled_wide(self._index_type())}){{{', '.join([y, *reversed(axes)])}}}"
+
+    def _call_packet(self, entry: Function, inner: str) -> None:
+        args = [self.exprs[i.id].text if i.id in self.exprs else self._nothing(i.type) for i in entry.inputs]
+        if len(entry.outputs) == 1:
+            made = Expr(f"{inner}({', '.join([*args, *self.context(entry)])})")
+            self.emit(f"{self.declaration(entry.outputs[0].type, self.slot(entry.outputs[0]))} = {made.text};")
+            return
+        for o in entry.outputs:
+            self.emit(f"{self.declaration(o.type, self.slot(o))};")
+            args.append(f"&{self.slots[o.id].text}")
+        self.emit(f"{inner}({', '.join([*args, *self.context(entry)])});")
+
+    def _nothing(self, type: Type) -> str:
+        """An input that is not used."""
+        number = f"({spelled_wide(lanes_of(type.base, self.lanes))})(0)"
+        return number if isinstance(type, Lanes) else f"({self.type_name(type)}){{{number}}}"
+
+    def _write_outputs(self, entry: Function, arrays: list[str]) -> None:
+        parts = iter(entry.outputs)
+        for output, array in zip(self.ports.outputs, arrays, strict=True):
+            type = output.type
+            numbers = [self._wide(next(parts)) for _ in range(type.size)]
+            value = numbers[0]
+            if type.size > 1:
+                value = self.construct(rows_of(type.base, type.size, self.lanes), numbers, [])
+            write = self.prologue.memory("write", type.base, type.size)
+            self.emit(f"{write}({array}, {value.text}, {self.packet});")
+
+    def _wide(self, variable: Variable) -> Expr:
+        """An output, for each lane."""
+        e, type = self.slots[variable.id], variable.type
+        return e if isinstance(type, Lanes) else self.construct(lanes_of(type.base, self.lanes), [e], [type])

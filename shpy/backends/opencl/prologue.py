@@ -1,0 +1,175 @@
+"""The prologue of a kernel: hand-written functions for what OpenCL C does not do as the op table says.
+
+Stage: emit. Each is written once, with `T` for its type; C has no overloading, so a form for another type has its
+own name: `sh_min` (float), `sh_min3` (float3), `sh_min_d2` (double2). Where the vector form reads otherwise it is made
+from the scalar one, component by component. Only what is used is printed.
+
+>>> prologue = Prologue()
+>>> prologue.use("min", vec("f", 3))
+'sh_min3'
+>>> print(prologue.text())
+// The number where one is NaN.
+float3 sh_min3(float3 a, float3 b) {
+    return (b < a) | (a != a) ? b : a;
+}
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Final
+
+from shpy.ir.types import Base, Type, vec
+
+SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
+"""OpenCL's name of one component."""
+
+_ANY_SIZE: Final = {
+    "min": """\
+// The number where one is NaN.
+T {name}(T a, T b) {
+    return (b < a) | (a != a) ? b : a;
+}""",
+    "max": """\
+// The number where one is NaN.
+T {name}(T a, T b) {
+    return (a < b) | (a != a) ? b : a;
+}""",
+}
+
+_SCALAR: Final = {
+    ("floordiv", Base.I): """\
+// floor(a / b); 0 for b = 0, and INT_MIN for INT_MIN / -1.
+int {name}(int a, int b) {
+    if (b == 0 || b == -1) {
+        return b == 0 ? 0 : (int)(0u - (uint)a);
+    }
+    int q = a / b;
+    return q * b != a && (a < 0) != (b < 0) ? q - 1 : q;
+}""",
+    ("floordiv", Base.U): """\
+// a / b; 0 for b = 0.
+uint {name}(uint a, uint b) {
+    return b == 0u ? 0u : a / b;
+}""",
+    ("floormod", Base.I): """\
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
+int {name}(int a, int b) {
+    if (b == 0 || b == -1) {
+        return 0;
+    }
+    int r = a % b;
+    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+}""",
+    ("floormod", Base.U): """\
+// a % b; 0 for b = 0.
+uint {name}(uint a, uint b) {
+    return b == 0u ? 0u : a % b;
+}""",
+    ("bits_from_float", Base.F): """\
+// The bits of x; the same ones for every NaN.
+uint {name}(float x) {
+    return x != x ? 0x7fc00000u : as_uint(x);
+}""",
+    ("half", Base.F): """\
+// x rounded to binary16.
+float {name}(float x) {
+    ushort bits;
+    vstore_half_rte(x, 0, (half *)&bits);
+    return vload_half(0, (half *)&bits);
+}""",
+}
+
+# Vector forms that drivers do badly: PoCL 3.1 gives sin(1e-8) = 0.008 beside a large component.
+_BY_COMPONENT: Final = frozenset({"sin", "cos", "tan"})
+
+_PICK: Final = """\
+// The component at i, clamped.
+S {name}(T v, int i) {
+    return {choice};
+}"""
+
+_FLAT: Final = {
+    2: """\
+// The place of an element, the nearest one for an index that is out of range.
+size_t sh_at2(int2 at, int2 size) {
+    at = clamp(at, (int2)(0), size - 1);
+    return (size_t)at.x * size.y + at.y;
+}""",
+    3: """\
+// The place of an element, the nearest one for an index that is out of range.
+size_t sh_at3(int3 at, int3 size) {
+    at = clamp(at, (int3)(0), size - 1);
+    return ((size_t)at.x * size.y + at.y) * size.z + at.z;
+}""",
+}
+
+
+def spelled(type: Type) -> str:
+    """OpenCL's name of a type; a vector of bools is one of ints, -1 for true. KeyError for a binary16."""
+    if type.base is Base.B and type.size > 1:
+        return f"int{type.size}"
+    return SCALARS[type.base] if type.size == 1 else f"{SCALARS[type.base]}{type.size}"
+
+
+class Prologue:
+    """The functions that one kernel uses, in the order in which they were asked for."""
+
+    def __init__(self) -> None:
+        self._texts: dict[str, str] = {}
+
+    def use(self, op: str, type: Type) -> str:
+        """Ask for the function that does `op` for a first argument of `type`; gives its name."""
+        base = "" if type.base is Base.F else f"_{type.base.value}"
+        name = f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
+        if name in self._texts:
+            return name
+        if op in _ANY_SIZE:
+            self._texts[name] = re.sub(r"\bT\b", spelled(type), _ANY_SIZE[op]).replace("{name}", name)
+        elif op in _BY_COMPONENT:
+            self._texts[name] = _each(spelled(type), name, [f"{spelled(type)} x"], op, "x", type.size)
+        elif op == "component":
+            self._texts[name] = _pick(name, type)
+        elif type.size == 1:
+            self._texts[name] = _SCALAR[op, type.base].replace("{name}", name)
+        else:
+            scalar = self.use(op, type.scalar)
+            self._texts[name] = _componentwise(self._texts[scalar], scalar, name, type.size)
+        return name
+
+    def wants(self, op: str, type: Type) -> bool:
+        """Whether OpenCL's own function `op` will not do for this type."""
+        return type.size > 1 and op in _BY_COMPONENT
+
+    def flat_index(self, rank: int) -> str:
+        """Ask for the function that finds an element of a table of two or three axes."""
+        self._texts.setdefault(f"sh_at{rank}", _FLAT[rank])
+        return f"sh_at{rank}"
+
+    def text(self) -> str:
+        """The functions, one empty line between them."""
+        return "\n\n".join(self._texts.values())
+
+
+_SHORT: Final = {"bits_from_float": "bits", "component": "pick"}
+
+
+def _pick(name: str, type: Type) -> str:
+    choice = "".join(f"i {'<=' if k == 0 else '=='} {k} ? v.{c} : " for k, c in enumerate("xyzw"[: type.size - 1]))
+    scalar = spelled(vec(Base.I) if type.is_bool else type.scalar)
+    text = re.sub(r"\bT\b", spelled(type), _PICK).replace("S {", scalar + " {", 1)
+    return text.replace("{name}", name).replace("{choice}", f"{choice}v.{'xyzw'[type.size - 1]}")
+
+
+def _componentwise(text: str, scalar: str, name: str, size: int) -> str:
+    head = re.search(r"^(\w+) \w+\((.*)\) \{$", text, re.MULTILINE)
+    assert head is not None
+    parameters = [p.split(" ") for p in head[2].split(", ")]
+    takes = [f"{t}{size} {p}" for t, p in parameters]
+    return _each(f"{head[1]}{size}", name, takes, scalar, [p for _, p in parameters], size)
+
+
+def _each(result: str, name: str, takes: list[str], scalar: str, names: Iterable[str], size: int) -> str:
+    each = ", ".join(f"{scalar}({', '.join(f'{p}.{c}' for p in names)})" for c in "xyzw"[:size])
+    return f"{result} {name}({', '.join(takes)}) {{\n    return ({result})({each});\n}}"

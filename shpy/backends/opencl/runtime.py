@@ -1,0 +1,231 @@
+"""The OpenCL backend: builds a printed kernel and runs it over arrays.
+
+Stage: compile and run. `compile` prepares and prints a module, builds it and lets the driver generate its code; `run`
+brings inputs, tables and params to the device, launches one work item an element, and brings the outputs back. Arrays
+of another width than the kernel's (float16 for f at f16, bools) are converted on the host.
+
+    executable = OpenCLBackend().compile(module, Options())
+    status = executable.run(call)
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, Call, Device, Options
+from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
+from shpy.backends.opencl.packet_memory import COLUMNS
+from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.packets import print_packets
+from shpy.backends.opencl.printer import Kernel, print_kernel
+from shpy.errors import CompileError, ShpyTypeError
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Loc, Module, Status
+from shpy.ir.types import Base, Type
+from shpy.passes.pipeline import Prepared, Target, prepare
+
+TARGET: Final = Target("opencl")
+PACKET_TARGET: Final = Target("opencl", functions=False, vector=True)
+_MEMORY: Final = {**DTYPES, Base.B: np.uint8}
+"""What a component is in a buffer."""
+_WIDE: Final = 32
+"""Images of fewer columns are run as lists: too many lanes would hold no element."""
+
+
+class OpenCLBackend:
+    """The backend: see `base.Backend`."""
+
+    name = "opencl"
+
+    def devices(self) -> list[Device]:
+        """Every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
+        return devices()
+
+    def compile(self, module: Module, options: Options) -> OpenCLExecutable:
+        """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
+
+        `lanes="auto"` is the width of a CPU's vectors, and 1 on a GPU or for a program that no packet can run.
+        """
+        machine = machine_of(options.device)
+        lanes = machine.lanes if options.lanes == "auto" else options.lanes
+        if lanes not in (1, *WIDTHS):
+            raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, WIDTHS))}')
+        try:
+            return _built(machine, module, options, lanes)
+        except CompileError as e:
+            if options.lanes != "auto" or lanes == 1:
+                raise
+            single = _built(machine, module, options, 1)
+            return replace(single, remarks=(f"one element at a time, not {lanes}: {e.message}",))
+
+
+def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
+    prepared = prepare(module, options, TARGET if lanes == 1 else PACKET_TARGET)
+    if lanes == 1:
+        kernel = print_kernel(prepared.module)
+    else:
+        kernel = print_packets(prepared.module, lanes, machine.abilities)
+    if kernel.doubles and not machine.doubles:
+        raise CompileError(
+            f"{machine.device.name.strip()} has no f64",
+            loc=module.entry.loc,
+            cure='precision="f32", or backend="numpy"',
+        )
+    with machine.lock:
+        try:
+            program = machine.build(kernel.text)
+            executable = OpenCLExecutable(machine, kernel, prepared, machine.cl.Kernel(program, kernel.name))
+            executable.warm_up()
+            machine.keep(kernel.text)
+        except machine.cl.Error as e:
+            raise _refusal(str(e), kernel) from e
+    return executable
+
+
+def _refusal(log: str, kernel: Kernel) -> CompileError:
+    """The driver's complaints, each at the user's line that the text's line comes from."""
+    found: list[tuple[Loc | None, str]] = []
+    for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
+        upto = kernel.lines[: int(line)]
+        found.append((next((loc for loc in reversed(upto) if loc), None), text.strip()))
+    if not found:
+        return CompileError(f"the OpenCL driver refused the kernel:\n{log.strip()}")
+    listed = "\n".join(f"  {loc or 'prologue'}: {text}" for loc, text in found)
+    return CompileError(f"the OpenCL driver refused the kernel:\n{listed}", loc=found[0][0])
+
+
+@dataclass(slots=True)
+class OpenCLExecutable:
+    """A kernel on a device: see `base.Executable`."""
+
+    machine: Machine
+    kernel: Kernel
+    prepared: Prepared
+    compiled: Any
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """The kernel's text."""
+        return self.kernel.text
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the device does not do as it should, and why elements run one at a time where packets were tried."""
+        return (*self.machine.notes, *self.remarks)
+
+    @property
+    def loops(self) -> tuple[Loc | None, ...]:
+        """The lines of the limited loops."""
+        return self.prepared.loops
+
+    def warm_up(self) -> None:
+        """Launch it once over nothing: only then do drivers generate code."""
+        machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
+        inputs = [entry.inputs[i].type for i in self.kernel.inputs]
+        empty = machine.take(LOCAL_SIZE)
+        args: list[Any] = [np.uint64(0), *self._row(4), *self._shape((1,) * self.kernel.grid)]
+        args += [a for _ in inputs for a in (empty, np.int32(0))]
+        args += [a for t in self.kernel.tables for a in (empty, _argument(np.ones(t.rank, np.int32)))]
+        zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
+        args += [_argument(zeros[name]) for name in self.kernel.params]
+        args += [empty for _ in entry.outputs]
+        machine.launch(self.compiled, args, (0, 1), self._group)
+        machine.queue.finish()
+        machine.give_back([empty])
+
+    def run(self, call: Call) -> Array | None:
+        """Run it; gives the status of each element, or None where nothing can end an element early."""
+        with self.machine.lock:
+            used: list[Any] = []
+            try:
+                return self._run(call, used)
+            finally:
+                self.machine.queue.finish()
+                self.machine.give_back(used)
+
+    def _run(self, call: Call, used: list[Any]) -> Array | None:
+        machine, entry = self.machine, self.prepared.module.entry
+        types = {p.name: p.type for p in self.prepared.module.params}
+        row = self._row_length(call)
+        args: list[Any] = [np.uint64(call.count), *self._row(row), *self._shape(call.shape)]
+        for i in self.kernel.inputs:
+            array = np.ascontiguousarray(call.inputs[i], dtype=_MEMORY[entry.inputs[i].type.base])
+            used.append(machine.upload(array))
+            args += [used[-1], np.int32(len(array) == call.count)]
+        for table in self.kernel.tables:
+            data = call.tables[table.name]
+            shape = np.array(data.array.shape[: table.rank], np.int32)
+            dtype = np.dtype(_MEMORY[table.type.base])
+            padded = self.kernel.lanes > 1 and table.type.size == 3
+            args += [machine.table(data, dtype, padded=padded), _argument(shape)]
+        args += [
+            _argument(np.asarray(call.params[name], _held(types[name])), types[name]) for name in self.kernel.params
+        ]
+        for output in entry.outputs:
+            used.append(machine.take(call.count * output.type.size * np.dtype(_MEMORY[output.type.base]).itemsize))
+            args.append(used[-1])
+        machine.launch(self.compiled, args, self._items(call.count, row), self._group)
+        return self._collect(call, used[-len(entry.outputs) :])
+
+    @property
+    def _group(self) -> int:
+        return LOCAL_SIZE if self.kernel.lanes == 1 else PACKETS
+
+    def _row(self, length: int) -> list[Any]:
+        return [np.int32(length)] if self.kernel.lanes > 1 else []
+
+    def _row_length(self, call: Call) -> int:
+        """How many elements lie side by side: an image's packets are blocks, those of a list neighbours."""
+        *others, last = call.shape or (1,)
+        is_image = last >= _WIDE and call.count >= last * (self.kernel.lanes // COLUMNS)
+        return last if others and (is_image or self.kernel.grid) else COLUMNS
+
+    def _items(self, count: int, row: int) -> tuple[int, int]:
+        """Work items: one an element; or one a packet, in as many columns and lines as there are."""
+        if self.kernel.lanes == 1:
+            return count, 1
+        lines = -(-count // (row * (self.kernel.lanes // COLUMNS)))
+        return (lines, 1) if row == COLUMNS else (-(-row // COLUMNS), lines)
+
+    def _shape(self, shape: tuple[int, ...]) -> list[Any]:
+        return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []
+
+    def _collect(self, call: Call, buffers: list[Any]) -> Array | None:
+        status: Array | None = None
+        if self.prepared.status:
+            status = np.empty(call.count, np.int32)
+            self.machine.download(status, buffers[-1])
+        written = None if status is None or (status == Status.WRITTEN).all() else status == Status.WRITTEN
+        for out, slot, buffer in zip(call.outputs, self.prepared.module.entry.outputs, buffers, strict=False):
+            dtype = np.dtype(_MEMORY[slot.type.base])
+            if written is None and out.dtype == dtype and out.flags.c_contiguous:
+                self.machine.download(out, buffer)
+                continue
+            found = np.empty(out.shape, dtype)
+            self.machine.download(found, buffer)
+            mask = True if written is None else written.reshape(-1, *[1] * (out.ndim - 1))
+            np.copyto(out, found.astype(out.dtype), where=mask)
+        return status
+
+
+def _held(type: Type) -> Any:
+    """What a component of a param is as an argument: no argument may be a bool."""
+    return np.int32 if type.is_bool else DTYPES[type.base]
+
+
+def _argument(values: Array, type: Type | None = None) -> Any:
+    """Numbers as one argument: a scalar, or a vector, which is as long as four where it has three."""
+    flat = np.atleast_1d(values)
+    if type is not None and type.is_bool and type.size > 1:
+        flat = -flat
+    if flat.size == 1:
+        return flat[0]
+    return np.append(flat, flat.dtype.type(0)) if flat.size == 3 else flat
+
+
+backend = OpenCLBackend()

@@ -1,0 +1,117 @@
+"""The command `shpy`: says what is installed here, and what is missing with the command that mends it.
+
+Stage: above all others. Takes the words of the command line, prints, gives the exit status.
+
+    shpy --version
+    shpy doctor                  # status 0 where numpy works, which needs nothing else
+    shpy doctor --all            # status 0 only where every backend works
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import re
+from collections.abc import Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, metadata, version
+
+import numpy as np
+
+import shpy as sh
+
+DISTRIBUTION = "shpy-dsl"
+_BUNDLES = ("all", "dev")
+"""Extras that are made of the others."""
+_WIDTH = 8
+"""Columns of a name, so that what is said of it lines up."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; gives the exit status: 0 where what was asked for is there, else 1."""
+    parser = argparse.ArgumentParser(prog="shpy", description="Kernels written once in Python, run on every target.")
+    parser.add_argument("--version", action="version", version=f"shpy {installed(DISTRIBUTION) or 'not installed'}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    command = commands.add_parser("doctor", help="what is installed, what is missing, and the command that mends it")
+    command.add_argument("--all", action="store_true", help="exit with status 1 unless every backend works")
+    options = parser.parse_args(arguments)
+    return doctor(every=options.all)
+
+
+def doctor(every: bool = False) -> int:
+    """Print what is there and what is missing; 0 where numpy works (with `every`: each backend), else 1."""
+    print(f"shpy {installed(DISTRIBUTION) or '(not installed)'} on Python {platform.python_version()}")
+    for package in ("numpy", "lark"):
+        print(f"  {package:{_WIDTH}} {installed(package)}")
+    print("\nbackends")
+    faults = {backend.name: _examine(backend) for backend in sh.backends()}
+    for extra, packages in extras().items():
+        print(f"\noptional: {extra}")
+        missing = [package for package in packages if installed(package) is None]
+        for package in packages:
+            print(f"  {package:{_WIDTH}} {installed(package) or 'missing'}")
+        if missing:
+            print(f"  to install: pip install '{DISTRIBUTION}[{extra}]'")
+    broken = [name for name, fault in faults.items() if fault]
+    print(f"\n{len(faults) - len(broken)} of {len(faults)} backends work; the default is {sh.default_backend()}")
+    return int(bool(broken) if every else "numpy" in broken)
+
+
+def _examine(backend: sh.BackendInfo) -> str | None:
+    """Print what there is to know of a backend; gives its fault, None where it works."""
+    fault, cure = backend.reason, backend.cure
+    if fault is None:
+        fault = try_out(backend.name)
+    print(f"  {backend.name:{_WIDTH}} {'works' if fault is None else fault}")
+    for number, device in enumerate(backend.devices):
+        said = [f"device {number}: {device.name}", device.version, ", ".join(device.features), *device.notes]
+        print("\n".join(f"{'':{_WIDTH + 3 + (2 if k else 0)}}{line}" for k, line in enumerate(said) if line))
+    if cure:
+        print(f"{'':{_WIDTH + 3}}to mend it: {cure}")
+    return fault
+
+
+def try_out(backend: str) -> str | None:
+    """Compile and run a small program; gives what went wrong, or None."""
+
+    @sh.program
+    def line(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.Attrib1f(2 * x + 1)
+
+    # Drivers fail in ways of their own, and a doctor that fails with them is of no use.
+    try:
+        found = line.compile(backend)(np.arange(5))
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return None if np.array_equal(found, [1, 3, 5, 7, 9]) else f"2 * x + 1 of 0 to 4 gave {found}"
+
+
+def installed(package: str) -> str | None:
+    """The installed version of a package, None where there is none."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def extras() -> dict[str, list[str]]:
+    """The packages of each optional part, as the installed package itself declares them.
+
+    >>> extras()["opencl"]
+    ['pyopencl']
+    """
+    if installed(DISTRIBUTION) is None:
+        return {}
+    said = metadata(DISTRIBUTION)
+    found: dict[str, list[str]] = {name: [] for name in said.get_all("Provides-Extra", [])}
+    for package, extra in _requirements(said.get_all("Requires-Dist", [])):
+        found[extra].append(package)
+    return {name: packages for name, packages in found.items() if packages and name not in _BUNDLES}
+
+
+def _requirements(lines: list[str]) -> Iterator[tuple[str, str]]:
+    """(package, extra) of each requirement that an extra brings, other extras of this package left out."""
+    for line in lines:
+        extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
+        package = re.match(r"[\w.-]+", line)
+        if extra and package and package[0] != DISTRIBUTION:
+            yield package[0], extra[1]

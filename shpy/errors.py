@@ -1,0 +1,65 @@
+"""The errors of shpy. Each says what is wrong, at which line of the user's code, and what to write instead."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shpy.ir.nodes import Loc
+
+
+class ShpyError(Exception):
+    """Base of every error that shpy raises.
+
+    `message` is the sentence, `loc` the user's `file:line` where one is known, `cure` what to write instead.
+    """
+
+    _cure_follows = "write instead"
+
+    def __init__(self, message: str, *, loc: Loc | None = None, cure: str | None = None) -> None:
+        self.message = message
+        self.loc = loc
+        self.cure = cure
+        text = f"{loc}: {message}" if loc is not None else message
+        super().__init__(f"{text}\n  {self._cure_follows}: {cure}" if cure else text)
+
+
+class RecordError(ShpyError):
+    """A program cannot be recorded as it is written."""
+
+
+class ShpyIndexError(RecordError, IndexError):
+    """A constant index is out of range."""
+
+
+class ShpyTypeError(ShpyError, TypeError):
+    """A value has the wrong type, shape or range."""
+
+
+class VerifyError(ShpyError):
+    """A module breaks a rule of the IR; the text shows the finding inside the listing."""
+
+
+class ParseError(ShpyError):
+    """IR text is malformed."""
+
+
+class CompileError(ShpyError):
+    """A target cannot run the program, or its driver refused the text."""
+
+
+class BackendUnavailable(ShpyError):
+    """The backend that was asked for is not there; `cure` is the command that mends it."""
+
+    _cure_follows = "to mend it"
+
+
+class LoopLimitExceeded(ShpyError):
+    """A loop ran out of its budget of turns; `result` holds what was computed, `count` how many elements stopped."""
+
+    def __init__(
+        self, message: str, *, loc: Loc | None = None, cure: str | None = None, result: Any = None, count: int = 0
+    ) -> None:
+        super().__init__(message, loc=loc, cure=cure)
+        self.result = result
+        self.count = count

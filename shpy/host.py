@@ -1,0 +1,193 @@
+"""Arrays on their way in and out of a kernel: checked, broadcast, flattened; and shaped again.
+
+Stage: run. A stream of N-tuples is an array (*S, N), and (*S,) where N = 1; the element shapes S of all inputs
+broadcast. Everything is checked before anything runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import DTYPES
+from shpy.ir.types import Base
+from shpy.lang.data import Table, TableType, Texture2D, TextureType
+from shpy.lang.hostdata import as_base
+from shpy.lang.location import here
+from shpy.lang.record import InputType
+from shpy.lang.structure import Layout, flatten, leaves
+from shpy.lang.values import Value
+
+Shape = tuple[int, ...]
+_WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
+
+
+def dtypes_at(precision: str) -> dict[Base, Any]:
+    """The dtype of each base at a working precision."""
+    return {**DTYPES, Base.F: _WORKING[precision]}
+
+
+def bind(types: Mapping[str, InputType], args: Sequence[Any], named: Mapping[str, Any], what: str) -> dict[str, Any]:
+    """Give each input what the caller gave by position or keyword; ShpyTypeError for missing and unknown ones."""
+    names = list(types)
+    signature = f"{what}({', '.join(names)})"
+    if len(args) > len(names):
+        raise ShpyTypeError(f"{what} takes {len(names)} inputs, not {len(args)}", loc=here(), cure=signature)
+    given = dict(zip(names, args, strict=False))
+    for name, value in named.items():
+        if name not in types or name in given:
+            wrong = "is given twice" if name in given else "is no input"
+            raise ShpyTypeError(f"{name} {wrong} of {what}", loc=here(), cure=signature)
+        given[name] = value
+    missing = [n for n in names if n not in given]
+    if missing:
+        raise ShpyTypeError(f"{what} lacks its input {', '.join(missing)}", loc=here(), cure=signature)
+    return given
+
+
+class Stream:
+    """One leaf of an input: the array (*shape[, size]) in its dtype, and the element shape."""
+
+    def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
+        self.name = name
+        self.size = cls.size
+        array = as_base(data, cls.base, name)
+        if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
+            raise ShpyTypeError(
+                f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
+                loc=here(),
+                cure=f"np.asarray({name}).reshape(-1, {cls.size})",
+            )
+        with np.errstate(over="ignore"):
+            self.array: NDArray[Any] = array.astype(dtype, copy=False)
+        self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
+
+    def flat(self, shape: Shape) -> NDArray[Any]:
+        """The elements in C order: (n[, size]), or 1 for n where all are the same."""
+        tail = (self.size,) if self.size > 1 else ()
+        if math.prod(self.shape) == 1:
+            return np.ascontiguousarray(self.array.reshape((1, *tail)))
+        whole = np.broadcast_to(self.array, shape + tail)
+        return np.ascontiguousarray(whole).reshape((-1, *tail))
+
+
+def streams(types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any]) -> list[Stream]:
+    """The array inputs, leaf by leaf in the entry's order."""
+    found = []
+    for name, type_ in types.items():
+        if isinstance(type_, TableType | TextureType):
+            continue
+        for entry, (leaf, _, cls) in zip(flatten(type_, given[name], name), leaves(type_, name), strict=True):
+            found.append(Stream(leaf, cls, entry, dtypes[cls.base]))
+    return found
+
+
+def common_shape(inputs: Sequence[Stream], shape: Shape | int | None) -> Shape:
+    """The element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
+    shapes = [s.shape for s in inputs]
+    wanted: Shape | None = None
+    if shape is not None:
+        wanted = (int(shape),) if isinstance(shape, int | np.integer) else tuple(int(n) for n in shape)
+        if any(n < 0 for n in wanted):
+            raise ShpyTypeError(f"shape={shape} has a negative extent", loc=here(), cure="shape=(h, w)")
+    try:
+        common = np.broadcast_shapes(*shapes)
+        whole = common if wanted is None else np.broadcast_shapes(common, wanted)
+    except ValueError as error:
+        listed = ", ".join(f"{s.name} {s.shape}" for s in inputs)
+        raise ShpyTypeError(
+            f"the element shapes do not broadcast: {listed}", loc=here(), cure="shapes as numpy's rules join them"
+        ) from error
+    if wanted is not None and whole != wanted:
+        raise ShpyTypeError(
+            f"the inputs have the element shape {common}, which is not shape={wanted}",
+            loc=here(),
+            cure="leave shape= away, or give inputs that broadcast to it",
+        )
+    _check_column(inputs, whole)
+    return whole
+
+
+def _check_column(inputs: Sequence[Stream], shape: Shape) -> None:
+    """An (n, 1) array for a scalar that blows the shape up is nearly always a mistake."""
+    if all(math.prod(s.shape) < math.prod(shape) for s in inputs):
+        for s in inputs:
+            if s.size == 1 and len(s.shape) > 1 and s.shape[-1] == 1:
+                raise ShpyTypeError(
+                    f"{s.name} has the shape {s.shape}, which with the other inputs makes {shape}",
+                    loc=here(),
+                    cure=f"{s.name}[..., 0]: a stream of scalars has the shape (*S,)",
+                )
+
+
+def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
+    """Every table by its name in the module: those of the closure, and those given as inputs."""
+    found = {name: table for name, table in closure.items() if type(table) is Table}
+    for name, type_ in types.items():
+        if isinstance(type_, TableType):
+            found[name] = _table(name, type_, given[name])
+        elif isinstance(type_, TextureType):
+            texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])
+            if texture.type.type is not type_.cls.type:
+                raise ShpyTypeError(
+                    f"{name} is a Texture2D[{type_.cls.__name__}], and this one holds {texture.type.__name__}",
+                    loc=here(),
+                    cure=f"an array (h, w, {type_.cls.size})",
+                )
+            found[name] = texture.table
+    return found
+
+
+def _table(name: str, type_: TableType, given: Any) -> Table:
+    table = given if isinstance(given, Table) else Table(given, type_.cls, name)
+    if table.type.type is not type_.cls.type or table.rank != type_.rank:
+        raise ShpyTypeError(
+            f"{name} is a Table[{type_.cls.__name__}, {type_.rank}], "
+            f"and this one a Table[{table.type.__name__}, {table.rank}]",
+            loc=here(),
+            cure=f"sh.Table(array, sh.{type_.cls.__name__}) with {type_.rank} axes",
+        )
+    return table
+
+
+class Target:
+    """One leaf of the outputs: the user's array if there is one, and the contiguous one that the kernel writes."""
+
+    def __init__(self, cls: type[Value], dtype: Any, shape: Shape, given: NDArray[Any] | None) -> None:
+        tail = (cls.size,) if cls.size > 1 else ()
+        self.given = given
+        direct = given is not None and given.flags.c_contiguous
+        if given is None:
+            self.array: NDArray[Any] = np.zeros(shape + tail, dtype)
+        else:
+            self.array = given if direct else np.ascontiguousarray(given)
+        self.flat = self.array.reshape((-1, *tail))
+
+    def finish(self) -> None:
+        """Copy what was computed into the user's array, where that is not contiguous."""
+        if self.given is not None and self.given is not self.array:
+            self.given[...] = self.array
+
+
+def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any) -> list[Target]:
+    """The arrays to write, leaf by leaf; ShpyTypeError where `out` has another dtype or shape."""
+    classes = list(leaves(layout, "out"))
+    given: Iterator[Any] = iter(flatten(layout, out, "out") if out is not None else [None] * len(classes))
+    found = []
+    for (name, _, cls), array in zip(classes, given, strict=True):
+        wanted = shape + ((cls.size,) if cls.size > 1 else ())
+        dtype = np.dtype(dtypes[cls.base])
+        if out is not None and not (isinstance(array, np.ndarray) and array.dtype == dtype and array.shape == wanted):
+            spoken = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+            raise ShpyTypeError(
+                f"{name} is {spoken}, not {dtype} {wanted}", loc=here(), cure=f"np.zeros({wanted}, np.{dtype})"
+            )
+        if out is not None and not array.flags.writeable:
+            raise ShpyTypeError(f"{name} is read only", loc=here(), cure="an array of your own, array.copy()")
+        found.append(Target(cls, dtype, shape, array))
+    return found

@@ -1,0 +1,1 @@
+"""REPRESENT: types, the op table, nodes, text, verifier and interpreter of the IR."""

@@ -1,0 +1,76 @@
+"""Constants of the IR: exact, keyed by bits.
+
+Stage: represent. A float constant is kept as the bits of a binary64 whatever its type, so that a literal 0.1 keeps
+its meaning until the working precision is chosen. 0.0 and -0.0 differ; every NaN is the same one.
+
+>>> encode(vec(Base.F), [0.5])
+(4602678819172646912,)
+>>> decode(vec(Base.F), encode(vec(Base.F), [0.5]))
+(0.5,)
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.ir.types import Base, Type, vec
+
+__all__ = ["DTYPES", "Base", "decode", "encode", "from_array", "to_array", "vec"]
+
+DTYPES: dict[Base, Any] = {
+    Base.F: np.float32,
+    Base.D: np.float64,
+    Base.H: np.float16,
+    Base.I: np.int32,
+    Base.U: np.uint32,
+    Base.B: np.bool_,
+}
+
+_NAN_BITS = 0x7FF8000000000000
+
+
+def float_to_bits(value: float) -> int:
+    """The bits of a binary64; one pattern for every NaN."""
+    if value != value:
+        return _NAN_BITS
+    return int.from_bytes(struct.pack("<d", value), "little")
+
+
+def bits_to_float(bits: int) -> float:
+    """The binary64 with these bits."""
+    value: float = struct.unpack("<d", bits.to_bytes(8, "little"))[0]
+    return value
+
+
+def encode(type: Type, components: Iterable[float | int | bool]) -> tuple[int, ...]:
+    """The `attr` of a `const` of `type` with these components."""
+    if type.is_float:
+        return tuple(float_to_bits(float(c)) for c in components)
+    return tuple(int(c) for c in components)
+
+
+def decode(type: Type, attr: tuple[int, ...]) -> tuple[Any, ...]:
+    """The components of a `const`: floats, ints or bools of Python."""
+    if type.is_float:
+        return tuple(bits_to_float(c) for c in attr)
+    if type.is_bool:
+        return tuple(bool(c) for c in attr)
+    return tuple(attr)
+
+
+def to_array(type: Type, attr: tuple[int, ...]) -> NDArray[Any]:
+    """The constant as an array of shape () or (size,), rounded to its type's precision."""
+    with np.errstate(over="ignore", under="ignore"):
+        array = np.array(decode(type, attr), dtype=np.float64 if type.is_float else DTYPES[type.base])
+        array = array.astype(DTYPES[type.base])
+    return array if type.size > 1 else array.reshape(())
+
+
+def from_array(type: Type, array: NDArray[Any]) -> tuple[int, ...]:
+    """The `attr` of the constant that `array`, of shape () or (size,), holds."""
+    return encode(type, np.atleast_1d(array).tolist())

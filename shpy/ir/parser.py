@@ -1,0 +1,360 @@
+r"""Reads the text of a module back: `parse(print_module(m)) == m`, names and locations included.
+
+Stage: represent. It takes text and gives a `Module`, checking its form only; whether the module keeps the rules is the
+verifier's to say. It executes nothing. Deep nesting and long text cost it no recursion.
+
+>>> parse("module empty\nfunction main() -> () {\n}").entry.name
+'main'
+>>> parse("module empty\nfunction main() -> () {")
+Traceback (most recent call last):
+shpy.errors.ParseError: line 2, column 24: expected a statement or '}', found the end of the text
+  function main() -> () {
+                         ^
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import Any, NoReturn
+
+from lark import Lark, Token
+from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
+from lark.visitors import Transformer_NonRecursive, v_args
+
+from shpy.errors import ParseError
+from shpy.ir.constants import encode
+from shpy.ir.nodes import (
+    Break,
+    Call,
+    Continue,
+    Discard,
+    Function,
+    If,
+    Let,
+    Loc,
+    Loop,
+    Module,
+    Param,
+    Port,
+    Region,
+    Return,
+    Stmt,
+    Store,
+    Table,
+    Value,
+    Variable,
+)
+from shpy.ir.text import LETTERS, unquote
+from shpy.ir.types import Type, type_named
+
+__all__ = ["parse"]
+
+_SPOKEN = {
+    "WORD": "a name",
+    "STRING": "a name in quotes",
+    "VALUE": "a value such as %3",
+    "VARIABLE": "a variable such as $1",
+    "TYPE": "a type such as f or i3",
+    "LOC": "a location such as @1:12",
+    "COMPONENTS": "components such as xz",
+    "INT": "a whole number",
+    "NUMBER": "a number",
+    "_NL": "the end of the line",
+    "$END": "the end of the text",
+}
+_STATEMENTS = frozenset({"STORE", "IF", "LOOP", "EXIT"})
+
+
+def parse(text: str) -> Module:
+    """The module that the text says; ParseError with line, column and what was expected."""
+    source = text if text.endswith("\n") else text + "\n"
+    try:
+        tree = _grammar().parse(source)
+        module: Module = _Reader(source).transform(tree)
+    except UnexpectedInput as error:
+        _explain(source, error)
+    except VisitError as error:
+        raise error.orig_exc from None
+    return module
+
+
+@cache
+def _grammar() -> Lark:
+    return Lark.open("ir.lark", rel_to=__file__, parser="lalr", lexer="contextual", maybe_placeholders=True)
+
+
+def _fail(source: str, line: int, column: int, message: str) -> NoReturn:
+    rows = source.split("\n")
+    row = rows[line - 1] if 0 < line <= len(rows) else ""
+    start = max(0, column - 100)
+    shown = row[start : start + 120].replace("\t", " ")
+    pointer = " " * (column - 1 - start) + "^"
+    raise ParseError(f"line {line}, column {column}: {message}\n  {shown}\n  {pointer}") from None
+
+
+def _explain(source: str, error: UnexpectedInput) -> NoReturn:
+    """Say in words what the grammar wanted."""
+    if isinstance(error, UnexpectedToken):
+        wanted, found = set(error.accepts or error.expected), _found(error.token)
+        at_end = error.token.type == "$END"
+    else:
+        wanted = set(error.allowed or ()) if isinstance(error, UnexpectedCharacters) else set()
+        found, at_end = repr(source[error.pos_in_stream or 0]), False
+    if at_end:
+        body = source.rstrip("\n")
+        line, column = body.count("\n") + 1, len(body) - body.rfind("\n")
+    else:
+        line, column = error.line, error.column
+    _fail(source, line, column, f"expected {_wanted(wanted)}, found {found}")
+
+
+def _found(token: Token) -> str:
+    if token.type in ("$END", "_NL"):
+        return _SPOKEN[token.type]
+    return repr(str(token))
+
+
+def _wanted(terminals: set[str]) -> str:
+    if terminals >= _STATEMENTS:
+        return "a statement or '}'" if "RBRACE" in terminals else "a statement"
+    if {"WORD", "STRING"} <= terminals:
+        terminals = terminals - {"STRING"}
+    if "WORD" in terminals and "SWIZZLE" in terminals:
+        return "an operation"
+    if "MODULE" in terminals:
+        return "'module'"
+    literals = {t.name: t.pattern.value for t in _grammar().terminals}
+    words = sorted(_SPOKEN.get(t) or repr(literals.get(t, t)) for t in terminals)
+    if len(words) <= 1:
+        return "".join(words) or "something else"
+    return f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+@v_args(inline=True)
+class _Reader(Transformer_NonRecursive[Token, Any]):
+    """Makes nodes from the bottom up, in the order of the text; holds what was declared so far."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.source = source
+        self.files: dict[str, str] = {}
+        self.functions: dict[str, Function] = {}
+        self.named: dict[tuple[str, int], tuple[str | None, Token]] = {}
+        self.mentions: list[Token] = []
+
+    def fail(self, token: Token, message: str) -> NoReturn:
+        _fail(self.source, token.line or 0, token.column or 0, message)
+
+    # Tokens
+
+    def LOC(self, token: Token) -> Loc:
+        number, _, line = token[1:].partition(":")
+        if number not in self.files:
+            self.fail(token, f"file {number} is not declared")
+        return Loc(self.files[number], int(line))
+
+    def TYPE(self, token: Token) -> Type | None:
+        return type_named(token)
+
+    def INT(self, token: Token) -> int:
+        return int(token)
+
+    def COMPONENTS(self, token: Token) -> tuple[int, ...]:
+        return tuple(map(LETTERS.index, token))
+
+    def text(self, token: Token) -> str:
+        try:
+            return unquote(str(token))
+        except (ValueError, OverflowError):
+            self.fail(token, "no character has this number")
+
+    def split(self, token: Token) -> tuple[str | None, int]:
+        """`%name.id` taken apart."""
+        name, dot, number = token[1:].rpartition(".")
+        return (self.text(Token.new_borrow_pos("STRING", name, token)) if dot else None), int(number)
+
+    def use(self, token: Token) -> int:
+        self.mentions.append(token)
+        return self.split(token)[1]
+
+    def name(self, token: Token) -> str:
+        return self.text(token)
+
+    # Declarations
+
+    def file(self, number: int, name: Token) -> None:
+        self.files[str(number)] = self.text(name)
+
+    def input(self, name: str, kind: str) -> tuple[str, Port]:
+        return "input", Port(name, kind)
+
+    def output(self, name: str, kind: str) -> tuple[str, Port]:
+        return "output", Port(name, kind)
+
+    def param(self, name: str, kind: str, type: Type, constant: list[Token]) -> Param:
+        return Param(name, kind, type, self.components(type, constant))
+
+    def extent(self, extent: int | Token) -> int | None:
+        return extent if isinstance(extent, int) else None
+
+    def table(self, name: str, type: Type, *extents: int | None) -> Table:
+        known = tuple(e for e in extents if e is not None)
+        return Table(name, type, len(extents), known if len(known) == len(extents) else None)
+
+    # Values, variables, functions
+
+    def value(self, token: Token, type: Type, loc: Loc | None) -> Value:
+        name, id = self.split(token)
+        self.named["%", id] = name, token
+        return Value(id, type, name, loc)
+
+    def slot(self, token: Token, type: Type, length: int | None, loc: Loc | None) -> Variable:
+        name, id = self.split(token)
+        self.named["$", id] = name, token
+        return Variable(id, type, length, name, loc)
+
+    def variable(self, slot: Variable) -> Variable:
+        return slot
+
+    def inputs(self, *ports: Value | Variable) -> tuple[Value | Variable, ...]:
+        return ports
+
+    def outputs(self, *slots: Variable) -> tuple[Variable, ...]:
+        return slots
+
+    def function(
+        self, pure: Token | None, name: str, inputs: Any, outputs: Any, loc: Loc | None, *rest: Any
+    ) -> Function:
+        self.check_names()
+        *variables, body = rest
+        made = Function(name, inputs or (), outputs or (), tuple(variables), body, pure is not None, loc)
+        self.functions[name] = made
+        return made
+
+    def check_names(self) -> None:
+        """A name at a use must be the one that was given where the thing is made."""
+        for token in self.mentions:
+            name, id = self.split(token)
+            known = self.named.get((token[0], id))
+            if name is not None and known is not None and known[0] != name:
+                self.fail(token, f"{token} is called {known[1]} on line {known[1].line}")
+        self.mentions.clear()
+        self.named.clear()
+
+    # Statements
+
+    def region(self, *statements: Stmt) -> Region:
+        return statements
+
+    def let(self, token: Token, type: Type, operation: Callable[[Value], Let], loc: Loc | None) -> Let:
+        return operation(self.value(token, type, loc))
+
+    def store(
+        self, components: tuple[int, ...] | None, variable: Token, index: Token | None, value: Token, loc: Loc | None
+    ) -> Store:
+        at = None if index is None else self.use(index)
+        return Store(self.use(variable), self.use(value), components, at, loc)
+
+    def call(self, name: str, arguments: Any, loc: Loc | None, results: Any) -> Call:
+        tokens: Iterable[Token] = arguments or ()
+        callee = self.functions.get(name)
+        if callee:
+            for token, port in zip(tokens, callee.inputs, strict=False):
+                if isinstance(port, Variable) != token.startswith("$"):
+                    kind = "a variable such as $1" if isinstance(port, Variable) else "a value such as %3"
+                    self.fail(token, f"{name} takes {kind} here, found {str(token)!r}")
+        return Call(name, tuple(map(self.use, tokens)), results or (), loc)
+
+    def results(self, *values: Value) -> tuple[Value, ...]:
+        return values
+
+    def arguments(self, *tokens: Token) -> tuple[Token, ...]:
+        return tokens
+
+    def values(self, *tokens: Token) -> tuple[int, ...]:
+        return tuple(map(self.use, tokens))
+
+    def branch(self, condition: Token, loc: Loc | None, then: Region, orelse: Region | None) -> If:
+        return If(self.use(condition), then, orelse or (), loc)
+
+    def loop(
+        self, turns: int | None, loc: Loc | None, body: Region, continuing: Region | None, until: Token | None
+    ) -> Loop:
+        return Loop(body, continuing or (), None if until is None else self.use(until), turns, loc)
+
+    def exit(self, word: Token, loc: Loc | None) -> Stmt:
+        if word == "break":
+            return Break(loc)
+        return Continue(loc) if word == "continue" else Return(loc)
+
+    def discard(self, status: int | None, loc: Loc | None) -> Discard:
+        return Discard(status or 0, loc)
+
+    # Operations: each waits for the value that it is assigned to, whose type says how a constant reads
+
+    def const(self, constant: list[Token]) -> Callable[[Value], Let]:
+        return lambda value: Let(value, "const", (), self.components(value.type, constant))
+
+    def constant(self, *numbers: Token) -> list[Token]:
+        return list(numbers)
+
+    def load(self, variable: Token, index: Token | None) -> Callable[[Value], Let]:
+        id, args = self.use(variable), () if index is None else (self.use(index),)
+        return lambda value: Let(value, "load", args, id)
+
+    def swizzle(self, components: tuple[int, ...], vector: Token) -> Callable[[Value], Let]:
+        arg = self.use(vector)
+        return lambda value: Let(value, "swizzle", (arg,), components)
+
+    def param_read(self, name: str) -> Callable[[Value], Let]:
+        return lambda value: Let(value, "param", (), name)
+
+    def table_size(self, name: str) -> Callable[[Value], Let]:
+        return lambda value: Let(value, "table_size", (), name)
+
+    def table_read(self, name: str, index: Token) -> Callable[[Value], Let]:
+        arg = self.use(index)
+        return lambda value: Let(value, "table", (arg,), name)
+
+    def apply(self, name: str, args: tuple[int, ...] | None) -> Callable[[Value], Let]:
+        return lambda value: Let(value, "call", args or (), name)
+
+    def plain(self, op: str, args: tuple[int, ...] | None) -> Callable[[Value], Let]:
+        return lambda value: Let(value, op, args or ())
+
+    def components(self, type: Type, constant: list[Token]) -> tuple[int, ...]:
+        """The `attr` of a constant, checked against its type."""
+        if len(constant) != type.size:
+            self.fail(constant[0], f"{type!r} has {type.size} components, found {len(constant)}")
+        return encode(type, [self.number(type, token) for token in constant])
+
+    def number(self, type: Type, token: Token) -> float | int | bool:
+        if (token in ("true", "false")) != type.is_bool:
+            self.fail(token, f"expected {'true or false' if type.is_bool else f'a number of {type!r}'}, found {token}")
+        if type.is_bool:
+            return str(token) == "true"
+        if not type.is_float:
+            if not token.lstrip("-").isdigit():
+                self.fail(token, f"expected a whole number, found {token}")
+            return int(token)
+        try:
+            number = float.fromhex(token) if "x" in token else float(token)
+        except OverflowError:
+            number = float("inf")
+        if number in (float("inf"), float("-inf")) and "inf" not in token:
+            self.fail(token, f"{token} is too large")
+        return number
+
+    # The module
+
+    def start(self, name: str, *rest: Any) -> Module:
+        ports = [r for r in rest if isinstance(r, tuple)]
+        return Module(
+            name,
+            tuple(port for word, port in ports if word == "input"),
+            tuple(port for word, port in ports if word == "output"),
+            tuple(r for r in rest if isinstance(r, Param)),
+            tuple(r for r in rest if isinstance(r, Table)),
+            tuple(r for r in rest if isinstance(r, Function)),
+        )

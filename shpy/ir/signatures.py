@@ -1,0 +1,226 @@
+"""The type rules of the structural operations, those that the op table cannot state in a line.
+
+Stage: represent. Each rule takes a `Let`, the types of its operands and what its function can refer to, and gives the
+type that the value must have; it raises TypeError with a sentence that says what is wrong. The verifier asks them.
+
+>>> from shpy.ir.nodes import Value
+>>> let = Let(Value(1, vec("f", 3)), "splat", (0,))
+>>> structural_type(let, (vec("f"),), Scope())
+f3
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from shpy.ir.constants import bits_to_float, float_to_bits
+from shpy.ir.nodes import Function, Let, Param, Table, Variable
+from shpy.ir.text import quote
+from shpy.ir.types import Base, Type, vec
+
+__all__ = ["Scope", "check_constant", "check_index", "counted", "spoken_types", "structural_type"]
+
+Types = tuple[Type, ...]
+
+
+@dataclass(slots=True)
+class Scope:
+    """What an operation can name: slots by id; params, tables and functions declared before, by name."""
+
+    variables: dict[int, Variable] = field(default_factory=dict)
+    params: dict[str, Param] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)
+    functions: dict[str, Function] = field(default_factory=dict)
+
+
+def structural_type(let: Let, args: Types, scope: Scope) -> Type:
+    """The type that the value of a structural operation must have; TypeError if the operation is wrong."""
+    if let.attr is not None and let.op not in _WITH_ATTR:
+        raise TypeError(f"{let.op} takes no attribute, not {let.attr!r}")
+    return _RULES[let.op](let, args, scope)
+
+
+def spoken_types(types: Types) -> str:
+    """`(f, i3)`."""
+    return f"({', '.join(map(repr, types))})"
+
+
+def counted(number: int, thing: str) -> str:
+    """`1 input`, `2 inputs`."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _need(let: Let, args: Types, holds: bool, wanted: str) -> None:
+    if not holds:
+        raise TypeError(f"{let.op} takes {wanted}, not {spoken_types(args)}")
+
+
+def check_index(what: str, index: Type) -> None:
+    """TypeError unless `index` can count the elements of an array."""
+    if index is not vec(Base.I):
+        raise TypeError(f"the index of {what} is an i, not {index!r}")
+
+
+def check_constant(type: Type, attr: object) -> None:
+    """TypeError unless `attr` holds a constant of `type`, component by component."""
+    if not isinstance(attr, tuple) or any(c.__class__ is not int for c in attr):
+        raise TypeError(f"a constant holds a tuple of whole numbers, not {attr!r}")
+    if len(attr) != type.size:
+        raise TypeError(f"a constant of {type!r} holds {counted(type.size, 'component')}, not {len(attr)}")
+    low, high = _LIMITS.get(type.base, (0, 2**64 - 1))
+    for component in attr:
+        if not low <= component <= high:
+            raise TypeError(f"a component of {type!r} lies between {low} and {high}, {component} does not")
+        if type.is_float and float_to_bits(bits_to_float(component)) != component:
+            raise TypeError(f"every NaN is held as {float_to_bits(float('nan')):#x}, not {component:#x}")
+
+
+_LIMITS: Final[Mapping[Base, tuple[int, int]]] = {
+    Base.I: (-(2**31), 2**31 - 1),
+    Base.U: (0, 2**32 - 1),
+    Base.B: (0, 1),
+}
+
+
+def _const(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, not args, "no operands")
+    check_constant(let.value.type, let.attr)
+    return let.value.type
+
+
+def _load(let: Let, args: Types, scope: Scope) -> Type:
+    if not isinstance(let.attr, int):
+        raise TypeError(f"load names a variable by its id, not {let.attr!r}")
+    slot = scope.variables.get(let.attr)
+    if slot is None:
+        raise TypeError(f"there is no variable ${let.attr}")
+    if slot.length is None:
+        _need(let, args, not args, "no index: the variable is no array")
+    else:
+        _need(let, args, len(args) == 1, "one index: the variable is an array")
+        check_index(f"${slot.id}", args[0])
+    return slot.type
+
+
+def _construct(let: Let, args: Types, scope: Scope) -> Type:
+    made = let.value.type
+    wanted = f"{counted(made.size, 'component')} of {made.base.value} in all"
+    holds = made.size > 1 and sum(a.size for a in args) == made.size and all(a.base is made.base for a in args)
+    _need(let, args, holds, wanted if made.size > 1 else "scalars and vectors to make a vector")
+    return made
+
+
+def _splat(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, len(args) == 1 and args[0].size == 1, "one scalar")
+    return args[0].sized(max(let.value.type.size, 2))
+
+
+def _swizzle(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, len(args) == 1 and args[0].size > 1, "one vector (splat repeats a scalar)")
+    picked = let.attr
+    if not isinstance(picked, tuple) or not 1 <= len(picked) <= 4:
+        raise TypeError(f"swizzle picks one to four components, not {picked!r}")
+    for component in picked:
+        if not 0 <= component < args[0].size:
+            raise TypeError(f"{args[0]!r} has components 0 to {args[0].size - 1}, not {component}")
+    return args[0].sized(len(picked))
+
+
+def _component(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, len(args) == 2 and args[0].size > 1 and args[1] is vec(Base.I), "a vector and an i")
+    return args[0].scalar
+
+
+def _convert(let: Let, args: Types, scope: Scope) -> Type:
+    made = let.value.type
+    holds = len(args) == 1 and args[0].size == made.size and args[0].base is not made.base
+    _need(let, args, holds, f"one operand of another base and as many components as {made!r}")
+    return made
+
+
+def _param(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, not args, "no operands")
+    param = scope.params.get(str(let.attr))
+    if param is None:
+        raise TypeError(f"there is no param {_quoted(let.attr)}")
+    return param.type
+
+
+def _find_table(let: Let, scope: Scope) -> Table:
+    table = scope.tables.get(str(let.attr))
+    if table is None:
+        raise TypeError(f"there is no table {_quoted(let.attr)}")
+    return table
+
+
+def _table(let: Let, args: Types, scope: Scope) -> Type:
+    table = _find_table(let, scope)
+    index = vec(Base.I, table.rank)
+    _need(let, args, args == (index,), f"an index of {index!r}, because the table's rank is {table.rank}")
+    return table.type
+
+
+def _table_size(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, not args, "no operands")
+    return vec(Base.I, _find_table(let, scope).rank)
+
+
+def _grid(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, not args, "no operands")
+    return let.value.type.based(Base.I)
+
+
+def _lanes(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, args == (vec(Base.B),), "one b")
+    return vec(Base.B)
+
+
+def _mask(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, not args, "no operands")
+    return vec(Base.B)
+
+
+def _call(let: Let, args: Types, scope: Scope) -> Type:
+    callee = scope.functions.get(str(let.attr))
+    if callee is None:
+        raise TypeError(f"no function {_quoted(let.attr)} is declared before this one")
+    if not callee.pure:
+        raise TypeError(f"{quote(callee.name)} is not pure: it is called by a statement")
+    wanted = tuple(i.type for i in callee.inputs)
+    if args != wanted:
+        raise TypeError(f"{quote(callee.name)} takes {spoken_types(wanted)}, not {spoken_types(args)}")
+    return callee.outputs[0].type
+
+
+def _half(let: Let, args: Types, scope: Scope) -> Type:
+    _need(let, args, len(args) == 1 and args[0].base is Base.F, "one operand of f")
+    return args[0]
+
+
+def _quoted(attr: object) -> str:
+    return quote(attr) if isinstance(attr, str) else repr(attr)
+
+
+_WITH_ATTR: Final = frozenset({"const", "load", "swizzle", "param", "table", "table_size", "call"})
+_RULES: Final[Mapping[str, Callable[[Let, Types, Scope], Type]]] = {
+    "const": _const,
+    "load": _load,
+    "construct": _construct,
+    "splat": _splat,
+    "swizzle": _swizzle,
+    "component": _component,
+    "convert": _convert,
+    "param": _param,
+    "table": _table,
+    "table_size": _table_size,
+    "grid_index": _grid,
+    "grid_shape": _grid,
+    "any_lane": _lanes,
+    "all_lanes": _lanes,
+    "lane_mask": _mask,
+    "lane_any": _lanes,
+    "call": _call,
+    "half": _half,
+}

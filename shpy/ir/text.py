@@ -1,0 +1,290 @@
+r"""Prints a module as text that `parser.parse` reads back to an equal one.
+
+Stage: represent. It is what a person reads, the form of bug reports, and (without names and locations) the key under
+which compiled programs are cached. Values are written `%name.id`, variables `$name.id`, or `%id` and `$id` without a
+name; floats in hexadecimal, exactly; a location `@1:12` is line 12 of the file declared as 1. docs/ir.md has it all.
+
+    module double
+    input x: Attrib1f
+    output y: Attrib1f
+    function double(%x.0: f) -> ($y.0: f) {
+      %1: f = const 0x1p+1
+      %2: f = mul %x.0, %1
+      store $y.0 = %2
+    }
+
+The printer takes any module, also one that breaks the rules, so that the verifier can show it: what has no text of its
+own stands in angle brackets.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from shpy.ir.constants import decode
+from shpy.ir.nodes import (
+    Break,
+    Call,
+    Continue,
+    Discard,
+    Function,
+    If,
+    Let,
+    Loc,
+    Loop,
+    Module,
+    Param,
+    Return,
+    Stmt,
+    Store,
+    Table,
+    Value,
+    Variable,
+)
+from shpy.ir.traverse import defined, variables_of
+from shpy.ir.types import Type
+
+__all__ = ["LETTERS", "Anchor", "Line", "lines", "print_module", "quote", "unquote"]
+
+LETTERS: Final = "xyzw"
+"""The components, as swizzles and stores name them."""
+
+Anchor = tuple[str, int]
+"""What a line shows: ("statement", n), its n-th in program order, ("until", n) for a Loop's last line, ("function", i),
+("variable", n), ("input", i), ("output", i), ("param", i), ("table", i), ("module", 0), or ("", 0)."""
+
+_BARE = re.compile(r"[^\W\d]\w*")
+_ESCAPED = re.compile(r"\\u\{([0-9a-f]+)\}|\\(.)")
+_INDENT = "  "
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the text: its depth, what it says, and what it shows."""
+
+    depth: int
+    text: str
+    anchor: Anchor = ("", 0)
+
+    def __str__(self) -> str:
+        return _INDENT * self.depth + self.text
+
+
+def print_module(module: Module, names: bool = True, locations: bool = True) -> str:
+    """The module as text; `names` of values and variables and `locations` can be left out."""
+    return "\n".join(map(str, lines(module, names, locations))) + "\n"
+
+
+def lines(module: Module, names: bool = True, locations: bool = True) -> list[Line]:
+    """The lines of `print_module`, each with what it shows."""
+    return _Printer(names, locations).module(module)
+
+
+def quote(text: str) -> str:
+    """A name as it stands in the text: bare if it is a plain word, else in quotes with escapes."""
+    return text if _BARE.fullmatch(text) else _string(text)
+
+
+def _string(text: str) -> str:
+    return '"' + "".join(map(_escape, text)) + '"'
+
+
+def _escape(character: str) -> str:
+    if character in '\\"':
+        return "\\" + character
+    return character if character.isprintable() else f"\\u{{{ord(character):x}}}"
+
+
+def unquote(text: str) -> str:
+    """The name that `quote` wrote; ValueError for an escape that names no character."""
+    if not text.startswith('"'):
+        return text
+    return _ESCAPED.sub(lambda m: chr(int(m[1], 16)) if m[1] else m[2], text[1:-1])
+
+
+class _Printer:
+    """One print of one module."""
+
+    def __init__(self, names: bool, locations: bool) -> None:
+        self.names = names
+        self.locations = locations
+        self.files: dict[str, int] = {}
+        self.value_names: dict[int, str] = {}
+        self.variable_names: dict[int, str] = {}
+        self.references: dict[str, Function] = {}
+        self.out: list[Line] = []
+        self.statements = 0
+        self.slots = 0
+
+    def module(self, module: Module) -> list[Line]:
+        """All lines. The body comes first, because it tells which files there are."""
+        for i, function in enumerate(module.functions):
+            self.function(i, function)
+            self.references[function.name] = function
+        head = [Line(0, f"module {quote(module.name)}", ("module", 0))]
+        head += [Line(0, f"file {n} {_string(file)}") for file, n in self.files.items()]
+        for word, ports in (("input", module.inputs), ("output", module.outputs)):
+            head += [
+                Line(0, f"{word} {quote(port.name)}: {quote(port.kind)}", (word, i)) for i, port in enumerate(ports)
+            ]
+        head += [Line(0, _param(param), ("param", i)) for i, param in enumerate(module.params)]
+        head += [Line(0, _table(table), ("table", i)) for i, table in enumerate(module.tables)]
+        return head + self.out
+
+    def function(self, index: int, function: Function) -> None:
+        self.value_names = {v.id: v.name for v in defined(function) if v.name is not None and self.names}
+        self.variable_names = {v.id: v.name for v in variables_of(function) if v.name is not None and self.names}
+        inputs = ", ".join(map(self.declared, function.inputs))
+        outputs = ", ".join(map(self.declared, function.outputs))
+        pure = "pure " if function.pure else ""
+        head = f"{pure}function {quote(function.name)}({inputs}) -> ({outputs}){self.at(function.loc)} {{"
+        self.out += [Line(0, ""), Line(0, head, ("function", index))]
+        for slot in function.variables:
+            self.out.append(Line(1, f"var {self.declared(slot)}", ("variable", self.slots)))
+            self.slots += 1
+        self.body(function.body)
+        self.out.append(Line(0, "}"))
+
+    def body(self, region: Iterable[Stmt]) -> None:
+        """Every statement, without recursion: what is still to come lies on a stack, last first."""
+        pending: list[tuple[int, Stmt | Line]] = [(1, s) for s in reversed(tuple(region))]
+        while pending:
+            depth, item = pending.pop()
+            if isinstance(item, Line):
+                self.out.append(item)
+                continue
+            number = self.statements
+            self.statements += 1
+            self.out.append(Line(depth, self.statement(item), ("statement", number)))
+            nested: list[tuple[int, Stmt | Line]] = []
+            match item:
+                case If(_, then, orelse):
+                    nested += [(depth + 1, s) for s in then]
+                    if orelse:
+                        nested.append((depth, Line(depth, "} else {")))
+                        nested += [(depth + 1, s) for s in orelse]
+                    nested.append((depth, Line(depth, "}")))
+                case Loop(body, continuing, until):
+                    nested += [(depth + 1, s) for s in body]
+                    if continuing:
+                        nested.append((depth, Line(depth, "} continuing {")))
+                        nested += [(depth + 1, s) for s in continuing]
+                    end = "}" if until is None else f"}} until {self.value(until)}"
+                    nested.append((depth, Line(depth, end, ("until", number))))
+            pending.extend(reversed(nested))
+
+    def statement(self, statement: Stmt) -> str:
+        """The statement's line, of an If or Loop the first one."""
+        match statement:
+            case Let(value):
+                return f"{self.declared(value, located=False)} = {self.operation(statement)}{self.at(value.loc)}"
+            case Store(variable, value, components, index, loc):
+                element = "" if index is None else f"[{self.value(index)}]"
+                picked = "" if components is None else _components(components)
+                return f"store{picked} {self.variable(variable)}{element} = {self.value(value)}{self.at(loc)}"
+            case Call(name, args, results, loc):
+                arrow = f" -> {', '.join(map(self.declared, results))}" if results else ""
+                return f"call {quote(name)}({', '.join(self.arguments(name, args))}){self.at(loc)}{arrow}"
+            case If(condition, loc=loc):
+                return f"if {self.value(condition)}{self.at(loc)} {{"
+            case Loop(turns=turns, loc=loc):
+                bound = "" if turns is None else f" turns {turns}"
+                return f"loop{bound}{self.at(loc)} {{"
+            case Break(loc):
+                return f"break{self.at(loc)}"
+            case Continue(loc):
+                return f"continue{self.at(loc)}"
+            case Return(loc):
+                return f"return{self.at(loc)}"
+            case Discard(status, loc):
+                return f"discard{f' {status}' if status else ''}{self.at(loc)}"
+
+    def operation(self, let: Let) -> str:
+        """The right side of a Let."""
+        args = ", ".join(map(self.value, let.args))
+        match let.op, let.attr:
+            case "const", _ if not args:
+                return f"const {_constant(let.value.type, let.attr)}"
+            case "load", int(variable):
+                return f"load {self.variable(variable)}" + (f"[{args}]" if args else "")
+            case "swizzle", tuple(components):
+                return f"swizzle{_components(components)} {args}"
+            case "param" | "table_size", str(name) if not args:
+                return f"{let.op} {quote(name)}"
+            case "table", str(name) if args:
+                return f"table {quote(name)}[{args}]"
+            case "call", str(name):
+                return f"call {quote(name)}({args})"
+            case op, None:
+                return f"{quote(op)} {args}" if args else quote(op)
+            case op, attr:
+                return f"{quote(op)} <{attr!r}> {args}".rstrip()
+
+    def arguments(self, name: str, args: tuple[int, ...]) -> list[str]:
+        """A Call's arguments. A function that is not there, or takes fewer, is shown as taking values."""
+        callee = self.references.get(name)
+        ports = callee.inputs if callee else ()
+        return [
+            self.variable(arg) if i < len(ports) and isinstance(ports[i], Variable) else self.value(arg)
+            for i, arg in enumerate(args)
+        ]
+
+    def declared(self, thing: Value | Variable, located: bool = True) -> str:
+        """A value or variable where it is made."""
+        at = self.at(thing.loc) if located else ""
+        if isinstance(thing, Value):
+            return f"{self.value(thing.id)}: {thing.type!r}{at}"
+        length = "" if thing.length is None else f"[{thing.length}]"
+        return f"{self.variable(thing.id)}: {thing.type!r}{length}{at}"
+
+    def value(self, id: int) -> str:
+        name = self.value_names.get(id)
+        return f"%{id}" if name is None else f"%{quote(name)}.{id}"
+
+    def variable(self, id: int) -> str:
+        name = self.variable_names.get(id)
+        return f"${id}" if name is None else f"${quote(name)}.{id}"
+
+    def at(self, loc: Loc | None) -> str:
+        if loc is None or not self.locations:
+            return ""
+        return f" @{self.files.setdefault(loc.file, len(self.files) + 1)}:{loc.line}"
+
+
+def _components(components: tuple[int, ...]) -> str:
+    if components and all(0 <= c < len(LETTERS) for c in components):
+        return "." + "".join(LETTERS[c] for c in components)
+    return f".<{components}>"
+
+
+def _constant(type: Type, attr: object) -> str:
+    try:
+        if not isinstance(attr, tuple) or not attr:
+            raise TypeError
+        words = [_number(c) for c in decode(type, attr)]
+    except (TypeError, ValueError, OverflowError, AttributeError):
+        return f"<{attr!r}>"
+    return words[0] if len(words) == 1 else f"({', '.join(words)})"
+
+
+def _number(component: object) -> str:
+    if isinstance(component, bool):
+        return "true" if component else "false"
+    if isinstance(component, float):
+        return re.sub(r"\.?0*p", "p", component.hex()) if component else component.hex().replace(".0p", "p")
+    return str(component)
+
+
+def _param(param: Param) -> str:
+    value = _constant(param.type, param.value)
+    return f"param {quote(param.name)}: {quote(param.kind)} {param.type!r} = {value}"
+
+
+def _table(table: Table) -> str:
+    extents = table.size if table.size is not None else ("?",) * table.rank
+    shown = f"{table.type!r}[{', '.join(map(str, extents))}]"
+    odd = "" if len(extents) == table.rank else f" <rank {table.rank}>"
+    return f"table {quote(table.name)}: {shown}{odd}"

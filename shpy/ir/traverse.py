@@ -1,0 +1,181 @@
+"""Ways through a function's tree of statements, for passes and checks.
+
+Stage: represent. Nothing here changes the meaning of what it visits; everything is in program order, an If or Loop
+before what is inside it.
+
+    deepest = [s for s in walk(function.body) if isinstance(s, Loop)]
+    without_stores = rewrite(function.body, lambda s: None if isinstance(s, Store) else s)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from shpy.ir.nodes import Break, Call, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
+from shpy.ir.ops import LANE_OPS
+
+__all__ = [
+    "continues",
+    "defined",
+    "is_straight",
+    "limited_loops",
+    "loops",
+    "map_regions",
+    "regions_of",
+    "results",
+    "rewrite",
+    "test_length",
+    "uses",
+    "variables_of",
+    "walk",
+]
+
+
+def regions_of(statement: Stmt) -> tuple[Region, ...]:
+    """The regions directly inside a statement: then, orelse; or body, continuing; or none."""
+    match statement:
+        case If(_, then, orelse):
+            return then, orelse
+        case Loop(body, continuing):
+            return body, continuing
+    return ()
+
+
+def walk(region: Region) -> Iterator[Stmt]:
+    """Every statement in the region and in those nested in it, in program order."""
+    pending: list[Iterator[Stmt]] = [iter(region)]
+    while pending:
+        statement = next(pending[-1], None)
+        if statement is None:
+            pending.pop()
+            continue
+        yield statement
+        pending.extend(iter(r) for r in reversed(regions_of(statement)) if r)
+
+
+def map_regions(statement: Stmt, f: Callable[[Region], Region]) -> Stmt:
+    """The statement with `f` applied to each region directly inside it; the same object if nothing changed."""
+    match statement:
+        case If(_, then, orelse):
+            new_then, new_orelse = f(then), f(orelse)
+            if new_then is not then or new_orelse is not orelse:
+                return replace(statement, then=new_then, orelse=new_orelse)
+        case Loop(body, continuing):
+            new_body, new_continuing = f(body), f(continuing)
+            if new_body is not body or new_continuing is not continuing:
+                return replace(statement, body=new_body, continuing=new_continuing)
+    return statement
+
+
+def rewrite(region: Region, f: Callable[[Stmt], Stmt | Iterable[Stmt] | None]) -> Region:
+    """Replace every statement, innermost first, by what `f` gives: one, several, or none (None).
+
+    An If or Loop comes to `f` with its regions already rewritten. The same object if nothing changed.
+    """
+    made: list[Stmt] = []
+    changed = False
+    for statement in region:
+        inner = map_regions(statement, lambda r: rewrite(r, f))
+        new = f(inner)
+        changed = changed or new is not statement
+        if new is None:
+            continue
+        if isinstance(new, Iterable):
+            made.extend(new)
+        else:
+            made.append(new)
+    return tuple(made) if changed else region
+
+
+def results(statement: Stmt) -> tuple[Value, ...]:
+    """The values that the statement itself assigns."""
+    match statement:
+        case Let(value):
+            return (value,)
+        case Call(_, _, values):
+            return values
+    return ()
+
+
+def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tuple[int, ...]:
+    """The ids of the values that the statement itself reads (a Loop: its `until`).
+
+    A Call's arguments are values or variables as its function says: `callees` is needed for those.
+    """
+    match statement:
+        case Let(_, _, args):
+            return args
+        case Store(_, value, _, index):
+            return (value,) if index is None else (value, index)
+        case If(condition):
+            return (condition,)
+        case Loop(_, _, until):
+            return () if until is None else (until,)
+        case Call(name, args):
+            inputs = (callees or {})[name].inputs
+            return tuple(a for a, port in zip(args, inputs, strict=True) if isinstance(port, Value))
+    return ()
+
+
+def defined(function: Function) -> Iterator[Value]:
+    """Every value of the function: its inputs by value, then those that statements assign."""
+    for port in function.inputs:
+        if isinstance(port, Value):
+            yield port
+    for statement in walk(function.body):
+        yield from results(statement)
+
+
+def variables_of(function: Function) -> Iterator[Variable]:
+    """Every slot of the function: inputs by reference, outputs, the others."""
+    for port in function.inputs:
+        if isinstance(port, Variable):
+            yield port
+    yield from function.outputs
+    yield from function.variables
+
+
+def continues(loop: Loop) -> bool:
+    """Whether a Continue in the body goes to this loop (not to one nested in it)."""
+    pending: list[Stmt] = list(loop.body)
+    while pending:
+        match pending.pop():
+            case Continue():
+                return True
+            case If(_, then, orelse):
+                pending.extend(then)
+                pending.extend(orelse)
+    return False
+
+
+def is_straight(body: Iterable[Stmt]) -> bool:
+    """Whether a body computes and stores and does nothing else: such a function can be called as an expression."""
+    return all(isinstance(s, Store) or (isinstance(s, Let) and s.op not in LANE_OPS) for s in body)
+
+
+def test_length(body: Region) -> int:
+    """How many statements at the start of a loop's body are its test, `while (c)`; 0 if it has none there.
+
+    A turn begins, for the count of turns, once its test has passed.
+    """
+    for count, statement in enumerate(body, 1):
+        if isinstance(statement, If):
+            leaves = len(statement.then) == 1 and isinstance(statement.then[0], Break)
+            return count if leaves and not statement.orelse else 0
+        if not isinstance(statement, Let | Store):
+            return 0
+    return 0
+
+
+def loops(module: Module) -> Iterator[Loop]:
+    """Every loop: functions in order, statements in program order, an outer loop before those inside it."""
+    for function in module.functions:
+        for statement in walk(function.body):
+            if isinstance(statement, Loop):
+                yield statement
+
+
+def limited_loops(module: Module) -> tuple[Loop, ...]:
+    """The loops without a known bound, in the order in which statuses count them (FIRST_LOOP + k is the k-th)."""
+    return tuple(loop for loop in loops(module) if loop.turns is None)

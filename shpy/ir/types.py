@@ -1,0 +1,96 @@
+"""Types of the IR: a base and a size, nothing else.
+
+Stage: represent. Matrices, structs and kinds (Point, Normal, ...) are taken apart by `lang`; what is left here is
+what every target has: a scalar, or a vector of two to four of them. `Type` objects are unique, so `is` compares them.
+
+>>> vec(Base.F, 3)
+f3
+>>> vec(Base.B).base
+<Base.B: 'b'>
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+
+class Base(StrEnum):
+    """What one component is. `F` is the working float: binary32 unless compiled at another precision."""
+
+    F = "f"
+    D = "d"
+    H = "h"
+    I = "i"  # noqa: E741 - the language's own name for it
+    U = "u"
+    B = "b"
+
+
+FLOATS: Final = frozenset({Base.F, Base.D, Base.H})
+INTS: Final = frozenset({Base.I, Base.U})
+
+
+class Type:
+    """A scalar (size 1) or vector (size 2 to 4) of one base. Made by `vec`, one object a type."""
+
+    __slots__ = ("base", "size")
+    base: Base
+    size: int
+
+    def __init__(self, base: Base, size: int) -> None:
+        self.base = base
+        self.size = size
+
+    def __repr__(self) -> str:
+        return self.base.value if self.size == 1 else f"{self.base.value}{self.size}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return vec, (self.base, self.size)
+
+    def __copy__(self) -> Type:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Type:
+        return self
+
+    @property
+    def scalar(self) -> Type:
+        """The type of one component."""
+        return vec(self.base, 1)
+
+    @property
+    def is_float(self) -> bool:
+        """Whether components are f, d or h."""
+        return self.base in FLOATS
+
+    @property
+    def is_int(self) -> bool:
+        """Whether components are i or u."""
+        return self.base in INTS
+
+    @property
+    def is_bool(self) -> bool:
+        """Whether components are b."""
+        return self.base is Base.B
+
+    def sized(self, size: int) -> Type:
+        """The same base with another number of components."""
+        return vec(self.base, size)
+
+    def based(self, base: Base) -> Type:
+        """The same number of components of another base."""
+        return vec(base, self.size)
+
+
+_TYPES: Final = {(base, size): Type(base, size) for base in Base for size in (1, 2, 3, 4)}
+_NAMES: Final = {repr(t): t for t in _TYPES.values()}
+
+
+def vec(base: Base | str, size: int = 1) -> Type:
+    """The type of `size` components (1 to 4) of `base`; KeyError for any other size."""
+    return _TYPES[Base(base), size]
+
+
+def type_named(name: str) -> Type | None:
+    """The type that prints as `name` (`f`, `i3`, ...), or None."""
+    return _NAMES.get(name)

@@ -1,0 +1,165 @@
+"""Kernels: a program compiled for a target, run on arrays.
+
+Stage: compile and run, seen from above: checks and flattens the user's arrays, calls the backend, shapes the results.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy import host
+from shpy.backends.base import Backend, Call, Executable, Options
+from shpy.backends.dump import dump
+from shpy.errors import LoopLimitExceeded, ShpyTypeError
+from shpy.ir.nodes import Let, Status
+from shpy.ir.text import print_module
+from shpy.ir.traverse import walk
+from shpy.lang.data import Table, Texture2D, TextureType
+from shpy.lang.location import here
+from shpy.lang.record import Recorded
+from shpy.lang.structure import build_arrays
+
+_executables: dict[tuple[str, str, Options], Executable] = {}
+_KEPT = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a run gave: `outputs` in the function's structure, `written` (bool, S), `count` elements written."""
+
+    outputs: Any
+    written: NDArray[np.bool_]
+    count: int
+
+
+class Kernel:
+    """A compiled program. Call it with arrays (*S, N), or numbers; outputs come back in the function's structure.
+
+    `source` is the emitted text, `notes` what there is to know about this target, `options` how it was compiled.
+    """
+
+    def __init__(self, recorded: Recorded, backend: Backend, options: Options) -> None:
+        self._recorded = recorded
+        self.backend = backend.name
+        self.options = options
+        key = (backend.name, print_module(recorded.module), options)
+        dump("ir", recorded.module.name, lambda: str(recorded.module))
+        found = _executables.get(key)
+        if found is None:
+            found = backend.compile(recorded.module, options)
+            while len(_executables) >= _KEPT:
+                _executables.pop(next(iter(_executables)))
+            _executables[key] = found
+        self._executable = found
+        self.source = found.source
+        dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
+        self.notes = found.notes
+        devices = backend.devices()
+        self.device = devices[options.device or 0]
+        self._rank = next(
+            (
+                s.value.type.size
+                for f in recorded.module.functions
+                for s in walk(f.body)
+                if isinstance(s, Let) and s.op in ("grid_index", "grid_shape")
+            ),
+            None,
+        )
+
+    def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
+        """Run on arrays; gives the outputs, zeros where elements were discarded.
+
+        Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of turns.
+        """
+        return self.run(*arrays, shape=shape, **named).outputs
+
+    def run(self, *arrays: Any, out: Any = None, shape: Any = None, **named: Any) -> Result:
+        """Run on arrays; gives a Result. `out` matches the outputs' dtypes and shapes and is written in place.
+
+        Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs.
+        """
+        recorded = self._recorded
+        given = host.bind(recorded.inputs, arrays, named, recorded.module.name)
+        dtypes = host.dtypes_at(self.options.precision)
+        inputs = host.streams(recorded.inputs, given, dtypes)
+        tables = host.tables(recorded.inputs, given, recorded.tables)
+        common = host.common_shape(inputs, shape)
+        self._check_rank(common)
+        targets = host.targets(recorded.output, dtypes, common, out)
+        flat = [s.flat(common) for s in inputs]
+        if out is not None:
+            flat = [a.copy() if any(np.may_share_memory(a, t.array) for t in targets) else a for a in flat]
+        call = Call(
+            common,
+            tuple(flat),
+            tuple(t.flat for t in targets),
+            self._params(given, dtypes),
+            {name: self._data(t, dtypes) for name, t in tables.items()},
+        )
+        status = self._executable.run(call) if math.prod(common) else None
+        for target in targets:
+            target.finish()
+        return self._result(common, [t.given if t.given is not None else t.array for t in targets], status, out)
+
+    def _data(self, table: Table, dtypes: Any) -> Any:
+        return table.data(dtypes[table.type.base])
+
+    def _params(self, given: dict[str, Any], dtypes: Any) -> dict[str, NDArray[Any]]:
+        held = {n: np.asarray(p.exact, dtypes[p.base]) for n, p in self._recorded.params.items()}
+        for name, type_ in self._recorded.inputs.items():
+            if isinstance(type_, TextureType) and f"{name}.mode" in held:
+                texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])
+                held[f"{name}.mode"] = np.asarray(texture.mode, np.int32)
+        return held
+
+    def _check_rank(self, shape: tuple[int, ...]) -> None:
+        if self._rank is not None and self._rank != len(shape):
+            raise ShpyTypeError(
+                f"{self._recorded.module.name} uses grid_index({self._rank}) and is run over the shape {shape}",
+                loc=here(),
+                cure=f"shape=({', '.join('hwdn'[: self._rank])}), of rank {self._rank}",
+            )
+
+    def _result(self, shape: tuple[int, ...], arrays: list[NDArray[Any]], status: Any, out: Any) -> Result:
+        outputs = out
+        if out is None:
+            outputs = build_arrays(self._recorded.output, iter([a[()] if a.ndim == 0 else a for a in arrays]))
+        if status is None:
+            return Result(outputs, np.ones(shape, np.bool_), math.prod(shape))
+        status = status.reshape(shape)
+        written = status == Status.WRITTEN
+        result = Result(outputs, written, int(np.count_nonzero(written)))
+        stopped = (status >= Status.FIRST_LOOP) | (status == Status.DEVICE_STOPPED)
+        if stopped.any():
+            raise self._limit_error(status[stopped], result)
+        return result
+
+    def _limit_error(self, stopped: NDArray[Any], result: Result) -> LoopLimitExceeded:
+        count = stopped.size
+        elements = f"{count} element{'s' if count > 1 else ''}"
+        loops = self._executable.loops
+        first = int(stopped[stopped >= Status.FIRST_LOOP].min()) if (stopped >= Status.FIRST_LOOP).any() else None
+        if first is None:
+            loc = next((loc for loc in loops if loc is not None), self._recorded.module.entry.loc)
+            return LoopLimitExceeded(
+                f"the device stopped a loop of {elements} of its own accord",
+                loc=loc,
+                cure="fewer turns, or another backend: what a device allows is its own",
+                result=result,
+                count=count,
+            )
+        return LoopLimitExceeded(
+            f"this loop took more than {self.options.loop_limit} turns in {elements}",
+            loc=loops[first - Status.FIRST_LOOP],
+            cure="a condition that ends it, or compile(loop_limit=N) if it needs more (None: no limit)",
+            result=result,
+            count=count,
+        )
+
+    def __repr__(self) -> str:
+        return f"<Kernel {self._recorded.module.name} on {self.backend}, {self.device.name}>"

@@ -1,0 +1,1 @@
+"""RECORD: running the user's function on symbolic values, which append to the IR."""

@@ -1,0 +1,163 @@
+"""What operands mean together: literals, mixing of bases, broadcasting, kinds.
+
+Stage: record. Takes what stands beside an operator, gives types; `values.py` and `builtins.py` then emit.
+
+An int literal takes the other operand's type, a float literal widens ints to `f`, True and False are `b`; bases mix
+h -> f -> d, ints widen to at least `f`, `i` with `u` and anything with `b` are errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import FLOATS, Base
+from shpy.lang.location import here
+
+_ORDER = {Base.H: 0, Base.F: 1, Base.D: 2}
+_LARGEST = {Base.H: 65504.0, Base.F: 3.4028234663852886e38, Base.D: math.inf}
+_RANGES = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1)}
+_SPOKEN = {Base.F: "f", Base.D: "d", Base.H: "h", Base.I: "i", Base.U: "u", Base.B: "b"}
+
+
+@dataclass(frozen=True, slots=True)
+class Literal:
+    """Numbers that the host knows: `weak` is "int", "float" or "bool"."""
+
+    weak: str
+    components: tuple[Any, ...]
+
+    @property
+    def size(self) -> int:
+        """The number of components."""
+        return len(self.components)
+
+
+def literal(x: Any) -> Literal | None:
+    """`x` as a literal if it is a number or bool of Python or numpy, or a 0-D array; else None."""
+    if isinstance(x, np.ndarray):
+        if x.ndim != 0:
+            return None
+        x = x[()]
+    if isinstance(x, bool | np.bool_):
+        return Literal("bool", (bool(x),))
+    if isinstance(x, int | np.integer):
+        return Literal("int", (int(x),))
+    if isinstance(x, float | np.floating):
+        return Literal("float", (float(x),))
+    return None
+
+
+def sequence(x: Any) -> list[Any] | None:
+    """The entries of a tuple, list or 1-D array; else None."""
+    if isinstance(x, tuple | list):
+        return list(x)
+    if isinstance(x, np.ndarray) and x.ndim == 1:
+        return list(x)
+    return None
+
+
+def merge(literals: Sequence[Literal]) -> Literal:
+    """One vector literal from several, of the widest of their kinds."""
+    kinds = {part.weak for part in literals}
+    if "bool" in kinds and len(kinds) > 1:
+        raise ShpyTypeError(
+            "bools and numbers stand in one vector", loc=here(), cure="numbers throughout, or True and False throughout"
+        )
+    weak = "float" if "float" in kinds else kinds.pop()
+    return Literal(weak, tuple(c for part in literals for c in part.components))
+
+
+def common_base(strong: Iterable[Base], weak: Iterable[str], what: str) -> Base:
+    """The base in which operands of these bases, and literals of these kinds, meet."""
+    bases, kinds = set(strong), set(weak)
+    if not bases:
+        if "bool" in kinds and len(kinds) > 1:
+            raise _mix_error(what, "b", "a number")
+        return Base.B if "bool" in kinds else Base.F if "float" in kinds else Base.I
+    base = _mix(bases, what)
+    if base is Base.B and kinds - {"bool"}:
+        raise _mix_error(what, "b", "a number")
+    if base is not Base.B and "bool" in kinds:
+        raise _mix_error(what, _SPOKEN[base], "a bool")
+    return Base.F if "float" in kinds and base not in FLOATS else base
+
+
+def _mix(bases: set[Base], what: str) -> Base:
+    if len(bases) == 1:
+        return next(iter(bases))
+    if Base.B in bases:
+        other = next(b for b in bases if b is not Base.B)
+        raise _mix_error(what, "b", _SPOKEN[other])
+    floats = bases & FLOATS
+    if not floats:
+        raise ShpyTypeError(
+            f"{what} mixes i with u", loc=here(), cure="convert one: sh.Attrib1u(x) or sh.Attrib1i(x) (they wrap)"
+        )
+    widest = max(floats, key=_ORDER.__getitem__)
+    return Base.F if bases - FLOATS and widest is Base.H else widest
+
+
+def _mix_error(what: str, one: str, other: str) -> ShpyTypeError:
+    return ShpyTypeError(
+        f"{what} mixes {one} with {other}",
+        loc=here(),
+        cure="sh.cond(c, 1.0, 0.0) makes a number of a bool, x != 0 a bool of a number",
+    )
+
+
+def cast_literal(value: Literal, base: Base) -> tuple[Any, ...]:
+    """The literal's components as numbers of `base`; an error when one is out of range."""
+    if base is Base.B:
+        return tuple(bool(c) for c in value.components)
+    if base in FLOATS:
+        for c in value.components:
+            too_large = isinstance(c, int) and not isinstance(c, bool) and abs(c) > 10**400
+            if too_large or (math.isfinite(c) and abs(float(c)) > _LARGEST[base]):
+                raise ShpyTypeError(
+                    f"{c} is out of the range of {_SPOKEN[base]}",
+                    loc=here(),
+                    cure="float('inf') if infinity is meant, or a wider type",
+                )
+        return tuple(float(c) for c in value.components)
+    low, high = _RANGES[base]
+    for c in value.components:
+        if c != c or not low <= c <= high:
+            raise ShpyTypeError(
+                f"{c} is out of the range of {_SPOKEN[base]}, {low} to {high}",
+                loc=here(),
+                cure="a number in range, or another type",
+            )
+    return tuple(int(c) for c in value.components)
+
+
+def common_size(sizes: Sequence[int], what: str) -> int:
+    """The size that operands broadcast to: a scalar goes with a vector, two sizes do not."""
+    size = max(sizes)
+    if any(s not in (1, size) for s in sizes):
+        spoken = " and ".join(str(s) for s in sizes)
+        raise ShpyTypeError(
+            f"{what} takes operands of one size or scalars, not {spoken} components",
+            loc=here(),
+            cure="pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)",
+        )
+    return size
+
+
+def common_kind(kinds: Sequence[str]) -> str:
+    """The kind of a result: the first that is not Attrib."""
+    return next((k for k in kinds if k != "Attrib"), "Attrib")
+
+
+def sum_kind(op: str, left: str, right: str) -> str:
+    """The kind of left + right or left - right: Point - Point is a Vector, Point and Vector a Point."""
+    if op == "sub" and left == right == "Point":
+        return "Vector"
+    if "Point" in (left, right) and {left, right} <= {"Point", "Vector", "Attrib"}:
+        return "Point"
+    return common_kind((left, right))

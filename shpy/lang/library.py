@@ -1,0 +1,196 @@
+"""The part of the language that is written in the language: hash, noise, texture filtering.
+
+Stage: record. Each is a subroutine, so it stays a function of its own in the emitted text and gives the same bits on
+every target.
+
+Sources: PCG: O'Neill 2014, in the form of Jarzynski and Olano 2020; gradient noise: Perlin 2002 (its fade curve), with
+gradients taken from the hash.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base
+from shpy.lang import arithmetic
+from shpy.lang.builtins import clamp, cond, dot, floor, fract, mix
+from shpy.lang.location import here
+from shpy.lang.subroutine import Subroutine
+from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib2i, Attrib3f
+from shpy.lang.values import CLASSES, Value
+
+if TYPE_CHECKING:
+    from shpy.lang.data import Texture2D
+
+
+def _pcg(x: Attrib1u) -> Any:
+    state = x * 747796405 + 2891336453
+    word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737
+    return (word >> 22) ^ word
+
+
+pcg = Subroutine(_pcg, "pcg")
+
+
+def hash(x: Any, y: Any = None, z: Any = None) -> Any:
+    """Hash one to three u with PCG: the last word first, each result added to the word before it."""
+    words = [_unsigned(w) for w in (x, y, z) if w is not None]
+    result = pcg(words[-1])
+    for word in reversed(words[:-1]):
+        result = pcg(word + result)
+    return result
+
+
+def _unsigned(x: Any) -> Any:
+    operand = arithmetic.operand(x, "sh.hash")
+    if isinstance(operand, Value) and (operand.base is not Base.U or operand.size != 1):
+        raise ShpyTypeError("sh.hash takes one to three u", loc=here(), cure="sh.hash(sh.Attrib1u(i))")
+    return Attrib1u(x)
+
+
+def unit_float(u: Any) -> Any:
+    """Make a float in [0, 1) from the upper bits of a u: (u >> 8) * 2**-24."""
+    operand = arithmetic.operand(u, "sh.unit_float")
+    if isinstance(operand, Value) and operand.base is not Base.U:
+        raise ShpyTypeError("sh.unit_float takes u", loc=here(), cure="sh.unit_float(sh.hash(u))")
+    word = operand if isinstance(operand, Value) else Attrib1u(u)
+    return CLASSES["Attrib", word.size, Base.F](word >> 8) * 2.0**-24
+
+
+def _gradient1(h: Attrib1u) -> Any:
+    return Attrib1f(h >> 8) * 2.0**-23 - 1
+
+
+def _gradient2(h: Attrib1u) -> Any:
+    return Attrib2f(h & 0xFFFF, h >> 16) * 2.0**-15 - 1
+
+
+def _gradient3(h: Attrib1u) -> Any:
+    return Attrib3f(h & 0x3FF, (h >> 10) & 0x3FF, (h >> 20) & 0x3FF) * 2.0**-9 - 1
+
+
+def _fade(t: Any) -> Any:
+    return t * t * t * (t * (t * 6 - 15) + 10)
+
+
+def _noise1(p: Attrib1f) -> Any:
+    cell = Attrib1u(Attrib1i(floor(p)))
+    t = p - floor(p)
+    a = gradient1(pcg(cell)) * t
+    b = gradient1(pcg(cell + 1)) * (t - 1)
+    return mix(a, b, _fade(t)) * 2
+
+
+def _noise2(p: Attrib2f) -> Any:
+    cell = floor(p)
+    x = Attrib1u(Attrib1i(cell.x))
+    y = Attrib1u(Attrib1i(cell.y))
+    t = p - cell
+    low, high = pcg(y), pcg(y + 1)
+    n00 = dot(gradient2(pcg(x + low)), t)
+    n10 = dot(gradient2(pcg(x + 1 + low)), t - (1, 0))
+    n01 = dot(gradient2(pcg(x + high)), t - (0, 1))
+    n11 = dot(gradient2(pcg(x + 1 + high)), t - (1, 1))
+    fade = _fade(t)
+    return mix(mix(n00, n10, fade.x), mix(n01, n11, fade.x), fade.y)
+
+
+def _noise3(p: Attrib3f) -> Any:
+    cell = floor(p)
+    x = Attrib1u(Attrib1i(cell.x))
+    y = Attrib1u(Attrib1i(cell.y))
+    z = Attrib1u(Attrib1i(cell.z))
+    t = p - cell
+    fade = _fade(t)
+    layers = []
+    for k in (0, 1):
+        depth = pcg(z + k)
+        rows = []
+        for j in (0, 1):
+            row = pcg(y + j + depth)
+            a = dot(gradient3(pcg(x + row)), t - (0, j, k))
+            b = dot(gradient3(pcg(x + 1 + row)), t - (1, j, k))
+            rows.append(mix(a, b, fade.x))
+        layers.append(mix(rows[0], rows[1], fade.y))
+    return mix(layers[0], layers[1], fade.z)
+
+
+gradient1 = Subroutine(_gradient1, "gradient1")
+gradient2 = Subroutine(_gradient2, "gradient2")
+gradient3 = Subroutine(_gradient3, "gradient3")
+_NOISE = {1: Subroutine(_noise1, "noise1"), 2: Subroutine(_noise2, "noise2"), 3: Subroutine(_noise3, "noise3")}
+_POINTS = {1: Attrib1f, 2: Attrib2f, 3: Attrib3f}
+
+
+def noise(p: Any) -> Any:
+    """Signed gradient noise of a point of 1 to 3 dimensions: continuous, zero on the whole numbers, about -1 to 1."""
+    operand = arithmetic.operand(p, "sh.noise")
+    if operand.size not in _NOISE:
+        raise ShpyTypeError("sh.noise takes one to three floats", loc=here(), cure="sh.noise(p.xyz)")
+    return _NOISE[operand.size](_POINTS[operand.size](p))
+
+
+def _trip_count(start: Attrib1i, stop: Attrib1i, step: Attrib1i) -> Any:
+    up = step > 0
+    distance = cond(up, Attrib1u(stop) - Attrib1u(start), Attrib1u(start) - Attrib1u(stop))
+    stride = cond(up, Attrib1u(step), 0 - Attrib1u(step))
+    some = (up & (start < stop)) | ((step < 0) & (start > stop))
+    return cond(some, (distance - 1) // stride + 1, Attrib1u(0))
+
+
+trip_count = Subroutine(_trip_count, "trip_count")
+"""How often SH_FOR turns: the length of range(start, stop, step); 0 for a step of 0."""
+
+
+def _wrapped(i: Any, extent: Any, repeat: Any) -> Any:
+    """An index on an axis: repeated where asked, else left to the table, which gives the nearest."""
+    if isinstance(repeat, bool):
+        return i % extent if repeat else i
+    return cond(repeat, i % extent, i)
+
+
+def sample(texture: Texture2D, uv: Any) -> Any:
+    """The texture's colour at uv: nearest or bilinear, clamped or repeated."""
+    mode = texture.mode
+    name = texture.name or "texture"
+
+    def lookup(uv: Attrib2f) -> Any:
+        height, width = texture.shape
+        linear, repeat = (
+            (bool(mode & 1), bool(mode & 2)) if isinstance(mode, int) else ((mode & 1) != 0, (mode & 2) != 0)
+        )
+        size = Attrib2f(width, height)
+        # Far outside, the fraction of a repeated texture and the edge of a clamped one are all that is left.
+        inside = (
+            clamp(uv, -1, 2)
+            if repeat is False
+            else fract(uv)
+            if repeat is True
+            else cond(repeat, fract(uv), clamp(uv, -1, 2))
+        )
+        place = inside * size
+
+        def fetch(cell: Any) -> Any:
+            column = _wrapped(cell.x, width, repeat)
+            row = _wrapped(cell.y, height, repeat)
+            return texture.table[row, column]
+
+        if linear is False:
+            return fetch(Attrib2i(floor(place)))
+        shift = 0.5 if linear is True else cond(linear, 0.5, 0.0)
+        corner = floor(place - shift)
+        t = place - shift - corner
+        if linear is not True:
+            t = cond(linear, t, Attrib2f(0))
+        cell = Attrib2i(corner)
+        top = mix(fetch(cell), fetch(cell + Attrib2i(1, 0)), t.x)
+        bottom = mix(fetch(cell + Attrib2i(0, 1)), fetch(cell + Attrib2i(1, 1)), t.x)
+        return mix(top, bottom, t.y)
+
+    routine = texture.__dict__.setdefault("_routine", Subroutine(lookup, f"sample_{name}"))
+    color = CLASSES["Color", texture.type.size, Base.F]
+    return color(routine(Attrib2f(uv)))
+
+
+__all__ = ["hash", "noise", "pcg", "sample", "trip_count", "unit_float"]

@@ -1,0 +1,78 @@
+"""Where the user is: the nearest frame outside the package.
+
+Stage: record. Costs well under a microsecond, so every node can carry its line.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from shpy.ir.nodes import Loc
+
+_HOUSE = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
+_LIBRARY = os.path.join(_HOUSE, "lang", "library.py")
+_LIBRARY_SHOWN = "shpy/lang/library.py"
+"""Its lines are the same wherever shpy is installed, so that the text of a program is."""
+_inside: dict[str, bool] = {}
+_in_library: list[bool] = []
+
+
+@contextmanager
+def in_library() -> Iterator[None]:
+    """The part of the language that is written in the language is recorded: its own lines and names count."""
+    _in_library.append(True)
+    try:
+        yield
+    finally:
+        _in_library.pop()
+
+
+def is_library(loc: Loc) -> bool:
+    """Whether a line stands in the part of the language that is written in the language."""
+    return loc.file == _LIBRARY_SHOWN
+
+
+def user_frame() -> FrameType | None:
+    """The innermost frame whose code is not shpy's."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        file = frame.f_code.co_filename
+        ours = _inside.get(file)
+        if ours is None:
+            ours = _inside[file] = os.path.abspath(file).startswith(_HOUSE)
+        if not ours or (_in_library and file == _LIBRARY):
+            return frame
+        frame = frame.f_back
+    return None
+
+
+def loc_in(file: str, line: int) -> Loc:
+    """A line of a file of Python."""
+    return Loc(_LIBRARY_SHOWN if file == _LIBRARY else file, line)
+
+
+_elsewhere: list[Loc | None] = []
+
+
+@contextmanager
+def at(loc: Loc | None) -> Iterator[None]:
+    """What is recorded meanwhile belongs to `loc`: used where the user's function has returned already."""
+    _elsewhere.append(loc)
+    try:
+        yield
+    finally:
+        _elsewhere.pop()
+
+
+def here() -> Loc | None:
+    """The user's line that is running."""
+    if _elsewhere:
+        return _elsewhere[-1]
+    frame = user_frame()
+    if frame is None:
+        return None
+    return loc_in(frame.f_code.co_filename, frame.f_lineno)

@@ -1,0 +1,292 @@
+"""Matrices: rows of vectors. The IR knows only the rows.
+
+Stage: record. `m @ v` sums products from the first column on; a Point takes w = 1, a Vector w = 0, a Normal the inverse
+transpose of the upper 3x3.
+
+>>> import shpy as sh, numpy as np
+>>> np.asarray(sh.Matrix2f((1, 2), (3, 4)) @ sh.Attrib2f(1, 1)).tolist()
+[3.0, 7.0]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base
+from shpy.lang import builtins
+from shpy.lang.coerce import literal
+from shpy.lang.location import here
+from shpy.lang.recorder import current_frame
+from shpy.lang.values import CLASSES, Value
+
+
+class Matrix:
+    """N x N floats, N = 2 to 4. Constructors take rows (or nothing: the identity); `m[r]` is a row, `m[r, c]` an entry.
+
+    Raises ShpyTypeError where rows or operands have other sizes.
+    """
+
+    __slots__ = ("rows",)
+    __array_ufunc__: ClassVar[None] = None
+    __hash__ = None  # type: ignore[assignment]
+    size: ClassVar[int]
+
+    rows: tuple[Value, ...]
+
+    def __init_subclass__(cls) -> None:
+        """Read the size from the class's name."""
+        cls.size = int(cls.__name__[-2])
+
+    def __init__(self, *rows: Any) -> None:
+        n = self.size
+        if not rows:
+            rows = tuple(tuple(float(r == c) for c in range(n)) for r in range(n))
+        elif len(rows) == 1:
+            rows = tuple(rows[0].rows if isinstance(rows[0], Matrix) else rows[0])
+        elif len(rows) == n * n:
+            rows = tuple(tuple(rows[r * n : r * n + n]) for r in range(n))
+        if len(rows) != n:
+            raise ShpyTypeError(
+                f"{type(self).__name__} takes {n} rows of {n}, not {len(rows)}",
+                loc=here(),
+                cure=f"sh.{type(self).__name__}(row0, row1, …)",
+            )
+        made = tuple(self._row_type()(r) for r in rows)
+        object.__setattr__(self, "rows", made)
+        frame = current_frame()
+        if frame is not None:
+            frame.name_parts({str(r): row._variable for r, row in enumerate(made)})
+
+    @classmethod
+    def _row_type(cls) -> type[Value]:
+        return CLASSES["Attrib", cls.size, Base.F]
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[Value]) -> Any:
+        """The matrix whose rows are these values themselves, not copies."""
+        made = object.__new__(cls)
+        object.__setattr__(made, "rows", tuple(rows))
+        return made
+
+    @classmethod
+    def from_columns(cls, *columns: Any) -> Any:
+        """The matrix with these columns."""
+        return transpose(cls(*columns))
+
+    def copy(self) -> Any:
+        """A matrix with the same entries that is this one's own no longer."""
+        return type(self)(*self.rows)
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, tuple):
+            row, column = key
+            return self[row][column]
+        if isinstance(key, slice) and key == slice(None):
+            return self.copy()
+        if isinstance(key, Value):
+            chosen = self.rows[-1]
+            for i in reversed(range(self.size - 1)):
+                chosen = builtins.cond(key <= i, self.rows[i], chosen)
+            return chosen
+        return self.rows[key].copy()
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if isinstance(key, tuple):
+            self.rows[key[0]][key[1]] = value
+        elif isinstance(key, slice) and key == slice(None):
+            fresh = type(self)(value)
+            for row, new in zip(self.rows, fresh.rows, strict=True):
+                row[:] = new
+        else:
+            self.rows[key][:] = value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[i] for i in range(self.size))
+
+    def __matmul__(self, other: Any) -> Any:
+        if isinstance(other, Matrix):
+            self._same_size(other)
+            return type(self)(*(_combine(row, other.rows) for row in self.rows))
+        if isinstance(other, list | tuple | np.ndarray):
+            other = CLASSES["Attrib", len(other), Base.F](*other)
+        return self._transform(other) if isinstance(other, Value) else NotImplemented
+
+    def __rmatmul__(self, other: Any) -> Any:
+        if isinstance(other, list | tuple | np.ndarray):
+            other = CLASSES["Attrib", len(other), Base.F](*other)
+        if not isinstance(other, Value) or other.size != self.size:
+            return NotImplemented
+        return _combine(other, self.rows)
+
+    def _transform(self, v: Value) -> Any:
+        if v.kind == "Normal" and v.size == 3 and self.size in (3, 4):
+            upper = type(self) is Matrix3f or self.size == 3
+            linear = self if upper else Matrix3f(*(r.xyz for r in self.rows[:3]))
+            return CLASSES["Normal", 3, v.base](transpose(inverse(linear)) @ CLASSES["Attrib", 3, v.base](v))
+        if v.kind in ("Point", "Vector") and v.size == self.size - 1:
+            entries = [builtins.dot(r[: v.size], v) for r in self.rows[: v.size]]
+            if v.kind == "Point":
+                entries = [e + r[v.size] for e, r in zip(entries, self.rows, strict=False)]
+            return CLASSES[v.kind, v.size, v.base](*entries)
+        if v.size != self.size:
+            raise ShpyTypeError(
+                f"{type(self).__name__} @ {type(v).__name__} has no meaning: is it a place or a direction?",
+                loc=here(),
+                cure=f"sh.Point{v.size}f(v) (w = 1) or sh.Vector{v.size}f(v) (w = 0)",
+            )
+        result = CLASSES["Attrib", self.size, v.base](*(builtins.dot(r, v) for r in self.rows))
+        return CLASSES[v.kind, v.size, v.base](result) if v.kind != "Attrib" else result
+
+    def _each(self, op: Any, other: Any) -> Any:
+        if isinstance(other, Matrix):
+            self._same_size(other)
+            return type(self)(*(op(a, b) for a, b in zip(self.rows, other.rows, strict=True)))
+        if literal(other) is not None or (isinstance(other, Value) and other.size == 1):
+            return type(self)(*(op(a, other) for a in self.rows))
+        return NotImplemented
+
+    def _same_size(self, other: Matrix) -> None:
+        if self.size != other.size:
+            raise ShpyTypeError(
+                f"{type(self).__name__} with {type(other).__name__}", loc=here(), cure="matrices of one size"
+            )
+
+    def __add__(self, other: Any) -> Any:
+        return self._each(lambda a, b: a + b, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return self._each(lambda a, b: b + a, other)
+
+    def __sub__(self, other: Any) -> Any:
+        return self._each(lambda a, b: a - b, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._each(lambda a, b: b - a, other)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Matrix):
+            raise ShpyTypeError("* of two matrices is not the matrix product here", loc=here(), cure="a @ b")
+        return self._each(lambda a, b: a * b, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self._each(lambda a, b: b * a, other)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._each(lambda a, b: a / b, other)
+
+    def __neg__(self) -> Any:
+        return type(self)(*(-r for r in self.rows))
+
+    def _inplace(self, result: Any) -> Any:
+        if result is NotImplemented:
+            return result
+        self[:] = result
+        return self
+
+    def __iadd__(self, other: Any) -> Any:
+        return self._inplace(self + other)
+
+    def __isub__(self, other: Any) -> Any:
+        return self._inplace(self - other)
+
+    def __imul__(self, other: Any) -> Any:
+        return self._inplace(self * other)
+
+    def __itruediv__(self, other: Any) -> Any:
+        return self._inplace(self / other)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        array = np.stack([np.asarray(r) for r in self.rows])
+        return array if dtype is None else array.astype(dtype)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(map(repr, self.rows))})"
+
+
+class Matrix2f(Matrix):
+    """Two rows of two floats."""
+
+    __slots__ = ()
+
+
+class Matrix3f(Matrix):
+    """Three rows of three floats."""
+
+    __slots__ = ()
+
+
+class Matrix4f(Matrix):
+    """Four rows of four floats."""
+
+    __slots__ = ()
+
+
+MATRICES: dict[str, type[Matrix]] = {c.__name__: c for c in (Matrix2f, Matrix3f, Matrix4f)}
+
+
+def _combine(v: Value, rows: Sequence[Value]) -> Any:
+    """The row vector v times the matrix with these rows."""
+    total = v[0] * rows[0]
+    for i, row in enumerate(rows[1:], 1):
+        total = total + v[i] * row
+    return total
+
+
+def _matrix(m: Any, what: str) -> Matrix:
+    if not isinstance(m, Matrix):
+        raise ShpyTypeError(f"sh.{what} takes a matrix, not {type(m).__name__}", loc=here(), cure="sh.Matrix3f(…)")
+    return m
+
+
+def transpose(m: Any) -> Any:
+    """Rows for columns."""
+    rows = _matrix(m, "transpose").rows
+    return type(m)(*(tuple(r[c] for r in rows) for c in range(m.size)))
+
+
+def determinant(m: Any) -> Any:
+    """The determinant, by cofactors of the first row."""
+    _matrix(m, "determinant")
+    return _cofactor_sum([[m[r, c] for c in range(m.size)] for r in range(m.size)])
+
+
+def _cofactor_sum(entries: list[list[Any]]) -> Any:
+    if len(entries) == 1:
+        return entries[0][0]
+    if len(entries) == 2:
+        (a, b), (c, d) = entries
+        return a * d - b * c
+    total = None
+    for column, entry in enumerate(entries[0]):
+        minor = [row[:column] + row[column + 1 :] for row in entries[1:]]
+        term = entry * _cofactor_sum(minor)
+        total = term if total is None else total - term if column % 2 else total + term
+    return total
+
+
+def inverse(m: Any) -> Any:
+    """The inverse, the adjugate over the determinant; infinite or NaN where that is zero."""
+    n = _matrix(m, "inverse").size
+    entries = [[m[r, c] for c in range(n)] for r in range(n)]
+
+    def cofactor(r: int, c: int) -> Any:
+        minor = [row[:c] + row[c + 1 :] for i, row in enumerate(entries) if i != r]
+        value = _cofactor_sum(minor)
+        return -value if (r + c) % 2 else value
+
+    cofactors = [[cofactor(r, c) for c in range(n)] for r in range(n)]
+    total = entries[0][0] * cofactors[0][0]
+    for c in range(1, n):
+        total = total + entries[0][c] * cofactors[0][c]
+    return type(m)(*(tuple(cofactors[c][r] / total for c in range(n)) for r in range(n)))

@@ -1,0 +1,187 @@
+"""Record: run the user's function once on symbolic arguments; what it does becomes a module.
+
+Stage: record, its end. Takes a function whose inputs are annotated, gives a `Recorded`: the module, the layouts of
+inputs and outputs, and the params and tables that it uses by closure.
+"""
+
+from __future__ import annotations
+
+import inspect
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir import nodes
+from shpy.ir.constants import encode
+from shpy.ir.nodes import Loc, Module, Port, Store
+from shpy.ir.verifier import verify
+from shpy.lang.data import Table, TableArgument, TableType, TextureArgument, TextureType
+from shpy.lang.location import at
+from shpy.lang.matrix import Matrix
+from shpy.lang.recorder import Frame, Recording, recording
+from shpy.lang.returns import Returns
+from shpy.lang.signature import hints_of, loc_of, plain_function, return_loc
+from shpy.lang.source_check import check_source
+from shpy.lang.structure import Layout, build_values, layout_of, leaves
+from shpy.lang.subroutine import _slot_value
+from shpy.lang.values import Value
+
+InputType = Layout | TableType | TextureType
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A module and what the host must know to run it."""
+
+    module: Module
+    inputs: dict[str, InputType]
+    output: Layout
+    params: dict[str, Any] = field(default_factory=dict)
+    tables: dict[str, Any] = field(default_factory=dict)
+
+
+def is_value(x: object) -> bool:
+    """Whether `x` is a value, matrix or struct of the language."""
+    return isinstance(x, Value | Matrix) or hasattr(type(x), "_shpy_fields")
+
+
+def input_type(annotation: Any, name: str) -> InputType:
+    """What an input's annotation says."""
+    if isinstance(annotation, TableType | TextureType):
+        return annotation
+    return layout_of(annotation, name)
+
+
+RESERVED = ("out", "shape")
+
+
+def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
+    """Record `function`; raises RecordError or ShpyTypeError at the user's line."""
+    loc = loc_of(function)
+    check_source(function, is_value=is_value)
+    types = _input_types(function, loc)
+    title: str = name or str(getattr(plain_function(function), "__name__", "program"))
+    with recording("program" if title == "<lambda>" else title, loc) as made:
+        hint = hints_of(function).get("return")
+        layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
+        return record_body(made, types, layout, lambda given: _called(function, given), return_loc(function))
+
+
+def _input_types(function: Callable[..., Any], loc: Loc | None) -> dict[str, InputType]:
+    hints = hints_of(function)
+    types: dict[str, InputType] = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise RecordError(f"{parameter} takes any number of inputs", loc=loc, cure="name them one by one")
+        if name in RESERVED:
+            raise RecordError(f"{name} is a reserved name for an input", loc=loc, cure=f"{name}_")
+        if name not in hints:
+            if parameter.default is not parameter.empty:
+                continue  # bound by functools.partial or a default: metaprogramming
+            raise RecordError(f"the input {name} is not annotated", loc=loc, cure=f"{name}: sh.Attrib1f")
+        if parameter.default is not parameter.empty:
+            continue
+        types[name] = _at(loc, input_type, hints[name], name)
+    return types
+
+
+def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:
+    """Call f; an error that knows no line of its own gets `loc`, which is the function's."""
+    try:
+        return f(*args)
+    except ShpyTypeError as error:
+        raise ShpyTypeError(error.message, loc=loc, cure=error.cure) from None
+
+
+def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
+    positional = [
+        given[name]
+        for name, p in inspect.signature(function).parameters.items()
+        if p.kind is p.POSITIONAL_ONLY and name in given
+    ]
+    named = {
+        name: given[name]
+        for name, p in inspect.signature(function).parameters.items()
+        if p.kind is not p.POSITIONAL_ONLY and name in given
+    }
+    try:
+        return function(*positional, **named)
+    except TypeError as error:
+        if "does not support ufuncs" not in str(error):
+            raise
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise RecordError(
+            "numpy's functions cannot take values of the language",
+            loc=Loc(place.filename, place.lineno or 0),
+            cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
+        ) from error
+
+
+def record_body(
+    made: Recording,
+    types: dict[str, InputType],
+    layout: Layout | None,
+    body: Callable[[dict[str, Any]], Any],
+    end: Loc | None = None,
+) -> Recorded:
+    """Record what `body` does with fresh inputs of these types: what `record`, `<<` and `&` share."""
+    frame = made.frame
+    frame.returned = returns = Returns(frame, layout, made.name)
+    inputs, ports, given = _open_inputs(frame, types)
+    result = body(given)
+    with at(end or frame.loc):
+        returns.finish(result)
+    if returns.layout is None or not returns.slots:
+        raise RecordError(f"{made.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)")
+    entry = frame.finish(tuple(inputs), tuple(returns.slots))
+    module = Module(
+        made.name,
+        tuple(ports),
+        tuple(Port(name, kind) for name, kind in returns.ports),
+        tuple(_declare_param(name, p) for name, p in made.params.items()),
+        tuple(_declare_table(name, t) for name, t in made.tables.items()),
+        (*made.functions, entry),
+    )
+    verify(module)
+    params = {n: p for n, p in made.params.items()}
+    return Recorded(module, dict(types), returns.layout, params, dict(made.tables))
+
+
+def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.Value], list[Port], dict[str, Any]]:
+    inputs: list[nodes.Value] = []
+    ports: list[Port] = []
+    given: dict[str, Any] = {}
+    for name, type_ in types.items():
+        if isinstance(type_, TableType):
+            given[name] = TableArgument(name, type_)
+            continue
+        if isinstance(type_, TextureType):
+            given[name] = TextureArgument(name, type_)
+            continue
+        parts = []
+        for leaf, kind, cls in leaves(type_, name):
+            incoming = frame.new_value(cls.type, leaf, frame.loc)
+            inputs.append(incoming)
+            ports.append(Port(leaf, kind))
+            part = _slot_value(frame, cls, leaf, frame.loc)
+            frame.append(Store(part._variable, incoming.id, None, None, frame.loc))
+            parts.append(part)
+        given[name] = build_values(type_, iter(parts))
+    return inputs, ports, given
+
+
+def _declare_param(name: str, param: Any) -> nodes.Param:
+    return nodes.Param(name, type(param).__name__, param.type, encode(param.type, _numbers(param)))
+
+
+def _numbers(param: Any) -> list[Any]:
+    from shpy.ir.constants import decode
+
+    return list(decode(param.type, param._const))
+
+
+def _declare_table(name: str, table: Table) -> nodes.Table:
+    size = None if isinstance(table, TableArgument) else tuple(int(n) for n in table.shape)
+    return nodes.Table(name, table.type.type, table.rank, size)

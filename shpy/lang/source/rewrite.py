@@ -1,0 +1,69 @@
+"""The user's own expression, rewritten as the language wants it: what the cures quote.
+
+Stage: record. Takes an expression's tree; gives text.
+
+    a < b < c → (a < b) & (b < c)      x and not y → x & ~y      1 if c else 2 → sh.cond(c, 1, 2)
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+from functools import reduce
+
+_LONGEST = 96
+
+
+class _Rewriter(ast.NodeTransformer):
+    """Python's own logic into operators that values have."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        """`and` is `&`, `or` is `|`."""
+        self.generic_visit(node)
+        operator = ast.BitAnd() if isinstance(node.op, ast.And) else ast.BitOr()
+        return reduce(lambda left, right: ast.BinOp(left, operator, right), node.values)
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        """`not` is `~`."""
+        self.generic_visit(node)
+        return ast.UnaryOp(ast.Invert(), node.operand) if isinstance(node.op, ast.Not) else node
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        """A chain is the `&` of its links; `in` a display compares with each item."""
+        self.generic_visit(node)
+        links: list[ast.expr] = []
+        left = node.left
+        for operator, right in zip(node.ops, node.comparators, strict=True):
+            if isinstance(operator, ast.In | ast.NotIn) and isinstance(right, ast.Tuple | ast.List | ast.Set):
+                links.append(_membership(left, right.elts, wanted=isinstance(operator, ast.In)))
+            else:
+                links.append(ast.Compare(left, [operator], [right]))
+            left = right
+        return reduce(lambda a, b: ast.BinOp(a, ast.BitAnd(), b), links)
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
+        """`a if c else b` is `cond(c, a, b)`."""
+        self.generic_visit(node)
+        function = ast.parse(f"{self.prefix}cond", mode="eval").body
+        return ast.Call(function, [node.test, node.body, node.orelse], [])
+
+    def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
+        """Another function is left as it is."""
+        return node
+
+
+def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.expr:
+    """`x in (a, b)` is `(x == a) | (x == b)`, `not in` is `(x != a) & (x != b)`."""
+    sign: ast.cmpop = ast.Eq() if wanted else ast.NotEq()
+    join: ast.operator = ast.BitOr() if wanted else ast.BitAnd()
+    compared: list[ast.expr] = [ast.Compare(left, [sign], [item]) for item in items]
+    return reduce(lambda a, b: ast.BinOp(a, join, b), compared) if compared else ast.Constant(not wanted)
+
+
+def rewritten(node: ast.expr, prefix: str) -> str:
+    """The expression's text with Python's logic replaced; `prefix` stands before shpy's names."""
+    text = ast.unparse(ast.fix_missing_locations(_Rewriter(prefix).visit(copy.deepcopy(node))))
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

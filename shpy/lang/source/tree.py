@@ -1,0 +1,65 @@
+"""Parsed source files: one parse a file, found through linecache, so that notebooks work too.
+
+Stage: record. Takes a file's name as code objects give it; gives its syntax tree, or None where there is no text
+(a REPL, `exec`) or it does not parse.
+
+    parsed("demo.py")               # ast.Module
+    definition(function.__code__)   # the ast.FunctionDef that made it
+"""
+
+from __future__ import annotations
+
+import ast
+import linecache
+from types import CodeType
+from typing import TypeAlias
+
+FunctionNode: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef
+
+_LONGEST = 72
+
+_files: dict[str, tuple[list[str], ast.Module | None]] = {}
+
+
+def parsed(file: str) -> ast.Module | None:
+    """The file's tree. linecache hands out the same list of lines until the file changes, which keys the cache."""
+    lines = linecache.getlines(file)
+    known = _files.get(file)
+    if known is not None and known[0] is lines:
+        return known[1]
+    tree: ast.Module | None = None
+    if lines:
+        try:
+            tree = ast.parse("".join(lines))
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            tree = None
+    _files[file] = (lines, tree)
+    return tree
+
+
+def definition(code: CodeType) -> FunctionNode | None:
+    """The `def` that the code was compiled from; None for lambdas, and where the text has changed since."""
+    tree = parsed(code.co_filename)
+    if tree is None:
+        return None
+    for node in ast.walk(tree):
+        if isinstance(node, FunctionNode) and node.name == code.co_name:
+            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+            if first == code.co_firstlineno and _arguments(node) == code.co_varnames[: len(_arguments(node))]:
+                return node
+    return None
+
+
+def quoted(file: str, node: ast.AST) -> str:
+    """The node as the user wrote it, on one line, shortened if it is long."""
+    text = ""
+    if isinstance(node, ast.expr | ast.stmt) and node.lineno == node.end_lineno:
+        line = linecache.getline(file, node.lineno).encode()  # columns count bytes
+        text = line[node.col_offset : node.end_col_offset].decode(errors="replace")
+    text = text or " ".join(ast.unparse(node).split())
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _arguments(node: FunctionNode) -> tuple[str, ...]:
+    arguments = node.args
+    return tuple(a.arg for a in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs))

@@ -1,0 +1,275 @@
+"""Subroutines: functions that stay functions in the emitted text.
+
+Stage: record. `@sh.subroutine` records its function once for each signature in a program. Arguments come by reference:
+what the function stores into, its caller sees. Outside a program it is called as it is.
+
+    @sh.subroutine
+    def advance(p: sh.Point3f, v: sh.Vector3f):
+        p += v
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Hashable
+from contextlib import nullcontext
+from typing import Any
+
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir.nodes import Call, Function, Loc, Store, Variable
+from shpy.ir.nodes import Value as IrValue
+from shpy.ir.traverse import is_straight, walk
+from shpy.lang import arithmetic, values
+from shpy.lang.array import Array
+from shpy.lang.coerce import literal, sequence
+from shpy.lang.emit import FrameEmitter
+from shpy.lang.location import at, here, in_library, is_library, loc_in
+from shpy.lang.matrix import Matrix
+from shpy.lang.recorder import Frame, Recording, current
+from shpy.lang.returns import Returns
+from shpy.lang.signature import hints_of, return_loc
+from shpy.lang.source_check import check_source
+from shpy.lang.structure import Layout, Leaf, build_values, flatten, layout_from, layout_of, leaves
+
+__all__ = ["Subroutine", "subroutine"]
+
+
+class Subroutine:
+    """A function of the language that is emitted as one. Call it with values.
+
+    Raises RecordError for recursion, and for one variable given for two parameters that are both written.
+    """
+
+    def __init__(self, function: Callable[..., Any], name: str | None = None) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.name: str = name or str(getattr(function, "__name__", "subroutine"))
+        self.signature = inspect.signature(function)
+        self._hints: dict[str, Any] | None = None
+
+    def __get__(self, instance: Any, owner: Any = None) -> Any:
+        """Methods work too: the instance is part of what the subroutine is recorded for."""
+        return self if instance is None else functools.partial(self, instance)
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        """Record a call; outside a program, just call the function."""
+        recording = current()
+        if recording is None:
+            return self.function(*args, **named)
+        bound = self.signature.bind(*args, **named)
+        bound.apply_defaults()
+        if self._hints is None:
+            self._hints = hints_of(self.function)
+        given = {name: self._argument(name, value) for name, value in bound.arguments.items()}
+        key = (self.function, tuple((name, _key(value)) for name, value in given.items()))
+        recorded = recording.subroutines.get(key)
+        if recorded is None:
+            if any(other is self.function for other in recording.underway):
+                raise RecordError(
+                    f"{self.name} calls itself: recursion cannot be recorded",
+                    loc=here(),
+                    cure="a loop, with an sh.Array as the stack",
+                )
+            recorded = recording.subroutines[key] = self._record(recording, given)
+        return recorded.call(recording.frame, given)
+
+    def _argument(self, name: str, value: Any) -> Any:
+        """A number for an annotated parameter becomes a value of its type; other host objects stay what they are."""
+        assert self._hints is not None
+        hint = self._hints.get(name)
+        plain = literal(value) is not None or sequence(value) is not None
+        if plain and isinstance(hint, type) and issubclass(hint, values.Value | Matrix):
+            return hint(value)
+        return value
+
+    def _record(self, recording: Recording, given: dict[str, Any]) -> Recorded:
+        loc = loc_in(self.function.__code__.co_filename, self.function.__code__.co_firstlineno)
+        frame = Frame(recording, recording.function_name(self.name), loc)
+        hints = self._hints or {}
+        hint = hints.get("return")
+        layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
+        frame.returned = Returns(frame, layout, self.name)
+        recording.frames.append(frame)
+        recording.underway.append(self.function)
+        try:
+            inside = {name: _parameter(frame, name, value) for name, value in given.items()}
+            with in_library() if is_library(loc) else nullcontext():
+                result = self.function(**_restore(self.signature, inside))
+            with at(return_loc(self.function)):
+                frame.returned.finish(result)
+        finally:
+            recording.frames.pop()
+            recording.underway.pop()
+        recorded = Recorded(frame, inside)
+        recording.functions.append(recorded.function)
+        return recorded
+
+
+def _restore(signature: inspect.Signature, inside: dict[str, Any]) -> dict[str, Any]:
+    if any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY) for p in signature.parameters.values()):
+        raise RecordError("a subroutine names its parameters one by one", loc=here(), cure="def f(a, b):")
+    return inside
+
+
+def _key(value: Any) -> Hashable:
+    """What of an argument decides which recording fits: the type of a value, the identity of anything else."""
+    if isinstance(value, Array):
+        return "array", value._layout, len(value)
+    if _is_symbolic(value):
+        return "value", layout_from(value, "argument")
+    try:
+        hash(value)
+    except TypeError:
+        return "object", id(value)
+    return "host", type(value), value
+
+
+def _is_symbolic(value: Any) -> bool:
+    return isinstance(value, values.Value | Matrix) or hasattr(type(value), "_shpy_fields")
+
+
+def _parameter(frame: Frame, name: str, value: Any) -> Any:
+    """The object that stands for an argument inside the function: fresh slots."""
+    loc = frame.loc
+    if isinstance(value, Array):
+        slots = [
+            frame.variable(cls.type, len(value), name=f"{name}_{suffix}" if suffix else name, loc=loc)
+            for suffix, _, cls in leaves(value._layout, "")
+        ]
+        return Array._of(frame, value._layout, len(value), slots)
+    if not _is_symbolic(value):
+        return value
+    layout = layout_from(value, name)
+    made = [_slot_value(frame, cls, part, loc) for part, _, cls in leaves(layout, name)]
+    return build_values(layout, iter(made))
+
+
+def _slot_value(frame: Frame, cls: type[values.Value], name: str, loc: Loc | None) -> values.Value:
+    value = object.__new__(cls)
+    slot = frame.variable(cls.type, name=name, loc=loc)
+    for attribute, held in (("_frame", frame), ("_variable", slot), ("_const", ()), ("_part", None), ("_loc", loc)):
+        object.__setattr__(value, attribute, held)
+    return value
+
+
+def _slots(value: Any) -> list[int]:
+    """The slots of an argument's leaves, in order; none for host objects."""
+    if isinstance(value, Array):
+        return list(value._variables)
+    if not _is_symbolic(value):
+        return []
+    return [leaf._variable for leaf in flatten(layout_from(value, ""), value, "")]
+
+
+class Recorded:
+    """A subroutine as one program calls it: its function, and how to pass what it takes."""
+
+    def __init__(self, frame: Frame, inside: dict[str, Any]) -> None:
+        returns: Returns = frame.returned
+        body = frame.scopes[0].statements
+        written = _written(frame)
+        self.layout: Layout | None = returns.layout
+        self.by_reference: list[bool] = []
+        inputs: list[IrValue | Variable] = []
+        copies: list[Any] = []
+        for name, value in inside.items():
+            for slot in _slots(value):
+                variable = frame.named(frame.variables[slot])
+                reference = slot in written or variable.length is not None
+                self.by_reference.append(reference)
+                if reference:
+                    inputs.append(variable)
+                else:
+                    incoming = frame.new_value(variable.type, variable.name or name, frame.loc)
+                    inputs.append(incoming)
+                    copies.append(Store(slot, incoming.id, None, None, frame.loc))
+        body[:0] = copies
+        pure = is_straight(body) and len(returns.slots) == 1 and not any(self.by_reference)
+        self.function: Function = frame.finish(tuple(inputs), tuple(returns.slots), pure)
+
+    def call(self, frame: Frame, given: dict[str, Any]) -> Any:
+        """Record a call from `frame`; gives the function's result."""
+        args = self._arguments(frame, given)
+        loc = here()
+        outputs = self.function.outputs
+        if self.function.pure:
+            results = [frame.let("call", tuple(args), outputs[0].type, self.function.name)]
+        else:
+            made = tuple(frame.new_value(o.type, None, loc) for o in outputs)
+            frame.append(Call(self.function.name, tuple(args), made, loc))
+            results = [v.id for v in made]
+        if self.layout is None:
+            return None
+        emitter = FrameEmitter(frame)
+        classes = [cls for _, _, cls in leaves(self.layout, "")]
+        wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
+        return wrapped[0] if isinstance(self.layout, Leaf) else build_values(self.layout, iter(wrapped))
+
+    def _arguments(self, frame: Frame, given: dict[str, Any]) -> list[int]:
+        emitter = FrameEmitter(frame)
+        args: list[int] = []
+        passed: dict[int, str] = {}
+        position = 0
+        for name, value in given.items():
+            for leaf in _leaves(value):
+                if not self.by_reference[position]:
+                    args.append(leaf._read(emitter))
+                else:
+                    args.append(self._reference(frame, leaf, name, passed))
+                position += 1
+        return args
+
+    def _reference(self, frame: Frame, leaf: Any, name: str, passed: dict[int, str]) -> int:
+        if isinstance(leaf, int):
+            slot = leaf
+        else:
+            if leaf._frame is None:
+                raise RecordError(
+                    f"{self.function.name} stores into {name}, which is given a constant",
+                    loc=here(),
+                    cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
+                )
+            leaf._check(frame)
+            slot = leaf._variable
+            if leaf._part is not None and frame.names[slot] is None:
+                raise RecordError(
+                    f"{self.function.name} stores into {name}, which is given {leaf._part}, a copy",
+                    loc=here(),
+                    cure=f"x = {leaf._part} first, and {leaf._part} = x after the call",
+                )
+        if slot in passed:
+            raise RecordError(
+                f"one variable is given for {passed[slot]} and {name}, which {self.function.name} both stores into",
+                loc=here(),
+                cure="a copy for one of them: x.copy()",
+            )
+        passed[slot] = name
+        return slot
+
+
+def _leaves(value: Any) -> list[Any]:
+    if isinstance(value, Array):
+        return list(value._variables)
+    return flatten(layout_from(value, ""), value, "") if _is_symbolic(value) else []
+
+
+def _written(frame: Frame) -> set[int]:
+    found: set[int] = set()
+    for statement in walk(tuple(frame.scopes[0].statements)):
+        if isinstance(statement, Store):
+            found.add(statement.variable)
+        elif isinstance(statement, Call):
+            found |= frame.recording.referenced(statement)
+    return found
+
+
+def subroutine(function: Callable[..., Any]) -> Subroutine:
+    """Make a function of the language one that stays a function in the emitted text, its arguments by reference.
+
+    Raises RecordError for the classic mistakes that its source shows, ShpyTypeError for anything but a function.
+    """
+    if not callable(function):
+        raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
+    check_source(function, is_value=_is_symbolic)
+    return Subroutine(function)

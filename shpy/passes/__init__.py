@@ -1,0 +1,1 @@
+"""IMPROVE: passes from IR to IR, each in a file of its own."""

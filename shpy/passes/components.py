@@ -1,0 +1,220 @@
+"""Take vectors apart: a value of three components becomes three values, a slot three slots.
+
+Stage: improve, after `lower` and `inline`, for targets whose registers hold one number for each of many elements.
+Takes a module without `Call`s and composite operations; gives one whose entry computes with scalars:
+
+    var $z: f2                         var $z_x: f
+                                       var $z_y: f
+    %1: f2 = load $z             ->    %3: f = load $z_x
+                                       %4: f = load $z_y
+    %2: f2 = mul %1, %c                %5: f = mul %3, %c_x
+    store $z = %2                      ...
+
+What comes as a vector from elsewhere (an input, a param, an element of a table, the result of a function) stays one,
+and is followed by a swizzle for each component; what is handed on as a vector (an index, an argument) is put together
+again. The entry's outputs become one for each component, and so do the module's; a pure function keeps its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import reduce
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Function, If, Let, Loop, Module, Port, Region, Stmt, Store, Value, Variable
+from shpy.ir.ops import OPS
+from shpy.passes.library import DEFINITIONS
+
+__all__ = ["COMPONENTS", "take_apart"]
+
+COMPONENTS = "xyzw"
+_KEPT = frozenset({"param", "table", "table_size", "grid_index", "grid_shape", "call"})
+_SCALAR = frozenset({"convert", "half", "any_lane", "all_lanes"})
+
+
+def take_apart(module: Module) -> Module:
+    """The module with every function on scalars; TypeError for what should have been lowered."""
+    *others, entry = module.functions
+    functions = [_Apart(f, is_entry=False).run() for f in others]
+    ports = [
+        Port(_named(port.name, slot.type.size, k) or port.name, port.kind)
+        for port, slot in zip(module.outputs, entry.outputs, strict=False)
+        for k in range(slot.type.size)
+    ]
+    return replace(module, outputs=tuple(ports), functions=(*functions, _Apart(entry, is_entry=True).run()))
+
+
+def _named(name: str | None, size: int, component: int) -> str | None:
+    return f"{name}_{COMPONENTS[component]}" if name and size > 1 else name
+
+
+class _Apart:
+    """Copies one function. `parts` are the components of each value, `slots` the scalar slots of each variable."""
+
+    def __init__(self, function: Function, *, is_entry: bool) -> None:
+        self.function = function
+        self.is_entry = is_entry
+        self.b = Builder(function=function)
+        self.parts: dict[int, tuple[int, ...]] = {}
+        self.wholes: dict[int, int] = {}
+        self.slots: dict[int, tuple[Variable, ...]] = {}
+
+    def run(self) -> Function:
+        """The function on scalars."""
+        b, function = self.b, self.function
+        b.variables, b.outputs = [], list(function.outputs)
+        for variable in function.variables:
+            self.slots[variable.id] = self.split(variable)
+            b.variables += self.slots[variable.id]
+        for output in function.outputs:
+            self.slots[output.id] = self.split(output)
+            if not self.is_entry and output.type.size > 1:
+                b.variables += self.slots[output.id]
+        if self.is_entry:
+            b.outputs = [part for output in function.outputs for part in self.slots[output.id]]
+        for port in function.inputs:
+            assert isinstance(port, Value)
+            self.keep(port)
+        self.statements(function.body)
+        if not self.is_entry:
+            self.gather_outputs()
+        return b.finish()
+
+    def split(self, variable: Variable) -> tuple[Variable, ...]:
+        size = variable.type.size
+        if size == 1:
+            return (variable,)
+        made = []
+        for k in range(size):
+            made.append(
+                self.b.variable(variable.type.scalar, variable.length, _named(variable.name, size, k), variable.loc)
+            )
+            self.b.variables.pop()
+        return tuple(made)
+
+    def gather_outputs(self) -> None:
+        """At the end of a pure function: its output as the vector that it is."""
+        for output in self.function.outputs:
+            if output.type.size > 1:
+                loads = [self.b.load(part) for part in self.slots[output.id]]
+                self.b.store(output, self.b.let("construct", *loads, type=output.type))
+
+    # Values
+
+    def keep(self, value: Value) -> None:
+        """A value that stays whole: pick its components."""
+        self.wholes[value.id] = value.id
+        size = value.type.size
+        if size == 1:
+            self.parts[value.id] = (value.id,)
+            return
+        self.parts[value.id] = tuple(self.b.swizzle(value, (k,), loc=value.loc).id for k in range(size))
+
+    def whole(self, value: int) -> int:
+        """The value as a vector again."""
+        parts = self.parts[value]
+        if len(parts) == 1:
+            return parts[0]
+        if value not in self.wholes:
+            type = self.b.type_of(value)
+            return self.b.let("construct", *parts, type=type).id
+        return self.wholes[value]
+
+    def let(self, let: Let) -> None:
+        """The operation on scalars."""
+        value, op, args = let.value, let.op, let.args
+        match op:
+            case "const":
+                self.constant(let)
+            case "load":
+                self.load(let)
+            case "construct":
+                self.parts[value.id] = tuple(part for a in args for part in self.parts[a])
+            case "splat":
+                self.parts[value.id] = self.parts[args[0]] * value.type.size
+            case "swizzle":
+                assert isinstance(let.attr, tuple)
+                self.parts[value.id] = tuple(self.parts[args[0]][k] for k in let.attr)
+            case "component":
+                self.component(let)
+            case "any" | "all":
+                fold = "or" if op == "any" else "and"
+                self.parts[value.id] = (reduce(lambda x, y: self.b.let(fold, x, y).id, self.parts[args[0]]),)
+            case _ if op in _KEPT:
+                self.b.append(Let(value, op, tuple(self.whole(a) for a in args), let.attr))
+                self.keep(value)
+            case _:
+                self.componentwise(let)
+
+    def each(self, let: Let) -> list[Value]:
+        """A scalar value for each component of the one that `let` makes; itself if it has but one."""
+        value, size = let.value, let.value.type.size
+        if size == 1:
+            made = [value]
+        else:
+            made = [self.b.value(value.type.scalar, _named(value.name, size, k), value.loc) for k in range(size)]
+        self.parts[value.id] = tuple(v.id for v in made)
+        return made
+
+    def constant(self, let: Let) -> None:
+        assert isinstance(let.attr, tuple)
+        for value, component in zip(self.each(let), let.attr, strict=True):
+            self.b.append(Let(value, "const", (), (component,)))
+
+    def load(self, let: Let) -> None:
+        assert isinstance(let.attr, int)
+        args = tuple(self.parts[a][0] for a in let.args)
+        for value, slot in zip(self.each(let), self.slots[let.attr], strict=True):
+            self.b.append(Let(value, "load", args, slot.id))
+
+    def component(self, let: Let) -> None:
+        """One of the components by its number, clamped: a chain of choices."""
+        vector, index = let.args
+        *parts, found = self.parts[vector]
+        at, number = self.parts[index][0], self.b.type_of(index)
+        for k, part in reversed(list(enumerate(parts))):
+            here = self.b.let("eq" if k else "le", at, self.b.const(number, [k]))
+            found = self.b.let("cond", here, part, found).id
+        self.parts[let.value.id] = (found,)
+
+    def componentwise(self, let: Let) -> None:
+        sizes = {len(self.parts[a]) for a in let.args}
+        known = (let.op in OPS and let.op not in DEFINITIONS) or let.op in _SCALAR
+        if sizes != {let.value.type.size} or not known:
+            raise TypeError(f"{let.op} does not work on components: it comes after lower")
+        columns = zip(*(self.parts[a] for a in let.args), strict=True)
+        for value, args in zip(self.each(let), columns, strict=True):
+            self.b.append(Let(value, let.op, args, let.attr))
+
+    # Statements
+
+    def statements(self, region: Region) -> None:
+        for statement in region:
+            self.statement(statement)
+
+    def region(self, region: Region) -> Region:
+        self.b.push()
+        self.statements(region)
+        return self.b.pop()
+
+    def statement(self, s: Stmt) -> None:
+        match s:
+            case Let():
+                self.let(s)
+            case Store():
+                self.store(s)
+            case If(condition, then, orelse, loc):
+                self.b.append(If(self.parts[condition][0], self.region(then), self.region(orelse), loc))
+            case Loop(body, continuing, until, turns, loc):
+                body, continuing = self.region(body), self.region(continuing)
+                until = None if until is None else self.parts[until][0]
+                self.b.append(Loop(body, continuing, until, turns, loc))
+            case _:
+                self.b.append(s)
+
+    def store(self, s: Store) -> None:
+        slots = self.slots[s.variable]
+        chosen = range(len(slots)) if s.components is None else s.components
+        index = None if s.index is None else self.parts[s.index][0]
+        for k, part in zip(chosen, self.parts[s.value], strict=True):
+            self.b.append(Store(slots[k].id, part, None, index, s.loc))

@@ -1,0 +1,62 @@
+"""A loop's `continuing` part, in which no exit may stand, moved into its body, where one may.
+
+Stage: improve; for `exits` and `inline`, when an element may end in what continues.
+
+    loop {                              loop {
+      if %c { continue }                  store $left = false
+      if %d { break }                     loop turns 1 {
+      ...                                   if %c { break }
+    } continuing {               ->         if %d { store $left = true; break }
+      A                                     ...; break
+    } until %e                            }
+                                          if $left { break }
+                                          A
+                                        } until %e
+
+Without a Continue there is nothing to it: A follows the body.
+"""
+
+from __future__ import annotations
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Break, Continue, If, Loop, Region, Variable
+from shpy.ir.traverse import continues
+from shpy.ir.types import Base, vec
+from shpy.passes.rewriter import falls_through
+
+__all__ = ["without_continuing"]
+
+
+def without_continuing(b: Builder, loop: Loop) -> Loop:
+    """The same loop, of the function that `b` builds, without a continuing part; Loops inside are the same objects."""
+    if not continues(loop):
+        if not falls_through(loop.body):
+            return Loop(loop.body, (), None, loop.turns, loop.loc)
+        return Loop(loop.body + loop.continuing, (), loop.until, loop.turns, loop.loc)
+    left = b.variable(vec(Base.B), name="left")
+    b.push()
+    b.store(left, b.const(left.type, [False]))
+    body = _leaving(b, loop.body, left)
+    if falls_through(body):
+        body = (*body, Break(loop.loc))
+    b.append(Loop(body, (), None, 1, loop.loc))
+    with b.when(b.load(left)):
+        b.exit(Break)
+    b.extend(loop.continuing)
+    return Loop(b.pop(), (), loop.until, loop.turns, loop.loc)
+
+
+def _leaving(b: Builder, region: Region, left: Variable) -> Region:
+    b.push()
+    for s in region:
+        match s:
+            case Break():
+                b.store(left, b.const(left.type, [True]), loc=s.loc)
+                b.append(s)
+            case Continue(loc):
+                b.append(Break(loc))
+            case If(condition, then, orelse, loc):
+                b.append(If(condition, _leaving(b, then, left), _leaving(b, orelse, left), loc))
+            case _:
+                b.append(s)
+    return b.pop()

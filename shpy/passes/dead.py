@@ -1,0 +1,174 @@
+"""Remove what has no effect: values nobody uses, variables nobody reads, and control flow around nothing.
+
+Stage: improve. Effects are stores to outputs and to inputs by reference, calls of functions that are not pure, exits,
+and loops without a known bound, which may run out of turns. Everything that an effect needs is marked from there on;
+the rest goes:
+
+    %1 = mul %0, %0          |
+    store $y = %1            |   (nothing: $y is never loaded)
+    if %c { store $y = %0 }  |
+
+A variable that only feeds itself (`n = n + 1` that nobody reads) goes as well. Ports, params, tables and functions
+stay declared: they are the user's. `remove_unused_functions` is for a module that is about to be printed.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+
+from shpy.ir.nodes import (
+    EXITS,
+    Break,
+    Call,
+    Continue,
+    Function,
+    If,
+    Let,
+    Loop,
+    Module,
+    Region,
+    Stmt,
+    Store,
+    Value,
+    Variable,
+)
+from shpy.ir.traverse import walk
+from shpy.passes.rewriter import Functions, each_function
+
+__all__ = ["remove_dead", "remove_unused_functions"]
+
+
+def remove_dead(module: Module) -> Module:
+    """The module without statements and variables that have no effect."""
+    return each_function(module, lambda f, functions: _Marker(f, functions).swept())
+
+
+def remove_unused_functions(module: Module) -> Module:
+    """The module without the functions that its entry does not reach."""
+    reached = {module.entry.name}
+    for function in reversed(module.functions):
+        if function.name in reached:
+            reached |= {s.function for s in walk(function.body) if isinstance(s, Call)}
+            calls = (s.attr for s in walk(function.body) if isinstance(s, Let) and s.op == "call")
+            reached |= {c for c in calls if isinstance(c, str)}
+    return replace(module, functions=tuple(f for f in module.functions if f.name in reached))
+
+
+class _Marker:
+    """Marks what is needed: values, variables, and Ifs and Loops (by identity), with `_todo` still to be followed."""
+
+    def __init__(self, function: Function, functions: Functions) -> None:
+        self.function = function
+        self.functions = functions
+        self.values: set[int] = set()
+        self.variables: set[int] = set()
+        self.controls: set[int] = set()
+        self._todo: list[int] = []
+        self._lets: dict[int, Let] = {}
+        self._stores: defaultdict[int, list[tuple[Store, Stmt | None]]] = defaultdict(list)
+        self._parents: dict[int, If | Loop | None] = {}
+        self._exits: defaultdict[int, list[If | Loop | None]] = defaultdict(list)
+        self._effects: list[tuple[Stmt, If | Loop | None]] = []
+
+    def swept(self) -> Function:
+        """The function with what is needed."""
+        f = self.function
+        self._index(f.body, None, None)
+        for variable in (*f.outputs, *(i for i in f.inputs if isinstance(i, Variable))):
+            self._need_variable(variable.id)
+        for effect, control in self._effects:
+            self._need_effect(effect, control)
+        while self._todo:
+            let = self._lets.get(self._todo.pop())
+            if let is None:
+                continue
+            self._need_values(let.args)
+            if let.op == "load":
+                assert isinstance(let.attr, int)
+                self._need_variable(let.attr)
+        variables = tuple(v for v in f.variables if v.id in self.variables)
+        return replace(f, variables=variables, body=self._sweep(f.body))
+
+    # Marking
+
+    def _index(self, region: Region, control: If | Loop | None, loop: Loop | None) -> None:
+        """Note where everything stands: inside which If or Loop, and in which loop."""
+        for s in region:
+            if isinstance(s, Let):
+                self._lets[s.value.id] = s
+            elif isinstance(s, Store):
+                self._stores[s.variable].append((s, control))
+            elif isinstance(s, If):
+                self._parents[id(s)] = control
+                self._index(s.then, s, loop)
+                self._index(s.orelse, s, loop)
+            elif isinstance(s, Loop):
+                self._parents[id(s)] = control
+                self._index(s.body, s, s)
+                self._index(s.continuing, s, s)
+                if s.turns is None:
+                    self._effects.append((s, control))
+            elif isinstance(s, (Break, Continue)):
+                self._exits[id(loop)].append(control)
+            else:
+                self._effects.append((s, control))
+
+    def _need_effect(self, effect: Stmt, control: If | Loop | None) -> None:
+        self._need_control(effect if isinstance(effect, Loop) else control)
+        if isinstance(effect, Call):
+            for argument, port in zip(effect.args, self.functions[effect.function].inputs, strict=True):
+                if isinstance(port, Value):
+                    self._need_values((argument,))
+                else:
+                    self._need_variable(argument)
+
+    def _need_values(self, values: tuple[int, ...]) -> None:
+        for value in values:
+            if value not in self.values:
+                self.values.add(value)
+                self._todo.append(value)
+
+    def _need_variable(self, variable: int) -> None:
+        if variable in self.variables:
+            return
+        self.variables.add(variable)
+        for store, control in self._stores[variable]:
+            self._need_values((store.value,) if store.index is None else (store.value, store.index))
+            self._need_control(control)
+
+    def _need_control(self, control: Stmt | None) -> None:
+        while isinstance(control, (If, Loop)) and id(control) not in self.controls:
+            self.controls.add(id(control))
+            if isinstance(control, If):
+                self._need_values((control.condition,))
+            else:
+                if control.until is not None:
+                    self._need_values((control.until,))
+                for inner in self._exits[id(control)]:
+                    self._need_control(inner)
+            control = self._parents[id(control)]
+
+    # Sweeping
+
+    def _sweep(self, region: Region) -> Region:
+        kept: list[Stmt] = []
+        for s in region:
+            if isinstance(s, Let):
+                if s.value.id in self.values:
+                    kept.append(s)
+            elif isinstance(s, Store):
+                if s.variable in self.variables:
+                    kept.append(s)
+            elif isinstance(s, If):
+                if id(s) in self.controls:
+                    kept.append(If(s.condition, self._sweep(s.then), self._sweep(s.orelse), s.loc))
+            elif isinstance(s, Loop):
+                if id(s) in self.controls:
+                    body, continuing = self._sweep(s.body), self._sweep(s.continuing)
+                    kept.append(Loop(body, continuing, s.until, s.turns, s.loc))
+            elif isinstance(s, EXITS):
+                kept.append(s)
+            else:
+                kept.append(s)
+        return tuple(kept)

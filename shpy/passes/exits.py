@@ -1,0 +1,219 @@
+"""Make the ways in which an element ends explicit: limits of loops, discards, and the status that tells of them.
+
+Stage: improve, once subroutines are where they will stay. Afterwards there is no Discard: a backend sees only Return.
+
+    loop {                         |   store $turns = 0
+      ...                          |   loop {
+    }                              |     %1 = add $turns, 1
+                                   |     store $turns = %1
+                                   |     if gt %1, 1048576 { store $status = 2; return }
+                              ->   |     ...
+                                   |   }
+    if %c { discard }              |   if %c { store $status = 0; return }
+    call f(%x)                     |   call f(%x, $status)
+                                   |   if ne $status, 1 { return }
+
+The entry gets one more output, `status`, the last; a function that may end the element takes it by reference. Where
+nothing can end an element early there is no status at all. With `loop_flags`, for devices that stop loops of their
+own accord, every loop that is left in earnest says so in `$ended`; without it the status is DEVICE_STOPPED.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import (
+    Break,
+    Call,
+    Discard,
+    Function,
+    If,
+    Let,
+    Loc,
+    Loop,
+    Module,
+    Region,
+    Return,
+    Status,
+    Stmt,
+    Store,
+    Value,
+    Variable,
+)
+from shpy.ir.traverse import limited_loops, test_length, walk
+from shpy.ir.types import Base, vec
+from shpy.passes.continuing import without_continuing
+
+__all__ = ["DEVICE_TURNS", "few_turns", "make_exits_explicit"]
+
+DEVICE_TURNS = 65_535
+"""Turns in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
+
+_INT, _BOOL = vec(Base.I), vec(Base.B)
+
+
+def make_exits_explicit(
+    module: Module, loop_limit: int | None = 1_048_576, *, loop_flags: bool = False
+) -> tuple[Module, bool, tuple[Loc | None, ...]]:
+    """The module, whether it gives a status, and the line of every limited loop: FIRST_LOOP + k is the k-th.
+
+    A loop without a known bound may take `loop_limit` turns each time it is entered; None sets no limit.
+    """
+    limited = limited_loops(module) if loop_limit is not None else ()
+    flags = loop_flags and not few_turns(module)
+    plan = _Plan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags)
+    functions = tuple(_Ending(f, plan).run() if f.name in plan.ending else f for f in module.functions)
+    has_status = module.entry.name in plan.ending
+    return replace(module, functions=functions), has_status, tuple(loop.loc for loop in limited)
+
+
+def few_turns(module: Module) -> bool:
+    """Whether no element can take as many turns in all as a device may stop at."""
+    totals: dict[str, float] = {}
+
+    def total(region: Region) -> float:
+        turns = 0.0
+        for s in region:
+            if isinstance(s, If):
+                turns += max(total(s.then), total(s.orelse))
+            elif isinstance(s, Loop):
+                inside = 1 + total(s.body) + total(s.continuing)
+                turns += float("inf") if s.turns is None else s.turns * inside
+            elif isinstance(s, Call):
+                turns += totals[s.function]
+        return turns
+
+    for function in module.functions:
+        totals[function.name] = total(function.body)
+    return totals[module.entry.name] < DEVICE_TURNS
+
+
+class _Plan:
+    """What the functions of a module have in common. `ending`: the names of those that may end the element."""
+
+    def __init__(self, module: Module, limited: dict[int, int], limit: int, flags: bool) -> None:
+        self.entry = module.entry
+        self.limited = limited
+        self.limit = limit
+        self.flags = flags
+        self.functions = {f.name: f for f in module.functions}
+        self.ending: set[str] = set()
+        for function in module.functions:
+            if any(self.ends(s) for s in walk(function.body)):
+                self.ending.add(function.name)
+
+    def flagged(self, loop: Loop) -> bool:
+        """Whether the loop says when it is left: one that takes a turn or none is no loop any more later."""
+        return self.flags and loop.turns not in (0, 1)
+
+    def ends(self, s: Stmt) -> bool:
+        """Whether a statement may end the element."""
+        if isinstance(s, Loop):
+            return self.flagged(s) or id(s) in self.limited
+        return isinstance(s, Discard) or (isinstance(s, Call) and s.function in self.ending)
+
+
+class _Ending:
+    """Rewrites one function that may end the element. `ended`: the flag of the innermost loop."""
+
+    def __init__(self, function: Function, plan: _Plan) -> None:
+        self.plan = plan
+        self.function = function
+        self.b = Builder(function=function)
+        if function is plan.entry:
+            self.status = self.b.output(_INT, "status")
+        else:
+            self.status = self.b.reference(_INT, "status")
+
+    def run(self) -> Function:
+        """The function with its exits explicit."""
+        if self.function is self.plan.entry:
+            self.b.loc = self.function.loc
+            self._set_status(Status.WRITTEN)
+        self.b.extend(self._region(self.function.body, None))
+        return self.b.finish()
+
+    def _number(self, number: int) -> Value:
+        return self.b.const(_INT, [number])
+
+    def _flag(self, flag: Variable, value: bool) -> None:
+        self.b.store(flag, self.b.const(_BOOL, [value]))
+
+    def _set_status(self, status: int) -> None:
+        self.b.store(self.status, self._number(status))
+
+    def _end(self, status: int) -> None:
+        self._set_status(status)
+        self.b.exit(Return)
+
+    def _region(self, region: Region, ended: Variable | None) -> Region:
+        self.b.push()
+        for statement in region:
+            self._statement(statement, ended)
+        return self.b.pop()
+
+    def _statement(self, s: Stmt, ended: Variable | None) -> None:
+        if not isinstance(s, Let):
+            self.b.loc = s.loc
+        match s:
+            case Discard(status):
+                self._end(status)
+            case Break() if ended is not None:
+                self._flag(ended, True)
+                self.b.append(s)
+            case If(condition, then, orelse, loc):
+                self.b.append(If(condition, self._region(then, ended), self._region(orelse, ended), loc))
+            case Loop():
+                self._loop(s)
+            case Call(name, args) if name in self.plan.ending:
+                self.b.append(replace(s, args=(*args, self.status.id)))
+                with self.b.when(self.b.let("ne", self.b.load(self.status), self._number(Status.WRITTEN))):
+                    self.b.exit(Return)
+            case _:
+                self.b.append(s)
+
+    def _loop(self, loop: Loop) -> None:
+        b = self.b
+        number = self.plan.limited.get(id(loop))
+        if any(self.plan.ends(s) for s in walk(loop.continuing)):
+            loop = without_continuing(b, loop)
+        ended = b.variable(_BOOL, name="ended") if self.plan.flagged(loop) else None
+        if ended is not None:
+            self._flag(ended, False)
+        budget: Region = ()
+        if number is not None:
+            turns = b.variable(_INT, name="turns")
+            b.store(turns, self._number(0))
+            budget = self._budget(turns, Status.FIRST_LOOP + number, flagged=ended is not None)
+        head = test_length(loop.body)
+        body = self._region(loop.body[:head], ended) + budget + self._region(loop.body[head:], ended)
+        continuing = self._region(loop.continuing, ended)
+        if ended is not None and loop.until is not None:
+            continuing = (*continuing, Store(ended.id, loop.until))
+        b.append(Loop(body, continuing, loop.until, loop.turns, loop.loc))
+        if ended is None:
+            return
+        b.loc = loop.loc
+        with b.when(b.let("not", b.load(ended))):
+            if number is None:
+                self._set_status(Status.DEVICE_STOPPED)
+            else:
+                # Not "if it is WRITTEN": what was stored in a loop that was stopped may be lost.
+                with b.when(b.let("ne", b.load(self.status), self._number(Status.FIRST_LOOP + number))):
+                    self._set_status(Status.DEVICE_STOPPED)
+            b.exit(Return)
+
+    def _budget(self, turns: Variable, status: int, *, flagged: bool) -> Region:
+        """Counts a turn; the one too many ends the element, where there is a flag by leaving the loop without it.
+
+        That is cheaper than a return on the devices with flags, and an end of the loop that their compilers see: they
+        must not conclude that what follows is reached through `ended = true` alone.
+        """
+        b = self.b
+        b.push()
+        b.store(turns, b.let("add", b.load(turns), self._number(1)))
+        with b.when(b.let("gt", b.load(turns), self._number(self.plan.limit))):
+            self._set_status(status)
+            b.exit(Break if flagged else Return)
+        return b.pop()

@@ -1,0 +1,195 @@
+"""Compute what is constant, and drop what an operation leaves as it is.
+
+Stage: improve, once the working precision is fixed. Constants are computed by the op table itself, so that a folded
+value has the bits that running it would give:
+
+    %2 = add %0, %1            ->   %2 = const 3.0        (%0 = 1.0, %1 = 2.0)
+    %4 = mul %3, %one          ->   %3
+    if %true { A } else { B }  ->   A
+    loop { ...; until %true }  ->   ...                   (when nothing in it breaks or continues)
+    store $array[%9] = %x      ->                         (nothing: %9 is beyond the array; a load takes the nearest)
+
+A loop that takes no turns goes, and so does what stands behind a branch that always leaves. The rules for operations
+are in `identities` and `vectors`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from shpy.ir.constants import DTYPES, from_array, to_array
+from shpy.ir.meaning import convert
+from shpy.ir.nodes import EXITS, Break, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store
+from shpy.ir.ops import LANE_OPS, OPS
+from shpy.ir.traverse import variables_of
+from shpy.ir.types import Base
+from shpy.passes.identities import simplify
+from shpy.passes.rewriter import Functions, Rewriter, each_function
+from shpy.passes.vectors import rearrange
+
+__all__ = ["fold"]
+
+
+def fold(module: Module, *, fixed: bool = True) -> Module:
+    """The module with its constants computed.
+
+    `fixed` says that the working precision is: without it, no arithmetic on base f is done.
+    """
+    sizes = {t.name: t.size for t in module.tables if t.size is not None}
+    return each_function(module, lambda f, functions: _Fold(f, functions, sizes, fixed).run())
+
+
+class _Fold(Rewriter):
+    """Every value that is emitted has been simplified already, so one walk is enough."""
+
+    def __init__(
+        self, function: Function, functions: Functions, sizes: dict[str, tuple[int, ...]], fixed: bool
+    ) -> None:
+        super().__init__(function, functions)
+        self.sizes = sizes
+        self.fixed = fixed
+
+    # What is constant
+
+    def constant(self, value: int) -> tuple[int, ...] | None:
+        """The components of a constant, or of the splat of one."""
+        made = self.made.get(value)
+        if made is None:
+            return None
+        if made.op == "const":
+            assert isinstance(made.attr, tuple)
+            return made.attr
+        if made.op == "splat":
+            scalar = self.constant(made.args[0])
+            return None if scalar is None else scalar * made.value.type.size
+        return None
+
+    def _computed(self, let: Let) -> tuple[int, ...] | None:
+        """The components of the result where it is constant."""
+        if let.op == "table_size":
+            return self.sizes.get(str(let.attr))
+        if not let.args or (let.op not in OPS and let.op not in _STRUCTURAL):
+            return None
+        constants = [self.constant(a) for a in let.args]
+        types = [self.types[a] for a in let.args]
+        if any(c is None for c in constants):
+            return None
+        if not self.fixed and Base.F in {t.base for t in (*types, let.value.type)} and let.op != "cond":
+            return None
+        arrays = [to_array(t, c) for t, c in zip(types, constants, strict=True) if c is not None]
+        with np.errstate(all="ignore"):
+            if let.op in LANE_OPS:
+                result = arrays[0]
+            elif let.op == "half":
+                result = arrays[0].astype(np.float16)
+            elif let.op == "convert":
+                result = convert(arrays[0], DTYPES[let.value.type.base])
+            else:
+                meaning = OPS[let.op].meaning
+                assert meaning is not None
+                result = meaning(*arrays)
+        return from_array(let.value.type, np.asarray(result))
+
+    # Statements
+
+    def let(self, let: Let) -> None:
+        if let.op == "load" and let.args:
+            self.emit(self._in_range(let))
+            return
+        components = None if let.op == "const" else self._computed(let)
+        if components is not None:
+            self.emit(Let(let.value, "const", (), components))
+            return
+        found = (
+            rearrange(self, let) if let.op in ("swizzle", "construct", "component", "splat") else simplify(self, let)
+        )
+        if isinstance(found, int):
+            self.replace(let.value, found)
+        elif found is not None and found is not let:
+            self.let(found)
+        else:
+            self.emit(let)
+
+    def _in_range(self, load: Let) -> Let:
+        """A load whose index, where it is constant, is that of the nearest element."""
+        index = self.constant(load.args[0])
+        nearest = None if index is None else min(max(index[0], 0), self._length(load.attr) - 1)
+        if index is None or nearest is None or nearest == index[0]:
+            return load
+        return replace(load, args=(self.const(self.types[load.args[0]], nearest),))
+
+    def _length(self, variable: object) -> int:
+        return next(v.length or 0 for v in variables_of(self.function) if v.id == variable)
+
+    def store(self, store: Store) -> None:
+        index = None if store.index is None else self.constant(store.index)
+        if index is None or 0 <= index[0] < self._length(store.variable):
+            self.emit(store)
+
+    def branch(self, branch: If) -> None:
+        condition = self.constant(branch.condition)
+        if condition is not None:
+            self.statements(branch.then if condition[0] else branch.orelse)
+            return
+        then, orelse = self.region(branch.then), self.region(branch.orelse)
+        made = self.made.get(branch.condition)
+        if orelse and made is not None and made.op == "not":
+            self.emit(If(made.args[0], orelse, then, branch.loc))
+        elif then or orelse:
+            self.emit(If(branch.condition, then, orelse, branch.loc))
+
+    def loop(self, loop: Loop) -> None:
+        if loop.turns == 0:
+            return
+        body = self.region(loop.body)
+        if _leaves(body) and not _targets(body, Continue):
+            self._leaving(loop, body)
+            return
+        continuing = self.region(loop.continuing)
+        until = None if loop.until is None else self.alias.get(loop.until, loop.until)
+        constant = None if until is None else self.constant(until)
+        once = loop.turns == 1 or (constant is not None and constant[0])
+        if once and not _targets(body, Break, Continue):
+            self._splice((*body, *continuing))
+        else:
+            never = constant is not None and not constant[0]
+            self.emit(Loop(body, continuing, None if never else until, loop.turns, loop.loc))
+
+    def _leaving(self, loop: Loop, body: Region) -> None:
+        """A loop whose body leaves at its end, so that it takes one turn: what is behind the body is never reached."""
+        inside = body[:-1] if isinstance(body[-1], Break) else body
+        if _targets(inside, Break):
+            self.emit(Loop(body, (), None, loop.turns, loop.loc))
+        else:
+            self._splice(inside)
+
+    def _splice(self, region: Region) -> None:
+        for statement in region:
+            self.emit(statement)
+
+    def statements(self, region: Region) -> None:
+        for statement in region:
+            self.statement(statement)
+            if self._open[-1] and isinstance(self._open[-1][-1], EXITS):
+                return
+
+
+_STRUCTURAL = frozenset({"convert", "half"}) | LANE_OPS
+
+
+def _leaves(region: Region) -> bool:
+    return bool(region) and isinstance(region[-1], EXITS)
+
+
+def _targets(region: Region, *kinds: type[Stmt]) -> bool:
+    """Whether an exit of one of these kinds, in this body of a loop, is that loop's."""
+    pending = list(region)
+    while pending:
+        s = pending.pop()
+        if isinstance(s, kinds):
+            return True
+        if isinstance(s, If):
+            pending += [*s.then, *s.orelse]
+    return False

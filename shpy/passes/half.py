@@ -1,0 +1,92 @@
+"""Do the arithmetic of binary16 in binary32, rounded after every operation.
+
+Stage: improve, after the precision is fixed. No target is asked for base h: each h becomes an f that holds a binary16.
+
+    %y = mul %a, %b : h       ->   %p = mul %a, %b : f
+                                   %y = half %p : f
+    %z = convert %x : h       ->   %z = half %x : f          (%x : f)
+    %m = max %a, %b : h       ->   %m = max %a, %b : f       (one of its operands: nothing to round)
+
+That is the table's meaning: + - * / and sqrt of binary16 are exact this way, since 24 >= 2 * 11 + 2 (Figueroa 1995);
+composites are rounded once at their end. Inputs, outputs, params and tables of base h become f as well: a backend
+converts where its arrays are float16, and nothing is lost, as what an output holds was rounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from shpy.ir.nodes import Function, Let, Module
+from shpy.ir.traverse import defined, variables_of
+from shpy.ir.types import Base, Type
+from shpy.passes.library import Library
+from shpy.passes.precision import Rebase, retype_ports, rounded
+from shpy.passes.rewriter import each_function
+
+__all__ = ["lower_half"]
+
+_EXACT = frozenset(
+    "const load swizzle construct splat component param table call cond neg abs sign floor ceil round trunc min max "
+    "clamp step faceforward half".split()
+)
+"""Operations whose result is a binary16 whenever their operands are."""
+
+
+def lower_half(module: Module) -> Module:
+    """The module without base h; the same object if it has none."""
+    if not _has_half(module):
+        return module
+    library = Library(module)
+    changed = each_function(module, lambda f, functions: _Half(f, functions, library).run())
+    return library.added(retype_ports(changed, Base.H, Base.F))
+
+
+def _has_half(module: Module) -> bool:
+    types = [p.type for p in module.params] + [t.type for t in module.tables]
+    for function in module.functions:
+        types += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]
+    return any(t.base is Base.H for t in types)
+
+
+class _Half(Rebase):
+    def __init__(self, function: Function, functions: Mapping[str, Function], library: Library) -> None:
+        super().__init__(function, functions, Base.H, Base.F)
+        self.library = library
+
+    def let(self, let: Let) -> None:
+        op, args = let.op, let.args
+        old = let.value.type
+        value = self.retyped(let.value)
+        if op == "convert":
+            self._convert(let)
+        elif old.base is not Base.H or op in _EXACT:
+            attr = rounded(old, let.attr) if op == "const" and isinstance(let.attr, tuple) else let.attr
+            self.emit(Let(value, op, args, attr))
+        elif op == "fma":
+            callee = self.library.use("half_fma", (value.type,) * 3)
+            self.emit(Let(value, "call", args, callee.name))
+        else:
+            whole = self.make_unrounded(op, args, let, value.type)
+            self.emit(Let(value, "half", (whole,)))
+
+    def make_unrounded(self, op: str, args: tuple[int, ...], let: Let, type: Type) -> int:
+        """The operation itself, in f; its id."""
+        whole = self.value(type)
+        self.emit(Let(whole, op, args, let.attr))
+        return whole.id
+
+    def _convert(self, let: Let) -> None:
+        (arg,) = let.args
+        source, target = self.old_types[arg], let.value.type
+        value = self.retyped(let.value)
+        if target.base is Base.H and source.base is Base.D:
+            callee = self.library.use("half_from_double", (source,))
+            self.emit(Let(value, "call", (arg,), callee.name))
+        elif target.base is Base.H and source.base is Base.F:
+            self.emit(Let(value, "half", (arg,)))
+        elif target.base is Base.H:
+            self.emit(Let(value, "half", (self.make_unrounded("convert", (arg,), let, value.type),)))
+        elif source.base is Base.H and target.base is Base.F:
+            self.replace(value, arg)
+        else:
+            self.emit(Let(value, "convert", (arg,)))

@@ -1,0 +1,141 @@
+"""Operations that leave an operand as it is, or that another does as well: to the bit, in IEEE arithmetic.
+
+Stage: improve; the scalar rules of `fold`. Only what holds for every value, infinite, NaN and -0.0 included (but for
+the sign and payload of a NaN), is here. So `x * 0.0`, `x + 0.0` and `x - x` stay as they are:
+
+    x * 1, 1 * x, x / 1       -> x          -(-x), ~~x, abs(abs(x))   -> x, x, abs(x)
+    x - 0.0, x + -0.0         -> x          min(x, x), cond(c, x, x)  -> x
+    pow(x, 2) (f32)           -> x * x      ~(a == b)                 -> a != b
+    i + 0, i * 0, i & 0, ...  -> i, 0, 0    ~(i < j) (ints)           -> i >= j
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from shpy.ir.constants import encode
+from shpy.ir.nodes import Attr, Let
+from shpy.ir.types import Base, Type
+
+__all__ = ["Known", "simplify"]
+
+
+class Known(Protocol):
+    """What a rule may ask: how a value was made, its constant components, its type."""
+
+    made: dict[int, Let]
+    types: dict[int, Type]
+    fixed: bool
+
+    def constant(self, value: int) -> tuple[int, ...] | None:
+        """The components of a constant."""
+
+    def make(self, op: str, *args: int, type: Type, attr: Attr = None) -> int:
+        """A new value."""
+
+
+Found = int | Let | None
+"""A value that serves instead, an operation that does the same, or None."""
+
+_INVERSE = {"eq": "ne", "ne": "eq"}
+_INVERSE_INT = {"lt": "ge", "ge": "lt", "gt": "le", "le": "gt"}
+
+_RIGHT_NEUTRAL: dict[str, tuple[float | None, int | None]] = {
+    "add": (-0.0, 0),
+    "sub": (0.0, 0),
+    "mul": (1.0, 1),
+    "div": (1.0, None),
+    "floordiv": (None, 1),
+    "or": (None, 0),
+    "xor": (None, 0),
+    "and": (None, -1),
+    "shl": (None, 0),
+    "shr": (None, 0),
+    "pow": (1.0, None),
+    "ldexp": (None, 0),
+}
+"""What leaves the left operand as it is when it stands on the right: the float, the int."""
+
+_COMMUTATIVE = frozenset({"add", "mul", "or", "xor", "and"})
+_ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
+"""The int or bool that makes the result itself, whatever the other operand."""
+
+
+def simplify(known: Known, let: Let) -> Found:
+    """What may stand for the operation, or None."""
+    match let.op, let.args:
+        case "neg" | "not" | "abs" | "half" | "convert", (x,):
+            return _unary(known, let, x)
+        case "min" | "max", (a, b) if a == b:
+            return a
+        case "and" | "or", (a, b) if a == b:
+            return a
+        case "cond", (c, a, b):
+            return _cond(known, let, c, a, b)
+        case "pow", (x, y) if known.fixed and _is(known, y, 2.0) and let.value.type.base is Base.F:
+            return Let(let.value, "mul", (x, x))
+        case "floormod", (_, b) if _is(known, b, 1):
+            return Let(let.value, "const", (), (0,) * let.value.type.size)
+        case op, (a, b) if op in _RIGHT_NEUTRAL:
+            return _neutral(known, let, a, b)
+    return None
+
+
+def _unary(known: Known, let: Let, x: int) -> Found:
+    inner = known.made.get(x)
+    if inner is None:
+        return None
+    match let.op, inner.op:
+        case ("neg", "neg") | ("not", "not"):
+            return inner.args[0]
+        case ("abs", "abs") | ("half", "half"):
+            return x
+        case "abs", "neg":
+            return Let(let.value, "abs", inner.args)
+        case "not", "eq" | "ne":
+            return Let(let.value, _INVERSE[inner.op], inner.args)
+        case "not", "lt" | "le" | "gt" | "ge" if known.types[inner.args[0]].is_int:
+            return Let(let.value, _INVERSE_INT[inner.op], inner.args)
+    return None
+
+
+def _cond(known: Known, let: Let, c: int, a: int, b: int) -> Found:
+    if a == b:
+        return a
+    chosen = known.constant(c)
+    if chosen is not None and len(set(chosen)) == 1:
+        return a if chosen[0] else b
+    if let.value.type.is_bool and _is(known, a, 1) and _is(known, b, 0):
+        return c
+    if let.value.type.is_bool and _is(known, a, 0) and _is(known, b, 1):
+        return Let(let.value, "not", (c,))
+    return None
+
+
+def _neutral(known: Known, let: Let, a: int, b: int) -> Found:
+    op, type = let.op, let.value.type
+    number = _RIGHT_NEUTRAL[op][known.types[b].is_float is False]
+    if number is not None and _is(known, b, number):
+        return a
+    if number is not None and op in _COMMUTATIVE and _is(known, a, number):
+        return b
+    if not type.is_float and op in _ABSORBING:
+        for side in (a, b):
+            if _is(known, side, _ABSORBING[op]):
+                return side
+    return None
+
+
+def _is(known: Known, value: int, number: float) -> bool:
+    """Whether a value is this constant in every component; -1 stands for all bits."""
+    components = known.constant(value)
+    if components is None:
+        return False
+    type = known.types[value]
+    if type.is_float:
+        wanted = encode(type.scalar, [number])[0]
+    elif number == -1:
+        wanted = {Base.B: 1, Base.U: 0xFFFFFFFF, Base.I: -1}[type.base]
+    else:
+        wanted = int(number)
+    return all(c == wanted for c in components)

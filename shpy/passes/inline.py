@@ -1,0 +1,206 @@
+"""Put the bodies of subroutines where they are called.
+
+Stage: improve, for targets without functions and before `vectorize`. Functions that are not pure disappear:
+
+    function f(%x, $y) { if %x { return }; store $y = 1.0 }
+    ...                                                        ->   ...
+    call f(%c, $v)                                                  if %c { } else { store $v = 1.0 }
+
+A Return in a branch puts what follows it into the other branch; where that is not possible, the body stands in a loop
+of one turn that Break leaves. Variables of the callee become the caller's; inside a loop they are set to zero first,
+as they are whenever a function starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from shpy.errors import CompileError
+from shpy.ir.builder import Builder
+from shpy.ir.constants import encode
+from shpy.ir.nodes import (
+    EXITS,
+    MAX_LOOP_DEPTH,
+    MAX_REGION_DEPTH,
+    Break,
+    Call,
+    Discard,
+    Function,
+    If,
+    Let,
+    Loop,
+    Module,
+    Region,
+    Return,
+    Stmt,
+    Store,
+    Value,
+    Variable,
+)
+from shpy.ir.traverse import regions_of, walk
+from shpy.ir.types import Base, vec
+from shpy.passes.continuing import without_continuing
+from shpy.passes.returns import returns_outside_loops
+from shpy.passes.rewriter import falls_through
+
+__all__ = ["inline_calls"]
+
+_DEEPEST_GUARD = 8
+"""How many Returns in a row may each put the rest of the body one region deeper."""
+
+
+def inline_calls(module: Module) -> Module:
+    """The module without functions that are not pure, but for its entry; CompileError where that nests too deep."""
+    if not any(isinstance(s, Call) for f in module.functions for s in walk(f.body)):
+        return replace(module, functions=(*(f for f in module.functions if f.pure), module.entry))
+    inlined: dict[str, Function] = {}
+    for function in module.functions:
+        inlined[function.name] = _Inliner(function, inlined).run()
+    entry = inlined[module.entry.name]
+    _check_depth(entry, entry.body, 1, 0)
+    return replace(module, functions=(*(f for f in module.functions if f.pure), entry))
+
+
+def _check_depth(function: Function, region: Region, regions: int, loops: int) -> None:
+    for s in region:
+        deeper = loops + isinstance(s, Loop)
+        if regions > MAX_REGION_DEPTH or deeper > MAX_LOOP_DEPTH:
+            loc = s.value.loc if isinstance(s, Let) else s.loc
+            raise CompileError("with its subroutines inlined, this nests too deep for the target", loc=loc)
+        for inner in regions_of(s):
+            _check_depth(function, inner, regions + 1, deeper)
+
+
+class _Inliner:
+    """Copies a function with the bodies of those that it calls; these have no calls left."""
+
+    def __init__(self, function: Function, inlined: dict[str, Function]) -> None:
+        self.function = function
+        self.inlined = inlined
+        self.b = Builder(function=function)
+
+    def run(self) -> Function:
+        """The function without calls of functions that are not pure."""
+        self.b.extend(self._region(self.function.body, in_loop=False))
+        return self.b.finish()
+
+    def _region(self, region: Region, *, in_loop: bool) -> Region:
+        self.b.push()
+        for s in region:
+            match s:
+                case Call():
+                    self.b.loc = s.loc
+                    self._inline(s, in_loop)
+                case If(condition, then, orelse, loc):
+                    then = self._region(then, in_loop=in_loop)
+                    self.b.append(If(condition, then, self._region(orelse, in_loop=in_loop), loc))
+                case Loop(body, continuing, until, turns, loc):
+                    body = self._region(body, in_loop=True)
+                    loop = Loop(body, self._region(continuing, in_loop=True), until, turns, loc)
+                    discards = any(isinstance(inner, Discard) for inner in walk(loop.continuing))
+                    self.b.append(without_continuing(self.b, loop) if discards else loop)
+                case _:
+                    self.b.append(s)
+        return self.b.pop()
+
+    def _inline(self, call: Call, in_loop: bool) -> None:
+        callee = returns_outside_loops(self.inlined[call.function])
+        copy = _Copy(self.b)
+        for port, argument in zip(callee.inputs, call.args, strict=True):
+            (copy.values if isinstance(port, Value) else copy.slots)[port.id] = argument
+        for slot in (*callee.outputs, *callee.variables):
+            own = self.b.variable(slot.type, slot.length, slot.name, slot.loc)
+            copy.slots[slot.id] = own.id
+            if in_loop:
+                self._zero(own)
+        body = _without_returns(callee.body, _DEEPEST_GUARD)
+        if body is None:
+            body = (Loop(_breaking(callee.body, last=True), (), None, 1, call.loc),)
+        self.b.extend(copy.region(body))
+        for result, output in zip(call.results, callee.outputs, strict=True):
+            self.b.append(Let(result, "load", (), copy.slots[output.id]))
+
+    def _zero(self, slot: Variable) -> None:
+        b = self.b
+        zero = b.let("const", type=slot.type, attr=encode(slot.type, [0] * slot.type.size))
+        if slot.length is None:
+            b.store(slot, zero)
+            return
+        index = vec(Base.I)
+        k = b.variable(index, name="k")
+        b.store(k, b.const(index, [0]))
+        with b.loop(turns=slot.length) as loop:
+            at = b.load(k)
+            b.store(slot, zero, index=at)
+            b.store(k, b.let("add", at, b.const(index, [1])))
+            loop.until(b.let("ge", b.load(k), b.const(index, [slot.length])))
+
+
+class _Copy:
+    """Copies statements with fresh values and other variables: `values` and `slots` say which is which."""
+
+    def __init__(self, b: Builder) -> None:
+        self.b = b
+        self.values: dict[int, int] = {}
+        self.slots: dict[int, int] = {}
+
+    def region(self, region: Region) -> Region:
+        """The region's copy."""
+        return tuple([self._statement(s) for s in region])
+
+    def _statement(self, s: Stmt) -> Stmt:
+        match s:
+            case Let(value, op, args, attr):
+                made = self.b.value(value.type, value.name, value.loc)
+                new_args = tuple([self.values[a] for a in args])
+                self.values[value.id] = made.id
+                return Let(made, op, new_args, self.slots[attr] if op == "load" and isinstance(attr, int) else attr)
+            case Store(variable, value, components, index, loc):
+                at = None if index is None else self.values[index]
+                return Store(self.slots[variable], self.values[value], components, at, loc)
+            case If(condition, then, orelse, loc):
+                return If(self.values[condition], self.region(then), self.region(orelse), loc)
+            case Loop(body, continuing, until, turns, loc):
+                body, continuing = self.region(body), self.region(continuing)
+                return Loop(body, continuing, None if until is None else self.values[until], turns, loc)
+        return s
+
+
+def _returns(region: Region) -> bool:
+    return any(isinstance(s, Return) for s in walk(region))
+
+
+def _without_returns(region: Region, guards: int) -> Region | None:
+    """The same region, whose end is the function's, without Return; None if that takes more than branches."""
+    for n, s in enumerate(region):
+        if isinstance(s, Return):
+            return region[:n]
+        if not isinstance(s, If) or not _returns((s,)):
+            continue
+        rest = region[n + 1 :]
+        then, orelse = s.then, s.orelse
+        if rest and guards and not falls_through(then):
+            orelse, rest = (orelse + rest if falls_through(orelse) else orelse), ()
+        elif rest and guards and not falls_through(orelse):
+            then, rest = then + rest, ()
+        if rest:
+            return None
+        new_then, new_orelse = _without_returns(then, guards - 1), _without_returns(orelse, guards - 1)
+        if new_then is None or new_orelse is None:
+            return None
+        return (*region[:n], If(s.condition, new_then, new_orelse, s.loc))
+    return region
+
+
+def _breaking(region: Region, *, last: bool) -> Region:
+    """The body of a loop of one turn: Return leaves it, and so does its end."""
+    made: list[Stmt] = []
+    for s in region:
+        if isinstance(s, Return):
+            s = Break(s.loc)
+        elif isinstance(s, If):
+            s = If(s.condition, _breaking(s.then, last=False), _breaking(s.orelse, last=False), s.loc)
+        made.append(s)
+    if last and not (made and isinstance(made[-1], EXITS)):
+        made.append(Break())
+    return tuple(made)

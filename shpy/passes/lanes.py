@@ -1,0 +1,129 @@
+"""Builds code for many lanes: which values vary, where variables live, what masks are made of.
+
+Stage: improve. Part of `vectorize`, which is a `LaneBuilder` that knows statements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from shpy.ir.builder import Builder
+from shpy.ir.constants import Base, vec
+from shpy.ir.nodes import Attr, Function, Variable
+from shpy.ir.types import Type
+from shpy.passes.liveness import Note
+from shpy.passes.slots import Slots
+from shpy.passes.uniformity import LoopFacts, varies
+
+__all__ = ["BOOL", "Here", "LaneBuilder", "Scope"]
+
+BOOL = vec(Base.B)
+
+
+@dataclass(slots=True)
+class Here:
+    """The region at hand.
+
+    `mask`: the lanes that are active (None: all); `whole`: they are all that are left of the turn; `kept`: what lanes
+    that are masked off by an If still need; `thinned`: lanes have left since the region began.
+    """
+
+    mask: int | None
+    whole: bool
+    kept: frozenset[int] = frozenset()
+    thinned: bool = False
+
+
+@dataclass(slots=True)
+class Scope:
+    """The loop, or the function (without a note), at hand.
+
+    `live`, `turn`: the slots of the lanes still in it, and still in this turn; `inner`: variables with a slot of its
+    own; `kept`: what lanes that skip the rest still need; `continued`: some may be skipping it.
+    """
+
+    facts: LoopFacts
+    live: Variable
+    turn: Variable
+    note: Note | None = None
+    outer: Scope | None = None
+    inner: frozenset[int] = frozenset()
+    kept: set[int] = field(default_factory=set)
+    continued: bool = False
+
+
+class LaneBuilder:
+    """What `vectorize` says in one word. `state` holds the variables that vary at this point."""
+
+    def __init__(self, function: Function) -> None:
+        self.function = function
+        variables = (*function.outputs, *function.variables)
+        self.arrays = frozenset(v.id for v in variables if v.length is not None)
+        self.slots = Slots(variables)
+        self.facts = LoopFacts()
+        self.varying_arrays: set[int] = set()
+        self.always: set[int] = set()
+        self.variables = [v.id for v in variables if v.length is None]
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what one walk makes."""
+        self.b = Builder(function=self.function)
+        self.varying = {v.id for v in self.function.inputs}
+        self.same: dict[int, int] = {}
+        self.state = set(self.always)
+        running = self.slots.mask("running", -1)
+        self.scope = Scope(self.facts, running, running)
+
+    def let(self, op: str, *args: int, type: Type | None = None, attr: Attr = None, name: str | None = None) -> int:
+        """Append an operation of our own."""
+        made = self.b.let(op, *args, type=type, attr=attr, name=name).id
+        if varies(op, (a in self.varying for a in args)):
+            self.varying.add(made)
+        return made
+
+    def load(self, slot: Variable, index: int | None = None) -> int:
+        """Append a load of a slot of our own."""
+        made = self.b.load(slot, index).id
+        if slot.id in self.slots.varying or index in self.varying:
+            self.varying.add(made)
+        return made
+
+    def both(self, mask: int | None, condition: int, name: str | None = None) -> int:
+        """The lanes of `mask` for which `condition` holds."""
+        return condition if mask is None else self.let("and", mask, condition, name=name)
+
+    def none(self, mask: int) -> int:
+        """Whether no lane of `mask` is set."""
+        return self.let("not", self.let("lane_any", mask, type=BOOL))
+
+    def lanes(self, variable: int, scope: Scope | None = None) -> Variable:
+        """The lanes slot of a variable at this point, or in an outer scope."""
+        scope = scope or self.scope
+        while scope.outer is not None and variable not in scope.inner:
+            scope = scope.outer
+        return self.slots.lanes(variable, None if scope.outer is None else id(scope.note))
+
+    def current(self, variable: int) -> Variable:
+        """The slot that holds a variable at this point."""
+        return self.lanes(variable) if variable in self.state else self.slots.uniform(variable)
+
+    def spread(self, variable: int) -> None:
+        """Copy a variable's uniform slot to its lanes slot."""
+        self.b.store(self.lanes(variable), self.load(self.slots.uniform(variable)))
+
+    def select(self, mask: int, new: int, old: int) -> int:
+        """`new` in the lanes of `mask`, else `old`."""
+        size = self.b.type_of(new).size
+        wide = mask if size == 1 else self.let("splat", mask, type=BOOL.sized(size))
+        return self.let("cond", wide, new, old)
+
+    def kept(self, here: Here) -> frozenset[int]:
+        """What lanes that are masked off still need."""
+        return frozenset() if here.mask is None else here.kept | self.scope.kept
+
+    def meet(self, facts: set[int], stored: frozenset[int], live: frozenset[int]) -> None:
+        """Go from here to a point where ways meet, at which `facts` vary."""
+        facts |= self.state & stored & live
+        for variable in sorted(facts - self.state):
+            self.spread(variable)

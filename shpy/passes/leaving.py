@@ -1,0 +1,122 @@
+"""What becomes of Break, Continue, Return and Discard when only some of the lanes leave.
+
+Stage: improve. Part of `vectorize`. Where all lanes of a turn leave together an exit stays what it is. Otherwise the
+lanes are taken out of a mask, and a real exit follows for the case that none is left:
+
+    if %c {            |   if lane_any(%leaving) {
+      break            |     $n_out = cond(%leaving, $n, $n_out)      (what is needed after the loop)
+    }                  |     $live = $live & ~%leaving
+                  ->   |     if not lane_any($live) { break }
+                       |   }
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from shpy.ir.nodes import Break, Continue, Discard, Function, If, Return, Variable
+from shpy.passes.lanes import BOOL, Here, LaneBuilder
+from shpy.passes.liveness import Note
+
+__all__ = ["ExitBuilder"]
+
+
+class ExitBuilder(LaneBuilder):
+    """A LaneBuilder that knows exits; each method tells whether nothing comes after it in its region."""
+
+    def __init__(self, function: Function) -> None:
+        super().__init__(function)
+        self.outputs = tuple(v.id for v in function.outputs)
+
+    def remove(self, slot: Variable, mask: int) -> None:
+        """Take the lanes of `mask` out of the mask in `slot`."""
+        self.b.store(slot, self.let("and", self.load(slot), self.let("not", mask)))
+
+    def put_aside(self, variables: frozenset[int], mask: int) -> None:
+        """Copy what leaving lanes changed in a loop, and what is needed after it, to the slots outside."""
+        scope = self.scope
+        for variable in sorted(variables - self.arrays):
+            scope.facts.copied.add(variable)
+            if variable in scope.inner:
+                outside = self.lanes(variable, scope.outer)
+                kept = self.select(mask, self.load(self.current(variable)), self.load(outside))
+                self.b.store(outside, kept)
+
+    def leave_loop(self, s: Break, note: Note, here: Here, needed: Iterable[int] | None = None) -> bool:
+        """A Break, or a Discard, after which only the status is needed."""
+        scope = self.scope
+        assert scope.note is not None
+        live = scope.note.after if needed is None else frozenset(needed)
+        together = here.whole and not scope.continued
+        if together and not scope.facts.varying:
+            self.meet(scope.facts.exit, scope.note.stored - self.arrays, live)
+            self.b.append(s)
+            return True
+        mask = self.mask(here)
+        self.put_aside(note.dirty & live, mask)
+        if together:
+            self.b.append(s)
+            return True
+        scope.facts.varying = True
+        self.remove(scope.live, mask)
+        self.b.append(If(self.none(self.load(scope.live)), (s,), (), s.loc))
+        return self.leave_turn(mask, here, s)
+
+    def skip_turn(self, s: Continue, here: Here) -> bool:
+        """A Continue."""
+        scope = self.scope
+        assert scope.note is not None
+        if here.whole:
+            self.jump(s)
+            return True
+        scope.facts.continues = True
+        scope.continued = True
+        scope.kept |= scope.note.inner[1]
+        return self.leave_turn(self.mask(here), here, s)
+
+    def leave_turn(self, mask: int, here: Here, s: Break | Continue) -> bool:
+        """Take lanes out of this turn, where that is not the same as taking them out of the loop."""
+        scope = self.scope
+        if scope.turn is scope.live and not here.whole:
+            return False
+        if here.whole:
+            self.jump(s)
+            return True
+        self.remove(scope.turn, mask)
+        none = self.none(self.load(scope.turn))
+        self.b.push()
+        self.jump(s)
+        self.b.append(If(none, self.b.pop(), (), s.loc))
+        return False
+
+    def jump(self, s: Break | Continue) -> None:
+        """Go to the loop's `continuing`, with all lanes of the turn."""
+        note = self.scope.note
+        assert note is not None
+        self.scope.facts.jumps = True
+        self.meet(self.scope.facts.step, note.stored, note.inner[1])
+        self.b.append(Continue(s.loc))
+
+    def leave_function(self, s: Return | Discard, here: Here) -> bool:
+        """A Return; or, outside of loops, a Discard."""
+        scope = self.scope
+        if here.whole:
+            self.meet(scope.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
+            self.b.append(Return(s.loc))
+            return True
+        scope.facts.varying = True
+        scope.kept.update(self.outputs if isinstance(s, Return) else self.outputs[-1:])
+        self.remove(scope.live, self.mask(here))
+        return False
+
+    def return_if_none(self, mask: int) -> None:
+        """Return when no lane of `mask` is left."""
+        none = self.none(mask)
+        self.b.push()
+        self.meet(self.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
+        self.b.append(Return())
+        self.b.append(If(none, self.b.pop()))
+
+    def mask(self, here: Here) -> int:
+        """The active lanes, as a mask."""
+        return self.let("lane_mask", type=BOOL) if here.mask is None else here.mask

@@ -1,0 +1,291 @@
+"""What the composite operations mean, written as plain operations: the library that `lower` calls.
+
+Stage: improve. `definition("reflect", (f3, f3))` gives the pure function
+
+    reflect3(i : f3, n : f3) -> f3 { i - 2.0 * dot(n, i) * n }
+
+The order of operations is exactly that of `ir/meaning.py`, so that every target gives the same bits. Definitions may
+use other composites; `lower` lowers those in turn. A definition's parameter names are those of the emitted function.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Function, Let, Module, Value
+from shpy.ir.types import Base, Type
+
+__all__ = ["DEFINITIONS", "INLINE", "Library", "Term", "definition"]
+
+
+class _Definition(Builder):
+    """Builds a definition; `names` are those of its values."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.pure = True
+        self.names: dict[int, str] = {}
+
+    def finish(self) -> Function:
+        made = super().finish()
+        return replace(made, body=tuple(self._named(s) if isinstance(s, Let) else s for s in made.body))
+
+    def _named(self, let: Let) -> Let:
+        return replace(let, value=replace(let.value, name=self.names.get(let.value.id)))
+
+
+class Term:
+    """A value that is written with Python's operators; numbers and scalars broadcast to the other operand's type."""
+
+    def __init__(self, builder: _Definition, value: Value) -> None:
+        self.builder = builder
+        self.value = value
+
+    @property
+    def type(self) -> Type:
+        """The value's type."""
+        return self.value.type
+
+    def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
+        """The operation `name` applied to this and the others."""
+        terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
+        return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
+
+    def named(self, name: str) -> Term:
+        """The same, called so in the emitted text."""
+        self.builder.names[self.value.id] = name
+        return self
+
+    def constant(self, number: float) -> Term:
+        """A constant of this term's type."""
+        scalar = Term(self.builder, self.builder.const(self.type.scalar, [number]))
+        return scalar.wide(self.type.size)
+
+    def wide(self, size: int) -> Term:
+        """A scalar as a vector of `size` components; a vector as it is."""
+        return Term(self.builder, self.builder.splat(self.value, size)) if self.type.size < size else self
+
+    def _binary(self, name: str, other: Term | float) -> Term:
+        if not isinstance(other, Term):
+            return self.op(name, other)
+        size = max(self.type.size, other.type.size)
+        return self.wide(size).op(name, other.wide(size))
+
+    def __getitem__(self, component: int) -> Term:
+        if self.type.size == 1:
+            return self
+        return Term(self.builder, self.builder.swizzle(self.value, (component,)))
+
+    def pick(self, *components: int) -> Term:
+        """A swizzle."""
+        return Term(self.builder, self.builder.swizzle(self.value, components))
+
+    def __add__(self, other: Term | float) -> Term:
+        return self._binary("add", other)
+
+    def __sub__(self, other: Term | float) -> Term:
+        return self._binary("sub", other)
+
+    def __mul__(self, other: Term | float) -> Term:
+        return self._binary("mul", other)
+
+    def __truediv__(self, other: Term | float) -> Term:
+        return self._binary("div", other)
+
+    def __radd__(self, other: float) -> Term:
+        return self.constant(other) + self
+
+    def __rsub__(self, other: float) -> Term:
+        return self.constant(other) - self
+
+    def __rmul__(self, other: float) -> Term:
+        return self.constant(other) * self
+
+    def __rtruediv__(self, other: float) -> Term:
+        return self.constant(other) / self
+
+    def __neg__(self) -> Term:
+        return self.op("neg")
+
+    def __lt__(self, other: Term | float) -> Term:
+        return self._binary("lt", other)
+
+    def __gt__(self, other: Term | float) -> Term:
+        return self._binary("gt", other)
+
+    def __and__(self, other: Term) -> Term:
+        return self._binary("and", other)
+
+
+def where(c: Term, a: Term, b: Term) -> Term:
+    """A where c holds, else b; c is one bool or one a component."""
+    return c.wide(a.type.size).op("cond", a, b)
+
+
+def _mad(a: Term, b: Term, c: Term) -> Term:
+    return a * b + c
+
+
+def _rsqrt(x: Term) -> Term:
+    return 1 / x.op("sqrt")
+
+
+def _fract(x: Term) -> Term:
+    return x - x.op("floor")
+
+
+def _clamp(x: Term, low: Term, high: Term) -> Term:
+    return x.op("max", low).op("min", high)
+
+
+def _step(edge: Term, x: Term) -> Term:
+    return where(x < edge, x.constant(0), x.constant(1))
+
+
+def _mod(x: Term, y: Term) -> Term:
+    return x - y * (x / y).op("floor")
+
+
+def _mix(a: Term, b: Term, t: Term) -> Term:
+    return a * (1 - t) + b * t
+
+
+def _smoothstep(a: Term, b: Term, x: Term) -> Term:
+    t = ((x - a) / (b - a)).op("clamp", 0, 1).named("t")
+    curve = t * t * (3 - 2 * t)
+    return where(a.op("eq", b), a.op("step", x), curve)
+
+
+def _dot(a: Term, b: Term) -> Term:
+    total = a[0] * b[0]
+    for k in range(1, a.type.size):
+        total = total + a[k] * b[k]
+    return total
+
+
+def _cross(a: Term, b: Term) -> Term:
+    return a.pick(1, 2, 0) * b.pick(2, 0, 1) - a.pick(2, 0, 1) * b.pick(1, 2, 0)
+
+
+def _length(v: Term) -> Term:
+    return v.op("dot", v).op("sqrt")
+
+
+def _distance(a: Term, b: Term) -> Term:
+    return (a - b).op("length")
+
+
+def _normalize(v: Term) -> Term:
+    size = v.op("length").named("size")
+    return where(size > 0, v / where(size > 0, size, size.constant(1)), v.constant(0))
+
+
+def _reflect(i: Term, n: Term) -> Term:
+    return i - 2 * n.op("dot", i) * n
+
+
+def _refract(i: Term, n: Term, eta: Term) -> Term:
+    cosine = n.op("dot", i).named("cosine")
+    k = (1 - eta * eta * (1 - cosine * cosine)).named("k")
+    bent = eta * i - (eta * cosine + k.op("sqrt")) * n
+    return where(k < 0, i.constant(0), bent)
+
+
+def _faceforward(n: Term, i: Term, reference: Term) -> Term:
+    return where(reference.op("dot", i) < 0, n, -n)
+
+
+def _odd(x: Term, error: Term) -> Term:
+    """The sum x + error rounded to odd, where x is that sum rounded to nearest (Boldo and Melquiond 2008)."""
+    bits = x.op("bits_from_float")
+    away = (error > 0).op("eq", x > 0)
+    up, down = bits + 1, bits - 1
+    inexact = (error.op("ne", 0)) & (bits & bits.constant(1)).op("eq", 0) & (x.op("abs") > 0)
+    finite = x.op("isinf").op("not") & error.op("isnan").op("not")
+    return where(inexact & finite, where(away, up, down).op("float_from_bits"), x)
+
+
+def _half_fma(a: Term, b: Term, c: Term) -> Term:
+    """The sum a * b + c of binary16 numbers, rounded once: the product is exact in binary32, the sum rounds to odd."""
+    product = (a * b).named("product")
+    total = (product + c).named("total")
+    back = (total - product).named("back")
+    error = (product - (total - back)) + (c - back)
+    return _odd(total, error).op("half", type=a.type)
+
+
+def _half_from_double(x: Term) -> Term:
+    """A binary64 rounded once to binary16, by way of binary32 rounded to odd."""
+    narrow = x.op("convert", type=x.type.based(Base.F)).named("narrow")
+    error = (x - narrow.op("convert", type=x.type)).op("convert", type=narrow.type)
+    return _odd(narrow, error).op("half", type=narrow.type)
+
+
+DEFINITIONS: dict[str, Callable[..., Term]] = {
+    "mad": _mad,
+    "rsqrt": _rsqrt,
+    "fract": _fract,
+    "clamp": _clamp,
+    "step": _step,
+    "mod": _mod,
+    "mix": _mix,
+    "smoothstep": _smoothstep,
+    "dot": _dot,
+    "cross": _cross,
+    "length": _length,
+    "distance": _distance,
+    "normalize": _normalize,
+    "reflect": _reflect,
+    "refract": _refract,
+    "faceforward": _faceforward,
+}
+"""The composite operations of the table."""
+
+_ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
+"""What `lower_half` needs besides."""
+
+INLINE = frozenset({"mad", "rsqrt", "fract", "clamp", "step"})
+"""Those that are short enough to stand where they are used."""
+
+
+@cache
+def definition(name: str, types: tuple[Type, ...]) -> Function:
+    """The pure function that does `name` for arguments of these types; it is named by the first one's size."""
+    meaning = DEFINITIONS.get(name) or _ROUNDINGS[name]
+    suffix = "d" if types[0].base is Base.D and name in DEFINITIONS else ""
+    builder = _Definition(f"{name}{types[0].size}{suffix}")
+    names = inspect.signature(meaning).parameters
+    terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
+    result = meaning(*terms)
+    builder.store(builder.output(result.type, "result"), result.value)
+    return builder.finish()
+
+
+class Library:
+    """The definitions that a module uses, as functions whose names differ from the module's own."""
+
+    def __init__(self, module: Module) -> None:
+        self.module = module
+        self.taken = {f.name for f in module.functions}
+        self.functions: dict[Function, Function] = {}
+
+    def use(
+        self, name: str, types: tuple[Type, ...], prepare: Callable[[Function], Function] | None = None
+    ) -> Function:
+        """The function that does `name` for these types; `prepare` is applied to it once, and may use others."""
+        original = definition(name, types)
+        if original not in self.functions:
+            function = prepare(original) if prepare else original
+            while function.name in self.taken:
+                function = replace(function, name=function.name + "_")
+            self.taken.add(function.name)
+            self.functions[original] = function
+        return self.functions[original]
+
+    def added(self, module: Module) -> Module:
+        """The module with what was used in front of its own functions, callees first."""
+        return replace(module, functions=(*self.functions.values(), *module.functions))

@@ -1,0 +1,64 @@
+"""Replace composite operations by the plain ones that they mean.
+
+Stage: improve, after the precision is fixed. What a target does not do natively with exactly the table's meaning
+becomes a call of a pure function of the library, or stands in place when it is short:
+
+    %d = dot %a, %b : f         ->   %d = call dot3 %a, %b : f       (and the function dot3 before all others)
+    %m = mad %a, %b, %c : f     ->   %p = mul %a, %b : f
+                                     %m = add %p, %c : f
+
+The text of a target then reads `dot3(a, b)`, and the meaning is written once, in `library.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from shpy.ir.nodes import Function, Let, Module, Store, Value
+from shpy.passes.library import DEFINITIONS, INLINE, Library, definition
+from shpy.passes.rewriter import Rewriter, each_function
+
+__all__ = ["lower"]
+
+
+def lower(module: Module, native: frozenset[str] = frozenset()) -> Module:
+    """The module without composite operations, but for those in `native`."""
+    library = Library(module)
+    lowered = each_function(module, lambda f, functions: _Lower(f, functions, native, library).run())
+    return library.added(lowered)
+
+
+class _Lower(Rewriter):
+    def __init__(
+        self, function: Function, functions: Mapping[str, Function], native: frozenset[str], library: Library
+    ) -> None:
+        super().__init__(function, functions)
+        self.native = native
+        self.library = library
+
+    def let(self, let: Let) -> None:
+        op = let.op
+        if op not in DEFINITIONS or op in self.native:
+            self.emit(let)
+            return
+        types = tuple(self.types[a] for a in let.args)
+        if op in INLINE or (op == "dot" and types[0].size == 1):
+            self._inline(let, definition(op, types))
+        else:
+            callee = self.library.use(op, types, self._lowered)
+            self.emit(Let(let.value, "call", let.args, callee.name))
+
+    def _lowered(self, function: Function) -> Function:
+        return _Lower(function, self.functions, self.native, self.library).run()
+
+    def _inline(self, let: Let, definition: Function) -> None:
+        """Emit the definition's operations; the last one gives the value."""
+        renamed = {i.id: a for i, a in zip(definition.inputs, let.args, strict=True)}
+        *operations, store = definition.body
+        assert isinstance(store, Store)
+        for s in operations:
+            assert isinstance(s, Let)
+            last = s.value.id == store.value
+            value: Value = let.value if last else self.value(s.value.type)
+            renamed[s.value.id] = value.id
+            self.let(Let(value, s.op, tuple(renamed[a] for a in s.args), s.attr))

@@ -1,0 +1,94 @@
+"""The way from a recorded module to one that a target prints.
+
+Stage: improve. Every pass is a function Module -> Module in a file of its own; this one puts them in order:
+
+    precision -> half -> lower -> inline (targets without functions) -> exits -> optimise -> unused functions
+
+`vectorize`, for targets that run packets of elements, comes after that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from shpy.ir.nodes import If, Loc, Loop, Module
+from shpy.ir.traverse import walk
+from shpy.passes.cse import merge_common
+from shpy.passes.dead import remove_dead, remove_unused_functions
+from shpy.passes.exits import make_exits_explicit
+from shpy.passes.fold import fold
+from shpy.passes.half import lower_half
+from shpy.passes.inline import inline_calls
+from shpy.passes.lower import lower
+from shpy.passes.precision import Precision, set_precision
+from shpy.passes.promote import promote
+
+__all__ = ["Prepared", "Target", "optimise", "prepare"]
+
+_ROUNDS = 3
+"""How often constants may make branches go, which makes more constants."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a target can do.
+
+    `native`: the composite operations that it does itself, with exactly the table's meaning. `functions`: it has
+    subroutines. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to `vectorize`,
+    which takes no subroutines.
+    """
+
+    name: str
+    native: frozenset[str] = frozenset()
+    functions: bool = True
+    loop_flags: bool = False
+    vector: bool = False
+
+
+class Options(Protocol):
+    """What preparing asks of the options to compile with."""
+
+    @property
+    def precision(self) -> Precision:
+        """The working precision."""
+
+    @property
+    def loop_limit(self) -> int | None:
+        """Turns that a loop without a known bound may take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A module to print. With `status`, its entry's last output is an i that says how the element ended.
+
+    `loops[k]` is the line of the loop that status FIRST_LOOP + k names.
+    """
+
+    module: Module
+    status: bool
+    loops: tuple[Loc | None, ...]
+
+
+def prepare(module: Module, options: Options, target: Target) -> Prepared:
+    """A recorded module made ready for a target's printer."""
+    lowered = lower(lower_half(set_precision(module, options.precision)), target.native)
+    if not target.functions or target.vector:
+        lowered = inline_calls(lowered)
+    ending, status, loops = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags)
+    return Prepared(remove_unused_functions(optimise(ending)), status, loops)
+
+
+def optimise(module: Module, *, fixed: bool = True) -> Module:
+    """The same module, simpler. `fixed` says that its working precision is: without it, f is not computed with."""
+    for _ in range(_ROUNDS):
+        before = _control(module := promote(module))
+        module = fold(module, fixed=fixed)
+        if _control(module) == before:
+            break
+    return remove_dead(merge_common(module))
+
+
+def _control(module: Module) -> int:
+    """How many Ifs and Loops there are: with fewer of them, more variables are values."""
+    return sum(isinstance(s, (If, Loop)) for f in module.functions for s in walk(f.body))

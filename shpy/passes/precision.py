@@ -1,0 +1,102 @@
+"""Fix the working precision: what base F, the working float, is.
+
+Stage: improve, first of all. Takes a recorded module, gives one in which every F means binary32.
+
+    f32   %a = const 0x1.999999999999ap-4 : f   ->  %a = const 0x1.99999ap-4 : f      (rounded)
+    f64   %a = sqrt %x : f                      ->  %a = sqrt %x : d
+    f16   %a = sqrt %x : f                      ->  %a = sqrt %x : h                  (half.py does the h)
+    f64   %a = float_from_bits %u : f           ->  %b = float_from_bits %u : f
+                                                    %a = convert %b : d
+
+A conversion between bases that have become one (f to d at f64) is dropped. Constants of floats are rounded to their
+base, and so are the initial values of params.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+from shpy.ir.constants import from_array, to_array
+from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
+from shpy.ir.types import Base, Type
+from shpy.passes.rewriter import Rewriter, each_function
+
+__all__ = ["Precision", "Rebase", "retype_ports", "rounded", "set_precision"]
+
+Precision = Literal["f16", "f32", "f64"]
+
+_BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}
+
+
+def set_precision(module: Module, precision: Precision = "f32") -> Module:
+    """The module at this precision of the working float; KeyError for a precision that does not exist."""
+    working = _BASES[precision]
+    changed = each_function(module, lambda f, functions: _Working(f, functions, Base.F, working).run())
+    return retype_ports(changed, Base.F, working)
+
+
+def retype_ports(module: Module, old: Base, new: Base) -> Module:
+    """Base `new` instead of `old` for params and tables; initial values are rounded to their type."""
+    params = tuple(
+        replace(p, type=_typed(p.type, old, new), value=rounded(_typed(p.type, old, new), p.value))
+        for p in module.params
+    )
+    tables = tuple(replace(t, type=_typed(t.type, old, new)) for t in module.tables)
+    return replace(module, params=params, tables=tables)
+
+
+def rounded(type: Type, attr: tuple[int, ...]) -> tuple[int, ...]:
+    """The constant as its type holds it."""
+    return from_array(type, to_array(type, attr))
+
+
+def _typed(type: Type, old: Base, new: Base) -> Type:
+    return type.based(new) if type.base is old else type
+
+
+class Rebase(Rewriter):
+    """Gives every value and variable of base `old` the base `new`."""
+
+    def __init__(self, function: Function, functions: Mapping[str, Function], old: Base, new: Base) -> None:
+        super().__init__(function, functions)
+        self.old, self.new = old, new
+        self.old_types: dict[int, Type] = {i.id: i.type for i in function.inputs if isinstance(i, Value)}
+
+    def run(self) -> Function:
+        """The function with its slots, too, of the new base."""
+        f = super().run()
+        inputs = tuple(self.retyped(i) if isinstance(i, Value) else self.slot(i) for i in f.inputs)
+        outputs, variables = tuple(map(self.slot, f.outputs)), tuple(map(self.slot, f.variables))
+        return replace(f, inputs=inputs, outputs=outputs, variables=variables)
+
+    def retyped(self, value: Value) -> Value:
+        """The value with its new type; `old_types` keeps the one that it had."""
+        self.old_types[value.id] = value.type
+        new = _typed(value.type, self.old, self.new)
+        return value if new is value.type else Value(value.id, new, value.name, value.loc)
+
+    def slot(self, variable: Variable) -> Variable:
+        """The variable with its new type."""
+        return replace(variable, type=_typed(variable.type, self.old, self.new))
+
+    def call(self, call: Call) -> None:
+        """A Call gives values of the new base."""
+        self.emit(replace(call, results=tuple(map(self.retyped, call.results))))
+
+
+class _Working(Rebase):
+    def let(self, let: Let) -> None:
+        value = self.retyped(let.value)
+        if let.op == "const" and value.type.is_float:
+            assert isinstance(let.attr, tuple)
+            self.emit(Let(value, "const", (), rounded(value.type, let.attr)))
+        elif let.op == "convert" and _typed(self.old_types[let.args[0]], self.old, self.new) is value.type:
+            self.replace(value, let.args[0])
+        elif let.op == "float_from_bits" and value.type.base is not Base.F:
+            bits = self.value(value.type.based(Base.F))
+            self.emit(Let(bits, let.op, let.args))
+            self.emit(Let(value, "convert", (bits.id,)))
+        else:
+            self.emit(let if value is let.value else Let(value, let.op, let.args, let.attr))

@@ -1,0 +1,252 @@
+"""Turn variables into values: what is loaded becomes what was stored.
+
+Stage: improve. Recorded IR has a slot for every object and a load at every use; this is what makes it readable:
+
+    store $y = %0                   |
+    %1 = load $y                    |
+    %2 = mul %1, %1          ->     |   %2 = mul %0, %0      (%0 is now named y)
+    store $z = %2                   |
+    if %c { %3 = load $z ... }      |   if %c { ... %2 ... }
+
+One walk in program order keeps what each variable is known to hold: the value stored last, on every way that leads
+here, as long as it is visible. After an If both sides must agree; what a loop stores is unknown at its head, in its
+`continuing` if a Continue goes there, and after it. Component stores are followed too: a load of a vector built of
+known pieces becomes a construct.
+
+A variable that stays (some load cannot be resolved) keeps its other loads as well, merged between stores: the text
+reads `x = x + 1.0; f(x)`, not through temporaries. Only constants are forwarded from it. The name of a variable that
+goes moves to the values that it held. Stores that nobody reads are removed at the end (`dead_stores`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from shpy.ir.constants import encode
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Store, Value, Variable
+from shpy.ir.traverse import continues, regions_of, variables_of
+from shpy.passes.dead import remove_dead
+from shpy.passes.dead_stores import remove_dead_stores
+from shpy.passes.rewriter import Functions, Rewriter, each_function, falls_through
+
+__all__ = ["promote"]
+
+Piece = tuple[int, int]
+"""A component of a value: (value's id, which)."""
+
+State = int | tuple[Piece, ...]
+"""What a variable holds: a value's id, or a piece for each component."""
+
+_ZERO = -1
+"""Stands for a value that is zero: what variables hold at first."""
+
+
+def promote(module: Module) -> Module:
+    """The module with as few variables, loads and stores as a walk in program order can tell."""
+    promoted = each_function(module, _promote)
+    return remove_dead_stores(remove_dead(promoted))
+
+
+def _promote(function: Function, functions: Functions) -> Function:
+    survey = _Forward(function, functions, frozenset(), {})
+    survey.run()
+    kept = frozenset(survey.unresolved)
+    own = {v.id: v.name for v in function.variables if v.length is None and v.id not in kept}
+    names = {value: own[variable] for value, variable in reversed(survey.held) if own.get(variable)}
+    return _Forward(function, functions, kept, names).run()
+
+
+class _Forward(Rewriter):
+    """`kept` are the variables that stay, `names` the new names of values.
+
+    It finds `unresolved`, the variables with a load that must stay, and `held`, what was stored where.
+    """
+
+    def __init__(
+        self, function: Function, functions: Functions, kept: frozenset[int], names: Mapping[int, str | None]
+    ) -> None:
+        super().__init__(function, functions)
+        self.kept = kept
+        self.names = names
+        self.unresolved: set[int] = set()
+        self.held: list[tuple[int, int]] = []
+        slots = tuple(variables_of(function))
+        self.arrays = {v.id for v in slots if v.length is not None}
+        self._sizes = {v.id: v.type.size for v in slots}
+        self._known: dict[int, State | None] = {v.id: _ZERO for v in (*function.outputs, *function.variables)}
+        self._journal: list[tuple[int, State | None]] = []
+        self._born: dict[int, int] = {}
+        self._stored: dict[int, set[int]] = {}
+        _find_stored(function.body, functions, self._stored)
+
+    # What variables hold
+
+    def _set(self, variable: int, state: State | None) -> None:
+        self._journal.append((variable, self._known.get(variable)))
+        self._known[variable] = state
+
+    def _undo(self, mark: int) -> dict[int, State | None]:
+        """Go back to how things were at `mark`; gives what the variables changed since then held."""
+        undone: dict[int, State | None] = {}
+        while len(self._journal) > mark:
+            variable, before = self._journal.pop()
+            undone.setdefault(variable, self._known[variable])
+            self._known[variable] = before
+        return undone
+
+    def _visible(self, state: State | None, since: int) -> bool:
+        """Whether everything in the state was made before the `since`-th value."""
+        if state is None:
+            return False
+        values = (state,) if isinstance(state, int) else [v for v, _ in state]
+        return all(self._born.get(v, -1) < since for v in values)
+
+    # Statements
+
+    def let(self, let: Let) -> None:
+        if let.op == "load" and not let.args:
+            self._load(let)
+            return
+        self._emit(let)
+
+    def _emit(self, let: Let) -> None:
+        self._born[let.value.id] = len(self._born)
+        if let.value.id in self.names and let.op not in ("const", "param"):
+            let = Let(self._named(let.value), let.op, let.args, let.attr)
+        self.emit(let)
+
+    def _named(self, value: Value) -> Value:
+        """The value with the name of the variable that it replaces; a name of its own it keeps."""
+        name = value.name or self.names.get(value.id)
+        return Value(value.id, value.type, name, value.loc)
+
+    def _load(self, let: Let) -> None:
+        assert isinstance(let.attr, int)
+        variable = let.attr
+        state = self._known.get(variable)
+        if state is None:
+            self.unresolved.add(variable)
+        if state is None or (variable in self.kept and not self._cheap(state, variable)):
+            self._emit(let)
+            self._set(variable, let.value.id)
+        elif isinstance(state, int) and state != _ZERO:
+            self.replace(let.value, state)
+        else:
+            self._construct(let, state)
+            self._set(variable, self.alias.get(let.value.id, let.value.id))
+
+    def _cheap(self, state: State, variable: int) -> bool:
+        """Whether a variable that stays had better be replaced: by a constant, or an earlier load of it."""
+        if not isinstance(state, int):
+            return False
+        made = self.made.get(state)
+        return state == _ZERO or (
+            made is not None and (made.op == "const" or (made.op == "load" and made.attr == variable))
+        )
+
+    def _construct(self, let: Let, state: State) -> None:
+        """Make the loaded value of its pieces."""
+        type = let.value.type
+        pieces = _pieces(state, type.size)
+        runs: list[list[Piece]] = []
+        for piece in pieces:
+            if runs and runs[-1][-1][0] == piece[0] and self.types.get(piece[0], type).size > 1:
+                runs[-1].append(piece)
+            else:
+                runs.append([piece])
+        if len(runs) == 1 and runs[0][0][0] == _ZERO:
+            self._emit(Let(let.value, "const", (), encode(type, [0] * type.size)))
+            return
+        parts = [self._run(run, let.value) for run in runs]
+        if len(parts) == 1:
+            self.replace(let.value, parts[0])
+        else:
+            self._emit(Let(let.value, "construct", tuple(parts)))
+
+    def _run(self, run: list[Piece], whole: Value) -> int:
+        """The components of one value, as a value."""
+        source, picked = run[0][0], tuple(k for _, k in run)
+        type = whole.type.sized(len(run))
+        if source == _ZERO:
+            return self.make("const", type=type, attr=encode(type, [0] * type.size))
+        if picked == tuple(range(self.types[source].size)):
+            return source
+        return self.make("swizzle", source, type=type, attr=picked)
+
+    def store(self, store: Store) -> None:
+        self.emit(store)
+        variable, value = store.variable, store.value
+        if variable in self.arrays:
+            return
+        if store.components is None:
+            self.held.append((value, variable))
+            self._set(variable, value)
+            return
+        before = self._known.get(variable)
+        if before is not None:
+            pieces = _pieces(before, self._sizes[variable])
+            for k, component in enumerate(store.components):
+                pieces[component] = (value, k)
+            self._set(variable, tuple(pieces))
+
+    def call(self, call: Call) -> None:
+        self.emit(replace(call, results=tuple(map(self._named, call.results))))
+        for result in call.results:
+            self._born[result.id] = len(self._born)
+        for argument, port in zip(call.args, self.functions[call.function].inputs, strict=True):
+            if isinstance(port, Variable):
+                self.unresolved.add(argument)
+                self._set(argument, None)
+
+    def branch(self, branch: If) -> None:
+        mark, since = len(self._journal), len(self._born)
+        then = self.region(branch.then)
+        after_then = self._undo(mark)
+        orelse = self.region(branch.orelse)
+        after_orelse = self._undo(mark)
+        self.emit(If(branch.condition, then, orelse, branch.loc))
+        if not falls_through(then):
+            after_then = after_orelse
+        elif not falls_through(orelse):
+            after_orelse = after_then
+        for variable in {**after_then, **after_orelse}:
+            before = self._known.get(variable)
+            state = after_then.get(variable, before)
+            agreed = state == after_orelse.get(variable, before) and self._visible(state, since)
+            self._set(variable, state if agreed else None)
+
+    def loop(self, loop: Loop) -> None:
+        for variable in self._stored[id(loop)]:
+            self._set(variable, None)
+        mark = len(self._journal)
+        body = self.region(loop.body)
+        if continues(loop):
+            self._undo(mark)
+        continuing = self.region(loop.continuing)
+        until = None if loop.until is None else self.alias.get(loop.until, loop.until)
+        self._undo(mark)
+        self.emit(Loop(body, continuing, until, loop.turns, loop.loc))
+
+
+def _pieces(state: State, size: int) -> list[Piece]:
+    return [(state, k) for k in range(size)] if isinstance(state, int) else list(state)
+
+
+def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]]) -> set[int]:
+    """The variables that the region stores into; `found` gets those of each Loop in it, by the Loop's identity."""
+    stored: set[int] = set()
+    for s in region:
+        if isinstance(s, Store):
+            stored.add(s.variable)
+        elif isinstance(s, Call):
+            ports = functions[s.function].inputs
+            stored.update(a for a, p in zip(s.args, ports, strict=True) if isinstance(p, Variable))
+        elif isinstance(s, (If, Loop)):
+            inside: set[int] = set()
+            for inner in regions_of(s):
+                inside |= _find_stored(inner, functions, found)
+            if isinstance(s, Loop):
+                found[id(s)] = inside
+            stored |= inside
+    return stored

@@ -1,0 +1,94 @@
+"""Return from inside a loop becomes Break and a flag.
+
+Stage: improve; for `inline` and `vectorize`, which then have to know only how loops are left. Takes and gives a
+function; afterwards no `Return` stands inside a loop.
+
+    loop:                            loop:
+        if c:                            if c:
+            return                           $returned = true
+        ...                                  break
+                            ->           ...
+    ...                              if $returned:
+                                         return
+                                     ...
+
+Where `exits.py` has left a status, a Return behind a store of any but WRITTEN becomes a `Discard`, here and inside
+loops: "the status is stored, and nothing else counts any more". The status itself is the flag for what follows a loop.
+"""
+
+from __future__ import annotations
+
+from shpy.ir.builder import Builder
+from shpy.ir.constants import Base, vec
+from shpy.ir.nodes import Break, Discard, Function, If, Let, Loc, Loop, Region, Return, Status, Stmt, Store
+from shpy.ir.traverse import walk
+
+__all__ = ["returns_outside_loops"]
+
+
+def returns_outside_loops(function: Function, status: int | None = None) -> Function:
+    """The function with every Return inside a loop replaced; `status` is the variable that holds the status."""
+    inside = any(_contains(s, Return) for s in walk(function.body) if isinstance(s, Loop))
+    return _Rewriter(function, status).run() if inside or status is not None else function
+
+
+def _contains(loop: Loop, kind: type[Return | Discard]) -> bool:
+    return any(isinstance(s, kind) for s in walk(loop.body))
+
+
+class _Rewriter:
+    def __init__(self, function: Function, status: int | None) -> None:
+        self.function = function
+        self.status = status
+        self.b = Builder(function=function)
+        self.flag = -1
+        self.ends = {
+            s.value.id
+            for s in walk(function.body)
+            if isinstance(s, Let) and s.op == "const" and s.attr != (Status.WRITTEN,)
+        }
+
+    def run(self) -> Function:
+        self.b.extend(self.region(self.function.body, in_loop=False))
+        return self.b.finish()
+
+    def region(self, region: Region, *, in_loop: bool) -> Region:
+        self.b.push()
+        for n, statement in enumerate(region):
+            match statement:
+                case Return(loc) if self.ends_element(region[:n]):
+                    self.b.append(Discard(loc=loc))
+                case Return(loc) if in_loop:
+                    self.raise_flag(loc)
+                    self.b.append(Break(loc))
+                case If(condition, then, orelse, loc):
+                    then = self.region(then, in_loop=in_loop)
+                    self.b.append(If(condition, then, self.region(orelse, in_loop=in_loop), loc))
+                case Loop(body, continuing, until, turns, loc):
+                    made = Loop(self.region(body, in_loop=True), continuing, until, turns, loc)
+                    self.b.append(made)
+                    self.after(made, returned=_contains(statement, Return), in_loop=in_loop)
+                case _:
+                    self.b.append(statement)
+        return self.b.pop()
+
+    def ends_element(self, before: Region) -> bool:
+        """Whether the status has just been stored, and is not WRITTEN."""
+        stores = [s for s in before if isinstance(s, Store) and s.variable == self.status]
+        return self.status is not None and bool(stores) and stores[-1].value in self.ends
+
+    def raise_flag(self, loc: Loc | None) -> None:
+        if self.flag < 0:
+            self.flag = self.b.variable(vec(Base.B), name="returned").id
+        self.b.store(self.flag, self.b.const(vec(Base.B), [True]), loc=loc)
+
+    def after(self, loop: Loop, *, returned: bool, in_loop: bool) -> None:
+        """Behind a loop: those that left more than the loop go on leaving."""
+        b = self.b
+        if _contains(loop, Discard) and self.status is not None:
+            written = b.const(vec(Base.I), [Status.WRITTEN])
+            ended = b.let("ne", b.load(self.status, loc=loop.loc), written, loc=loop.loc)
+            b.append(If(ended.id, (Discard(loc=loop.loc),), (), loop.loc))
+        if returned and self.flag >= 0:
+            leave: Stmt = Break(loop.loc) if in_loop else Return(loop.loc)
+            b.append(If(b.load(self.flag, loc=loop.loc).id, (leave,), (), loop.loc))

@@ -1,0 +1,174 @@
+"""Copies a function's statements in program order; a pass is a subclass that overrides what it changes.
+
+Stage: improve. `alias[old] = new` makes every later use of a value read another, visible one:
+
+    class DoubleNegation(Rewriter):
+        def let(self, let: Let) -> None:
+            inner = self.made.get(let.args[0]) if let.op == "not" else None
+            if inner is not None and inner.op == "not":
+                self.replace(let.value, inner.args[0])
+            else:
+                self.emit(let)
+
+Every hook gets its statement with the aliases already applied, and emits what takes its place, or nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from shpy.ir.constants import encode
+from shpy.ir.nodes import EXITS, Attr, Call, Function, If, Let, Loc, Loop, Module, Region, Stmt, Store, Value
+from shpy.ir.traverse import defined
+from shpy.ir.types import Type
+
+__all__ = ["Functions", "Rewriter", "each_function", "falls_through"]
+
+Functions = Mapping[str, Function]
+
+
+class Rewriter:
+    """Rewrites one function; `functions` are those of its module, by name.
+
+    `made` holds every Let that was emitted, by its value's id, and `types` the type of every value that is known so
+    far. `loc` is the line of the statement at hand.
+    """
+
+    def __init__(self, function: Function, functions: Functions) -> None:
+        self.function = function
+        self.functions = functions
+        self.alias: dict[int, int] = {}
+        self.made: dict[int, Let] = {}
+        self.types: dict[int, Type] = {i.id: i.type for i in function.inputs if isinstance(i, Value)}
+        self.loc: Loc | None = None
+        self._open: list[list[Stmt]] = []
+        self._next_value: int | None = None
+
+    def run(self) -> Function:
+        """The function with its body rewritten."""
+        return replace(self.function, body=self.region(self.function.body))
+
+    # Making
+
+    def emit(self, statement: Stmt) -> None:
+        """Append to the region that is being made."""
+        if isinstance(statement, Let):
+            self.made[statement.value.id] = statement
+            self.types[statement.value.id] = statement.value.type
+        elif isinstance(statement, Call):
+            self.types.update({r.id: r.type for r in statement.results})
+        self._open[-1].append(statement)
+
+    def replace(self, old: Value, new: int) -> None:
+        """Let every later use of `old` read `new`, which must be visible wherever `old` is."""
+        self.alias[old.id] = new
+
+    def value(self, type: Type, name: str | None = None) -> Value:
+        """A fresh value."""
+        if self._next_value is None:
+            self._next_value = max((v.id for v in defined(self.function)), default=-1) + 1
+        self._next_value += 1
+        return Value(self._next_value - 1, type, name, self.loc)
+
+    def make(self, op: str, *args: int, type: Type, attr: Attr = None) -> int:
+        """Emit a Let of a fresh value; gives its id."""
+        value = self.value(type)
+        self.let(Let(value, op, args, attr))
+        return self.alias.get(value.id, value.id)
+
+    def const(self, type: Type, *components: float | int | bool) -> int:
+        """Emit a constant; one component stands for all."""
+        size = type.size if len(components) == 1 else 1
+        return self.make("const", type=type, attr=encode(type, components * size))
+
+    # The walk
+
+    def region(self, region: Region) -> Region:
+        """The region, rewritten."""
+        self._open.append([])
+        self.statements(region)
+        return tuple(self._open.pop())
+
+    def statements(self, region: Region) -> None:
+        """Rewrite these statements into the region that is being made."""
+        for statement in region:
+            self.statement(statement)
+
+    def statement(self, statement: Stmt) -> None:
+        """Hand a statement to its hook, aliases applied."""
+        use = self.alias.get
+        match statement:
+            case Let(value, op, args, attr):
+                self.loc = value.loc
+                new = tuple([use(a, a) for a in args])
+                self.let(statement if new == args else Let(value, op, new, attr))
+            case Store(variable, stored, components, index, loc):
+                self.loc = loc
+                at = None if index is None else use(index, index)
+                new_value = use(stored, stored)
+                same = new_value == stored and at == index
+                self.store(statement if same else Store(variable, new_value, components, at, loc))
+            case If(condition, then, orelse, loc):
+                self.loc = loc
+                self.branch(If(use(condition, condition), then, orelse, loc))
+            case Loop():
+                self.loc = statement.loc
+                self.loop(statement)
+            case Call(name, args, results, loc):
+                self.loc = loc
+                inputs = self.functions[name].inputs
+                mapped = (use(a, a) if isinstance(i, Value) else a for a, i in zip(args, inputs, strict=True))
+                self.call(Call(name, tuple(mapped), results, loc))
+            case _:
+                self.loc = statement.loc
+                self.exit(statement)
+
+    # Hooks
+
+    def let(self, let: Let) -> None:
+        """A Let."""
+        self.emit(let)
+
+    def store(self, store: Store) -> None:
+        """A Store."""
+        self.emit(store)
+
+    def call(self, call: Call) -> None:
+        """A Call statement."""
+        self.emit(call)
+
+    def branch(self, branch: If) -> None:
+        """An If whose regions are still to be rewritten."""
+        self.emit(If(branch.condition, self.region(branch.then), self.region(branch.orelse), branch.loc))
+
+    def loop(self, loop: Loop) -> None:
+        """A Loop with everything still to be rewritten: `until` may be a value that its regions make."""
+        body = self.region(loop.body)
+        continuing = self.region(loop.continuing)
+        until = None if loop.until is None else self.alias.get(loop.until, loop.until)
+        self.emit(Loop(body, continuing, until, loop.turns, loop.loc))
+
+    def exit(self, exit: Stmt) -> None:
+        """A Break, Continue, Return or Discard."""
+        self.emit(exit)
+
+
+def each_function(module: Module, f: Callable[[Function, Functions], Function]) -> Module:
+    """The module with `f(function, functions by name)` in place of every function, callees first."""
+    functions = {g.name: g for g in module.functions}
+    for name, function in functions.items():
+        functions[name] = f(function, functions)
+    return replace(module, functions=tuple(functions.values()))
+
+
+def falls_through(region: Region) -> bool:
+    """Whether control can reach the region's end."""
+    while region:
+        last = region[-1]
+        if isinstance(last, EXITS):
+            return False
+        if not isinstance(last, If) or falls_through(last.then):
+            return True
+        region = last.orelse
+    return True

@@ -1,0 +1,82 @@
+"""Where a variable lives once many lanes run as one: a slot while it is uniform, others while it varies.
+
+Stage: improve. Part of `vectorize`. A variable has one uniform slot for the whole function, one lanes slot, and one
+more lanes slot for each loop that must not disturb the outer one.
+
+A slot gets its variable's name; where there are several, the lanes slot is `name_out` beside a uniform slot, and a
+loop's own is `name_in`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from shpy.ir.constants import Base, vec
+from shpy.ir.nodes import Variable
+
+__all__ = ["Slots"]
+
+_FUNCTION = -1
+
+
+class Slots:
+    """Makes slots when they are first asked for; the same question gives the same slot again."""
+
+    def __init__(self, variables: Iterable[Variable]) -> None:
+        self._variables = {v.id: v for v in variables}
+        self._made: dict[tuple[str, int, int], Variable] = {}
+        self.varying: set[int] = set()
+        """Ids of the slots that hold one value for every lane."""
+
+    def uniform(self, variable: int) -> Variable:
+        """Where it lives while it is uniform."""
+        return self._slot("uniform", variable)
+
+    def lanes(self, variable: int, loop: int | None = None) -> Variable:
+        """Where it lives while it varies, in the function or in a loop that has its own."""
+        made = self._slot("lanes", variable, _FUNCTION if loop is None else loop)
+        self.varying.add(made.id)
+        return made
+
+    def array(self, variable: int, varies: bool) -> Variable:
+        """Where an array lives; it does not change."""
+        made = self._slot("array", variable)
+        if varies:
+            self.varying.add(made.id)
+        return made
+
+    def mask(self, name: str, loop: int) -> Variable:
+        """The slot of a mask, of a loop or the function."""
+        key = (name, loop, _FUNCTION)
+        if key not in self._made:
+            self._made[key] = Variable(len(self._made), vec(Base.B), None, name)
+            self.varying.add(self._made[key].id)
+        return self._made[key]
+
+    def live(self) -> frozenset[int]:
+        """The slots of the masks of lanes that are still in their loop."""
+        return frozenset(slot.id for (name, _, _), slot in self._made.items() if name == "live")
+
+    def _slot(self, kind: str, variable: int, loop: int = _FUNCTION) -> Variable:
+        key = (kind, variable, loop)
+        if key not in self._made:
+            self._made[key] = replace(self._variables[variable], id=len(self._made))
+        return self._made[key]
+
+    def named(self, used: Iterable[int]) -> dict[int, Variable]:
+        """The slots that are used, with their names, by id."""
+        wanted = set(used)
+        kept = {key: slot for key, slot in self._made.items() if slot.id in wanted}
+        of: dict[int, set[tuple[str, bool]]] = {}
+        for kind, variable, loop in kept:
+            if kind in ("uniform", "lanes"):
+                of.setdefault(variable, set()).add((kind, loop != _FUNCTION))
+        named = {}
+        for (kind, variable, loop), slot in kept.items():
+            kinds = of.get(variable, set())
+            if kind == "lanes" and len(kinds) > 1 and slot.name is not None:
+                suffix = "_in" if loop != _FUNCTION else "_out" if ("uniform", False) in kinds else ""
+                slot = replace(slot, name=slot.name + suffix)
+            named[slot.id] = slot
+        return named

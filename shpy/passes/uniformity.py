@@ -1,0 +1,51 @@
+"""What is the same for all lanes: the rule for operations, and what is known of a loop.
+
+Stage: improve. Part of `vectorize`, which asks `varies` for every operation and keeps `LoopFacts` with every loop.
+
+A value is uniform at a point if all lanes that are active there hold the same. Constants, params and what is computed
+from uniform values are; the program's inputs and the element's index are not. A loop's lanes entered it together and
+turn together, so a counter that each of them counts is one counter, whenever they leave.
+
+>>> varies("add", [False, False]), varies("table", [True]), varies("lane_any", [True])
+(False, True, False)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+__all__ = ["LoopFacts", "varies"]
+
+_UNIFORM = frozenset({"any_lane", "all_lanes", "lane_any", "table_size", "grid_shape"})
+_VARYING = frozenset({"grid_index", "lane_mask"})
+
+
+def varies(op: str, args: Iterable[bool]) -> bool:
+    """Whether the result of `op` differs from lane to lane, when its arguments do as `args` says."""
+    return op in _VARYING or (op not in _UNIFORM and any(args))
+
+
+@dataclass(slots=True)
+class LoopFacts:
+    """What was found out about a loop so far. Everything here only grows, so that it comes to rest."""
+
+    varying: bool = False
+    """Lanes leave it at different turns."""
+    continues: bool = False
+    """Lanes skip the rest of a turn while others go on."""
+    jumps: bool = False
+    """A real Continue stands in what was made of it."""
+    copied: set[int] = field(default_factory=set)
+    """Variables that leaving lanes must put aside."""
+    head: set[int] = field(default_factory=set)
+    """Variables that vary where a turn begins, ..."""
+    step: set[int] = field(default_factory=set)
+    """... where `continuing` begins, ..."""
+    exit: set[int] = field(default_factory=set)
+    """... and where all lanes leave together."""
+
+    def size(self) -> int:
+        """Grows whenever something was found out."""
+        sets = (self.copied, self.head, self.step, self.exit)
+        return self.varying + self.continues + self.jumps + sum(map(len, sets))

@@ -1,0 +1,488 @@
+"""Varying control flow becomes masks; uniform control flow stays: many elements ("lanes") run as one.
+
+Stage: improve. Takes a module whose entry has no `Discard` and no `Call` (see `exits.py`, `inline.py`); gives one whose
+`If`s and `Loop`s ask only uniform values, and tells which values and variables hold one number for every lane.
+
+    loop:                                  $live = lane_mask
+        %d = dot($z, $z)                   loop:
+        if %d > 4: break                       %d = dot($z, $z)             # one a lane
+        $n = $n + 1                ->          %active = $live & (%d > 4)
+    ...$n...                                   if lane_any(%active):
+                                                   $n_out = cond(%active, $n, $n_out)
+                                                   $live = $live & ~%active
+                                                   if not lane_any($live): break
+                                               $n = $n + 1                  # one for all
+                                           ...$n_out...
+
+How it works, for one variable at a time:
+
+- At every point a variable is uniform (its uniform slot holds what all active lanes see) or varies (its lanes slot
+  does). A store makes it one or the other; where ways meet, it varies if it does on one of them.
+- Lanes that are masked off will resume somewhere: at the other side or the join of an If, at a loop's `continuing`, at
+  the function's end. A variable live there is *kept*: a store to it becomes a select and it varies. Any other store is
+  plain, since the lanes that are off cannot read the variable before they store it themselves (`liveness.py`).
+- Inside a loop that lanes leave at different turns, or that does not run for all lanes, a variable that others still
+  need is another slot. Lanes that leave put their value aside, with one select, into the outer slot.
+
+What is not known when a loop is entered (does it vary, which variables do) is first taken to be the best case; if the
+loop's end disagrees, the loop is done again (`LoopFacts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+
+from shpy.ir.constants import Base
+from shpy.ir.nodes import (
+    Break,
+    Continue,
+    Discard,
+    Function,
+    If,
+    Let,
+    Loop,
+    Module,
+    Region,
+    Return,
+    Stmt,
+    Store,
+    Variable,
+)
+from shpy.ir.traverse import continues, defined, uses, walk
+from shpy.passes.dead import remove_dead
+from shpy.passes.dead_stores import remove_dead_stores
+from shpy.passes.lanes import BOOL, Here, Scope
+from shpy.passes.leaving import ExitBuilder
+from shpy.passes.liveness import Note, annotate, stored_in
+from shpy.passes.returns import returns_outside_loops
+from shpy.passes.uniformity import varies
+
+__all__ = ["VectorModule", "vectorize"]
+
+_WORTH_SKIPPING = 8
+"""A masked region of fewer operations is run even if no lane is active."""
+_FREE = frozenset({"const", "load", "swizzle", "splat", "param"})
+
+
+@dataclass(frozen=True, slots=True)
+class VectorModule:
+    """A module whose entry runs many lanes at once.
+
+    `varying` are the ids of the entry's values, `slots` of its variables, that hold one number for every lane; `live`
+    are those of the slots that hold which lanes are still in a loop.
+    """
+
+    module: Module
+    varying: frozenset[int]
+    slots: frozenset[int]
+    live: frozenset[int] = frozenset()
+
+
+def vectorize(module: Module, *, padded: bool = False) -> VectorModule:
+    """The module with an entry for many lanes. `padded`: some lanes hold no element (see the op `lane_mask`)."""
+    entry = module.entry
+    status = entry.outputs[-1].id if len(entry.outputs) > len(module.outputs) else None
+    work = _Vectorizer(returns_outside_loops(entry, status), padded)
+    made = remove_dead_stores(replace(module, functions=(*module.functions[:-1], work.run())))
+    made = remove_dead(made)
+    slots = {v.id for v in (*made.entry.outputs, *made.entry.variables)}
+    values = {v.id for v in defined(made.entry)}
+    varying = frozenset(work.slots.varying & slots)
+    return VectorModule(made, frozenset(work.varying & values), varying, work.slots.live() & slots)
+
+
+class _Vectorizer(ExitBuilder):
+    """Walks the function; loops until their facts hold, the function until its facts and arrays do."""
+
+    def __init__(self, function: Function, padded: bool) -> None:
+        super().__init__(function)
+        self.padded = padded
+        self.notes = annotate(function)
+
+    def run(self) -> Function:
+        """The function for many lanes."""
+        while True:
+            found = self.facts.size() + len(self.varying_arrays)
+            self.begin()
+            self.b.push()
+            self.body()
+            body = self.b.pop()
+            if self.facts.size() + len(self.varying_arrays) > found:
+                continue
+            spread = self.spread_only(body)
+            if not spread:
+                return self.finished(body)
+            self.always |= spread
+
+    def spread_only(self, body: Region) -> set[int]:
+        """Variables whose uniform slot serves only to fill the lanes slot: they had better vary from the start."""
+        uniform = {self.slots.uniform(v).id: v for v in self.variables}
+        loaded: dict[int, int] = {}
+        spread: set[int] = set()
+        read: set[int] = set()
+        for s in walk(body):
+            if isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int) and s.attr in uniform:
+                loaded[s.value.id] = uniform[s.attr]
+            fills = isinstance(s, Store) and s.variable in self.slots.varying and s.components is None
+            for value in uses(s):
+                if value in loaded:
+                    (spread if fills else read).add(loaded[value])
+        return spread - read - self.always
+
+    def body(self) -> None:
+        mask = self.let("lane_mask", type=BOOL, name="active") if self.padded else None
+        if self.facts.varying:
+            self.b.store(self.scope.live, self.mask(Here(mask, whole=True)))
+        if not self.region(self.function.body, self.notes, Here(mask, whole=True)):
+            self.meet(self.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
+
+    def finished(self, body: Region) -> Function:
+        outputs = [self.slots.lanes(v.id) if v.id in self.facts.exit else self.slots.uniform(v.id)
+                   for v in self.function.outputs]  # fmt: skip
+        used = {v.id for v in outputs}
+        for s in walk(body):
+            if isinstance(s, Store):
+                used.add(s.variable)
+            elif isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int):
+                used.add(s.attr)
+        named = self.slots.named(used)
+        first = tuple(named.pop(v.id) for v in outputs)
+        return replace(self.function, outputs=first, variables=tuple(named.values()), body=body)
+
+    # Statements
+
+    def region(self, region: Region, notes: list[Note], here: Here) -> bool:
+        """Append what a region becomes; whether it ends in a jump, so that nothing comes after it."""
+        for at, (statement, note) in enumerate(zip(region, notes, strict=True), 1):
+            if self.statement(statement, note, here):
+                return True
+            if at == len(region) or note.ends:
+                return False
+            if not here.thinned:
+                continue
+            here.thinned = False
+            if not here.whole:
+                rest = partial(self.region, region[at:], notes[at:], here)
+                self.guarded(self.mask(here), rest, note.after | notes[-1].after | self.kept(here))
+                return False
+            if self.scope.note is None and _worth_skipping(region[at:]):
+                self.return_if_none(self.mask(here))
+        return False
+
+    def statement(self, s: Stmt, note: Note, here: Here) -> bool:
+        match s:
+            case Let():
+                self.operation(s, here)
+            case Store() if s.variable in self.arrays:
+                self.store_element(self.renamed(s), here)
+            case Store():
+                self.store(self.renamed(s), here)
+            case If() if self.same.get(s.condition, s.condition) in self.varying:
+                self.varying_if(s, note, here)
+            case If():
+                return self.uniform_if(s, note, here)
+            case Loop():
+                self.loop(s, note, here)
+            case Break():
+                return self.leave_loop(s, note, here)
+            case Continue():
+                return self.skip_turn(s, here)
+            case Discard() if self.scope.note is not None:
+                return self.leave_loop(Break(s.loc), note, here, needed=self.outputs[-1:])
+            case Return() | Discard():
+                return self.leave_function(s, here)
+            case _:
+                raise TypeError(f"vectorize does not know {type(s).__name__}: it comes after exits and inline")
+        return False
+
+    def renamed(self, s: Store) -> Store:
+        index = None if s.index is None else self.same.get(s.index, s.index)
+        return replace(s, value=self.same.get(s.value, s.value), index=index)
+
+    def operation(self, s: Let, here: Here) -> None:
+        args = tuple(self.same.get(a, a) for a in s.args)
+        varying = varies(s.op, (a in self.varying for a in args))
+        match s:
+            case Let(value, "any_lane" | "all_lanes") if args[0] not in self.varying:
+                self.same[value.id] = args[0]
+                return
+            case Let(value, "any_lane"):
+                s = Let(value, "lane_any", (self.both(here.mask, args[0]),))
+            case Let(value, "all_lanes"):
+                failing = self.both(here.mask, self.let("not", args[0]))
+                s = Let(value, "not", (self.let("lane_any", failing, type=BOOL),))
+            case Let(_, "load", _, int(variable)):
+                slot = self.array(variable) if variable in self.arrays else self.current(variable)
+                varying = varying or slot.id in self.slots.varying
+                s = replace(s, args=args, attr=slot.id)
+            case _:
+                s = replace(s, args=args)
+        self.b.append(s)
+        if varying:
+            self.varying.add(s.value.id)
+        else:
+            self.varying.discard(s.value.id)
+
+    def store(self, s: Store, here: Here) -> None:
+        variable, value = s.variable, s.value
+        kept = variable in self.kept(here)
+        varying = value in self.varying
+        if not kept and s.components is None:
+            if varying or variable in self.always:
+                self.state.add(variable)
+            else:
+                self.state.discard(variable)
+        elif (kept or varying) and variable not in self.state:
+            self.spread(variable)
+            self.state.add(variable)
+        slot = self.current(variable)
+        if kept:
+            assert here.mask is not None
+            value = self.select(here.mask, value, self.part(self.load(slot), s.components))
+        self.b.append(replace(s, variable=slot.id, value=value))
+
+    def part(self, value: int, components: tuple[int, ...] | None) -> int:
+        if components is None:
+            return value
+        return self.let("swizzle", value, type=self.b.type_of(value).sized(len(components)), attr=components)
+
+    def array(self, variable: int) -> Variable:
+        return self.slots.array(variable, variable in self.varying_arrays)
+
+    def store_element(self, s: Store, here: Here) -> None:
+        variable, value, index = s.variable, s.value, s.index
+        assert index is not None
+        kept = variable in self.kept(here)
+        if kept or value in self.varying or index in self.varying:
+            self.varying_arrays.add(variable)
+        slot = self.array(variable)
+        if kept and index in self.varying:
+            assert here.mask is not None  # lanes that are off store out of range, which drops the store
+            type = self.b.type_of(index)
+            nowhere = self.b.const(type, [-1 if type.base is Base.I else 2**32 - 1])
+            index = self.let("cond", here.mask, index, nowhere.id)
+        elif kept:
+            assert here.mask is not None
+            value = self.select(here.mask, value, self.part(self.load(slot, index), s.components))
+        self.b.append(replace(s, variable=slot.id, value=value, index=index))
+
+    # Conditions
+
+    def uniform_if(self, s: If, note: Note, here: Here) -> bool:
+        before = set(self.state)
+        sides, states, ended = [], [], []
+        for region, notes in zip((s.then, s.orelse), note.regions, strict=True):
+            self.state = set(before)
+            self.b.push()
+            ended.append(self.region(region, notes, replace(here, thinned=False)))
+            sides.append(self.b.pop())
+            states.append(self.state)
+        if not any(ended):
+            self.state = states[0] | states[1]
+            needed = self.state & (note.after | self.kept(here))
+            sides = [self.with_spread(side, needed - state) for side, state in zip(sides, states, strict=True)]
+        else:
+            self.state = states[0] if ended[1] else states[1]
+        condition = self.same.get(s.condition, s.condition)
+        self.b.append(If(condition, sides[0], sides[1], s.loc))
+        if note.exits and not all(ended):
+            self.thin(here)
+        return all(ended)
+
+    def with_spread(self, region: Region, variables: Iterable[int]) -> Region:
+        self.b.push()
+        for variable in sorted(variables):
+            self.spread(variable)
+        return region + self.b.pop()
+
+    def varying_if(self, s: If, note: Note, here: Here) -> None:
+        condition = self.same.get(s.condition, s.condition)
+        then, orelse = note.regions
+        self.spread_early(s, note, here)
+        needed = note.before | note.after | note.inner[1] | self.kept(here)
+        if s.then:
+            active = self.both(here.mask, condition, "leaving" if _exits(then) else "active")
+            inside = Here(active, whole=False, kept=here.kept | note.inner[1])
+            self.guarded(active, partial(self.region, s.then, then, inside), needed, _exits(then))
+        if s.orelse:
+            active = self.both(here.mask, self.let("not", condition), "leaving" if _exits(orelse) else "active")
+            inside = Here(active, whole=False, kept=here.kept | note.after)
+            self.guarded(active, partial(self.region, s.orelse, orelse, inside), needed, _exits(orelse))
+        if note.exits:
+            self.thin(here)
+
+    def spread_early(self, s: If, note: Note, here: Here) -> None:
+        """Before the sides of an If, which may be skipped: spread what a store in them would have to spread."""
+        kept = self.kept(here)
+        masked = stored_in(s.then) & (kept | note.inner[1]) | stored_in(s.orelse) & (kept | note.after)
+        for variable in sorted((masked & note.before) - self.arrays - self.state):
+            self.spread(variable)
+            self.state.add(variable)
+
+    def guarded(self, mask: int, work: Callable[[], object], needed: frozenset[int], always: bool = False) -> None:
+        """Append what `work` appends, skipped when no lane of `mask` is active and that pays."""
+        before = set(self.state)
+        self.b.push()
+        work()
+        inside = self.b.pop()
+        if not always and not _worth_skipping(inside):
+            self.b.extend(inside)
+            return
+        self.state, after = before | self.state, self.state
+        inside = self.with_spread(inside, (self.state - after) & needed)
+        skipped = self.with_spread((), (self.state - before) & needed)
+        self.b.append(If(self.let("lane_any", mask, type=BOOL), inside, skipped))
+
+    def thin(self, here: Here) -> None:
+        """Lanes may have left: go on with those that are still in this turn."""
+        scope = self.scope
+        if not (scope.facts.varying or scope.facts.continues):
+            return
+        left = self.load(scope.turn)
+        here.mask = left if here.whole else self.both(here.mask, left)
+        here.thinned = True
+
+    # Loops
+
+    def loop(self, s: Loop, note: Note, here: Here) -> None:
+        before = set(self.state)
+        while True:
+            found = note.facts.size()
+            self.state = set(before)
+            self.b.push()
+            self.turns(s, note, here)
+            made = self.b.pop()
+            if note.facts.size() == found:
+                self.b.extend(made)
+                return
+
+    def turns(self, s: Loop, note: Note, here: Here) -> None:
+        """Append what a loop becomes, as far as its facts are known."""
+        facts, outer, kept = note.facts, self.scope, self.kept(here)
+        stored = note.stored - self.arrays
+        inner = frozenset(v for v in stored if v in kept or (facts.varying and v in facts.copied))
+        for variable in sorted(inner - self.state):
+            if variable in kept or variable in note.before:
+                self.spread(variable)
+        entry = frozenset(self.state)
+        facts.head |= entry & stored & note.inner[0]
+        scope = self.enter(note, inner)
+        self.fill(facts.head, entry, scope)
+        self.state = set(entry - stored) | facts.head | self.always
+        start = self.mask(here) if facts.varying or facts.continues else here.mask
+        if facts.varying and start is not None:
+            self.b.store(scope.live, start)
+        still_kept = (kept | note.after if facts.varying else kept) & self.arrays
+        made = self.turn(s, note, Here(start, whole=True, kept=still_kept))
+        self.scope = outer
+        self.b.append(made)
+        self.state = self.always | inner | (entry if facts.varying else (entry - stored) | facts.exit)
+        if not facts.varying:
+            self.merge(inner & note.after, facts.exit, here, scope)
+
+    def enter(self, note: Note, inner: frozenset[int]) -> Scope:
+        live = self.slots.mask("live", id(note))
+        turn = self.slots.mask("turn", id(note)) if note.facts.continues else live
+        self.scope = Scope(note.facts, live, turn, note, self.scope, inner)
+        return self.scope
+
+    def fill(self, variables: set[int], entry: frozenset[int], scope: Scope) -> None:
+        """Give a loop's lanes slots what their variables hold at its entry."""
+        for variable in sorted(variables):
+            if variable not in entry:
+                self.spread(variable)
+            elif variable in scope.inner:
+                self.b.store(self.lanes(variable), self.load(self.lanes(variable, scope.outer)))
+
+    def merge(self, variables: frozenset[int], varying: set[int], here: Here, scope: Scope) -> None:
+        """After a loop that all its lanes left together: put what they changed into the slots outside."""
+        for variable in sorted(variables):
+            slot = self.lanes(variable, scope) if variable in varying else self.slots.uniform(variable)
+            outside = self.lanes(variable)
+            self.b.store(outside, self.select(self.mask(here), self.load(slot), self.load(outside)))
+
+    def turn(self, s: Loop, note: Note, here: Here) -> Loop:
+        """The loop itself: its body, the step and the test."""
+        scope, facts = self.scope, note.facts
+        start = here.mask
+        self.b.push()
+        if facts.varying:
+            here.mask = self.load(scope.live)
+        begin = here.mask
+        ended = self.region(s.body, note.regions[0], here)
+        if not ended:
+            self.meet(facts.step, note.stored - self.arrays, note.inner[1])
+        body = self.b.pop()
+        if facts.continues and begin is not None:
+            body = _before_use(scope.turn.id, Store(scope.turn.id, begin), body)
+        if not continues(s) and (ended or any(n.ends for n in note.regions[0])):
+            return Loop(body, (), None, s.turns, s.loc)
+        self.state = (self.state - note.stored) | facts.step | self.always
+        scope.kept.clear()
+        scope.continued = False
+        self.b.push()
+        step = Here(self.load(scope.live) if facts.varying else start, whole=True, kept=here.kept)
+        self.region(s.continuing, note.regions[1], step)
+        self.meet(facts.head, note.stored - self.arrays, note.inner[0])
+        until = self.test(s, note, step)
+        continuing = self.b.pop()
+        if facts.varying and until is None and not facts.jumps:
+            return Loop(body + continuing, (), None, s.turns, s.loc)
+        return Loop(body, continuing, until, s.turns, s.loc)
+
+    def test(self, s: Loop, note: Note, here: Here) -> int | None:
+        """Append the test at the end of a turn; what to test, or None if that is done."""
+        if s.until is None:
+            return None
+        until = self.same.get(s.until, s.until)
+        if until in self.varying:
+            return self.varying_test(s, note, self.both(self.mask(here), until, "leaving"))
+        self.b.push()
+        if note.facts.varying:
+            self.put_aside(note.dirty_at_until & note.after, self.mask(here))
+        else:
+            self.meet(note.facts.exit, note.stored - self.arrays, note.after)
+        leaving = self.b.pop()
+        if leaving:
+            self.b.append(If(until, leaving, (), s.loc))
+        return until
+
+    def varying_test(self, s: Loop, note: Note, active: int) -> int | None:
+        """The test when only the lanes of `active` leave."""
+        scope, facts = self.scope, note.facts
+        facts.varying = True
+        self.b.push()
+        self.put_aside(note.dirty_at_until & note.after, active)
+        self.remove(scope.live, active)
+        if not facts.jumps:
+            self.b.append(If(self.none(self.load(scope.live)), (Break(s.loc),), (), s.loc))
+        leaving = self.b.pop()
+        self.b.append(If(self.let("lane_any", active, type=BOOL), leaving, (), s.loc))
+        return self.none(self.load(scope.live)) if facts.jumps else None
+
+
+def _before_use(slot: int, store: Store, region: Region) -> Region:
+    """The region with `store` in front of the first statement that knows the slot."""
+    for at, statement in enumerate(region):
+        for s in walk((statement,)):
+            if (isinstance(s, Store) and s.variable == slot) or (
+                isinstance(s, Let) and s.op == "load" and s.attr == slot
+            ):
+                return (*region[:at], store, *region[at:])
+    return region
+
+
+def _exits(notes: list[Note]) -> bool:
+    return any(note.exits for note in notes)
+
+
+def _worth_skipping(region: Region) -> bool:
+    """Whether asking if any lane is active costs less than running the region for nothing."""
+    work = 0
+    for s in walk(region):
+        if isinstance(s, Loop) or (isinstance(s, Let) and s.op in ("table", "call")):
+            return True
+        work += isinstance(s, Let) and s.op not in _FREE
+    return work >= _WORTH_SKIPPING

@@ -1,0 +1,131 @@
+"""Vectors taken apart and put together again: the rules of `fold` for swizzles and constructs.
+
+Stage: improve.
+
+    (v.zyx).x                         -> v.z
+    construct(a, b, c).y              -> b
+    construct(v, s).xy, v : f2        -> v
+    construct(v, s).xw, v : f3        -> construct(v.x, s)
+    construct(construct(a, b), s)     -> construct(a, b, s)
+    splat(s).xy                       -> splat(s)
+    construct(v.x, v.y), v : f2       -> v
+    construct(v.x, v.z, s)            -> construct(v.xz, s)
+    construct(s, s, s)                -> splat(s)
+    component(v, 1)                   -> v.y
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+
+from shpy.ir.nodes import Let
+from shpy.passes.identities import Found, Known
+
+__all__ = ["rearrange"]
+
+
+def rearrange(known: Known, let: Let) -> Found:
+    """What may stand for a swizzle, construct or component, or None."""
+    if let.op == "swizzle":
+        assert isinstance(let.attr, tuple)
+        return _swizzle(known, let, let.args[0], let.attr)
+    if let.op == "construct":
+        return _construct(known, let)
+    if let.op == "component":
+        vector, index = let.args
+        at = known.constant(index)
+        if at is not None:
+            last = known.types[vector].size - 1
+            return Let(let.value, "swizzle", (vector,), (min(max(at[0], 0), last),))
+    return None
+
+
+def _swizzle(known: Known, let: Let, source: int, picked: tuple[int, ...]) -> Found:
+    if picked == tuple(range(known.types[source].size)):
+        return source
+    inner = known.made.get(source)
+    match inner:
+        case Let(_, "const", _, tuple(components)):
+            return Let(let.value, "const", (), tuple(components[p] for p in picked))
+        case Let(_, "swizzle", args, tuple(earlier)):
+            return Let(let.value, "swizzle", args, tuple(earlier[p] for p in picked))
+        case Let(_, "splat", (scalar,)):
+            return scalar if len(picked) == 1 else Let(let.value, "splat", (scalar,))
+        case Let(_, "construct"):
+            return _of_construct(known, let, inner, picked)
+    return None
+
+
+def _of_construct(known: Known, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
+    """A swizzle of a construct: of one of its parts, or a construct of what is picked of several.
+
+    What the user named is not taken apart: `q.zyx` says more.
+    """
+    parts = [(arg, k) for arg in construct.args for k in range(known.types[arg].size)]
+    chosen = [parts[p] for p in picked]
+    values = tuple(arg for arg, _ in chosen)
+    if len(set(values)) > 1:
+        if construct.value.name is not None:
+            return None
+        grouped = [(arg, [k for _, k in run]) for arg, run in groupby(chosen, key=lambda part: part[0])]
+        return Let(let.value, "construct", tuple(_part(known, let, arg, k) for arg, k in _one_by_one(known, grouped)))
+    if known.types[values[0]].size > 1:
+        return Let(let.value, "swizzle", values[:1], tuple(k for _, k in chosen))
+    return values[0] if len(picked) == 1 else Let(let.value, "splat", values[:1])
+
+
+def _one_by_one(known: Known, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
+    """The runs; one of a scalar, which is no vector to pick from, as often as it is picked."""
+    for arg, picked in runs:
+        if known.types[arg].size == 1:
+            yield from ((arg, [0]) for _ in picked)
+        else:
+            yield arg, picked
+
+
+def _construct(known: Known, let: Let) -> Found:
+    inner = [known.made.get(a) for a in let.args]
+    if any(_is_nameless_construct(made) for made in inner):
+        nested = [
+            made.args if made and _is_nameless_construct(made) else (a,)
+            for made, a in zip(inner, let.args, strict=True)
+        ]
+        return Let(let.value, "construct", tuple(a for args in nested for a in args))
+    constants = [known.constant(a) for a in let.args]
+    if all(c is not None for c in constants):
+        return Let(let.value, "const", (), tuple(k for c in constants if c is not None for k in c))
+    if len(set(let.args)) == 1 and known.types[let.args[0]].size == 1:
+        return Let(let.value, "splat", let.args[:1])
+    runs: list[tuple[int, list[int]]] = []
+    for arg in let.args:
+        source, picked = _picked(known, arg)
+        if runs and runs[-1][0] == source and known.types[source].size > 1:
+            runs[-1][1].extend(picked)
+        else:
+            runs.append((source, list(picked)))
+    if len(runs) == 1:
+        return Let(let.value, "swizzle", (runs[0][0],), tuple(runs[0][1]))
+    if len(runs) == len(let.args):
+        return None
+    return Let(let.value, "construct", tuple(_part(known, let, source, picked) for source, picked in runs))
+
+
+def _is_nameless_construct(made: Let | None) -> bool:
+    return made is not None and made.op == "construct" and made.value.name is None
+
+
+def _picked(known: Known, arg: int) -> tuple[int, tuple[int, ...]]:
+    """The vector that a part comes from, and which of its components."""
+    made = known.made.get(arg)
+    if made is not None and made.op == "swizzle":
+        assert isinstance(made.attr, tuple)
+        return made.args[0], made.attr
+    return arg, tuple(range(known.types[arg].size))
+
+
+def _part(known: Known, let: Let, source: int, picked: list[int]) -> int:
+    size = known.types[source].size
+    if picked == list(range(size)):
+        return source
+    return known.make("swizzle", source, type=let.value.type.sized(len(picked)), attr=tuple(picked))

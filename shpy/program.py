@@ -1,0 +1,226 @@
+"""Programs: recorded functions as values, to be run, compiled, joined and changed.
+
+Stage: above all others. `Program` stands over the backends; `lang` only records.
+
+    @sh.program
+    def scale(x: sh.Attrib1f, by: sh.Attrib1f) -> sh.Attrib1f:
+        return x * by
+
+    scale([1, 2, 3], 2)                      # array([2., 4., 6.], dtype=float32)
+    scale.compile("opencl").source           # the emitted text
+    double = scale.bind(by=2)                # a program of one input
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from shpy import algebra
+from shpy.backends.base import Options, Precision
+from shpy.backends.registry import backend as backend_named
+from shpy.backends.registry import default_backend
+from shpy.errors import BackendUnavailable, ShpyTypeError
+from shpy.host import bind, common_shape, dtypes_at, streams, tables
+from shpy.ir.interpreter import Interpreter
+from shpy.ir.nodes import Loc, Module
+from shpy.ir.parser import parse as parse_text
+from shpy.ir.verifier import verify
+from shpy.kernel import Kernel
+from shpy.lang.inline import call_recorded
+from shpy.lang.location import here
+from shpy.lang.record import InputType, Recorded, record
+from shpy.lang.recorder import current_frame
+from shpy.lang.structure import Leaf, Rows, leaves
+
+_PRECISIONS = ("f16", "f32", "f64")
+_LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a trace: the user's line, the name of what was computed or stored, its value."""
+
+    loc: Loc | None
+    name: str | None
+    value: Any
+
+    def __str__(self) -> str:
+        return f"{self.loc}: {self.name or '·'} = {self.value}"
+
+
+class Program:
+    """A recorded function. Call it with arrays to run it on the default backend, with values to inline it."""
+
+    def __init__(self, recorded: Recorded) -> None:
+        self._recorded = recorded
+        self._kernels: dict[tuple[str, Options], Kernel] = {}
+
+    @classmethod
+    def from_ir(cls, module: Module) -> Program:
+        """Make a module runnable: its tables become inputs. Raises VerifyError for a module that breaks a rule."""
+        verify(module)
+        return cls(algebra.recorded_from(module))
+
+    @property
+    def name(self) -> str:
+        """The function's name."""
+        return self._recorded.module.name
+
+    @property
+    def ir(self) -> Module:
+        """The recorded module; `str` of it is its text."""
+        return self._recorded.module
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """The type of each input by name."""
+        return {name: _spoken(type_) for name, type_ in self._recorded.inputs.items()}
+
+    @property
+    def outputs(self) -> dict[str, Any]:
+        """The type of each output by name; outputs without a name are "0", "1", …."""
+        return {name: cls for name, _, cls in _output_leaves(self._recorded)}
+
+    @property
+    def params(self) -> dict[str, Any]:
+        """Each Param by name; set `.value` between runs."""
+        return dict(self._recorded.params)
+
+    @property
+    def tables(self) -> dict[str, Any]:
+        """Each Table by name."""
+        return dict(self._recorded.tables)
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        """Run on arrays on the default backend, or, while a program is recorded, be inlined into it."""
+        frame = current_frame()
+        if frame is not None:
+            given = bind(self._recorded.inputs, args, named, self.name)
+            return call_recorded(frame, self._recorded, given, {})
+        return self.compile()(*args, **named)
+
+    def compile(
+        self,
+        backend: str | None = None,
+        *,
+        device: int | None = None,
+        precision: Precision = "f32",
+        lanes: int | Literal["auto"] = "auto",
+        loop_limit: int | None = 1_048_576,
+    ) -> Kernel:
+        """Compile for a backend ("numpy", "opencl", "glsl"; None: the default); kernels are kept and given again.
+
+        `precision` is the working float's, `loop_limit` the turns that a loop without a known bound may take. `lanes`
+        is how many elements OpenCL runs together: 4, 8 or 16; 1; or "auto", as many as a CPU's vectors hold.
+        Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
+        """
+        options = self._options(device, precision, lanes, loop_limit)
+        name = backend if backend is not None else default_backend()
+        kernel = self._kernels.get((name, options))
+        if kernel is None:
+            target = backend_named(name)
+            count = len(target.devices())
+            if device is not None and not 0 <= device < count:
+                raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
+            kernel = self._kernels[name, options] = Kernel(self._recorded, target, options)
+        return kernel
+
+    def _options(self, device: int | None, precision: Any, lanes: Any, loop_limit: Any) -> Options:
+        if precision not in _PRECISIONS:
+            raise ShpyTypeError(f"precision={precision!r}", loc=here(), cure='precision="f32", "f64" or "f16"')
+        if lanes not in _LANES:
+            raise ShpyTypeError(f"lanes={lanes!r}", loc=here(), cure='lanes="auto", 1, 4, 8 or 16')
+        limited = isinstance(loop_limit, int) and not isinstance(loop_limit, bool) and 0 < loop_limit < 2**31
+        if loop_limit is not None and not limited:
+            raise ShpyTypeError(
+                f"loop_limit={loop_limit!r}", loc=here(), cure="a number of turns, or None for no limit"
+            )
+        return Options(precision, loop_limit, device, lanes)
+
+    def trace(self, **inputs: Any) -> list[Step]:
+        """Run one element in the reference interpreter; gives each step that has a name or stores into one."""
+        recorded = self._recorded
+        given = bind(recorded.inputs, (), inputs, self.name)
+        dtypes = dtypes_at("f32")
+        found = streams(recorded.inputs, given, dtypes)
+        if common_shape(found, None) not in ((), (1,)):
+            raise ShpyTypeError("trace runs one element", loc=here(), cure="one value for each input")
+        data = {n: t.data(dtypes[t.type.base]) for n, t in tables(recorded.inputs, given, recorded.tables).items()}
+        params = {n: np.asarray(p.exact, dtypes[p.base]) for n, p in recorded.params.items()}
+        steps: list[Step] = []
+
+        def note(loc: Loc | None, name: str | None, value: Any) -> None:
+            if name is not None:
+                steps.append(Step(loc, name, np.array(value)[()]))
+
+        flat = [s.flat(())[0] for s in found]
+        Interpreter(recorded.module).run_element(flat, params, data, trace=note)
+        return steps
+
+    # Programs are values
+
+    def __lshift__(self, other: Program) -> Program:
+        """`g << f`: f's outputs become g's inputs."""
+        if not isinstance(other, Program):
+            return NotImplemented
+        return Program(algebra.compose(self._recorded, other._recorded))
+
+    def __and__(self, other: Program) -> Program:
+        """`f & g`: side by side, inputs and outputs one after the other."""
+        if not isinstance(other, Program):
+            return NotImplemented
+        return Program(algebra.beside(self._recorded, other._recorded, share=False))
+
+    def merge(self, other: Program) -> Program:
+        """Side by side; inputs of equal name and type are shared."""
+        return Program(algebra.beside(self._recorded, other._recorded, share=True))
+
+    def rename(self, **names: str) -> Program:
+        """Inputs and named outputs under other names: `rename(old="new")`."""
+        return Program(algebra.renamed(self._recorded, names))
+
+    def bind(self, **values: Any) -> Program:
+        """Inputs given once and for all: a number becomes a uniform; a Param or Table is used as it is."""
+        return Program(algebra.bound(self._recorded, values))
+
+    def specialize(self, **values: Any) -> Program:
+        """Inputs or params that become constants, folded into the program."""
+        return Program(algebra.specialized(self._recorded, values))
+
+    def __repr__(self) -> str:
+        inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}" for n, t in self.inputs.items())
+        outputs = ", ".join(t.__name__ for t in self.outputs.values())
+        return f"<Program {self.name}({inputs}) -> {outputs}>"
+
+
+def _spoken(type_: InputType) -> Any:
+    match type_:
+        case Leaf(cls) | Rows(cls):
+            return cls
+    return getattr(type_, "cls", None) if hasattr(type_, "form") else type_
+
+
+def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
+    return [(name or "0", kind, cls) for name, kind, cls in leaves(recorded.output, "")]
+
+
+def program(function: Callable[..., Any]) -> Program:
+    """Record a function, once, by running it on symbolic arguments; every input is annotated.
+
+    Raises RecordError and ShpyTypeError at the user's line.
+    """
+    made = Program(record(function))
+    functools.update_wrapper(made, function, updated=())
+    return made
+
+
+def parse(text: str) -> Module:
+    """The module that IR text describes, checked; raises ParseError or VerifyError. Loading executes nothing."""
+    module = parse_text(text)
+    verify(module)
+    return module

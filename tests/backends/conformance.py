@@ -1,0 +1,235 @@
+"""The conformance list: what a case is, and the one list of all of them.
+
+A case is a program with the arrays to run it on. The interpreter says what it must give (and `expected`, where that is
+known without it); every target must agree: ints and bools exactly, floats to the bit or within the op table's bound.
+
+    @case(x=[1.0, -0.0, np.nan], expected=lambda x: np.sign(x))
+    def signs(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.sign(x)
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from backends.running import DenormalWatch, differs, flushes_denormals, kernel, leaves
+
+import shpy as sh
+from shpy import host
+from shpy.backends.base import Array, Options
+from shpy.ir.constants import DTYPES
+from shpy.ir.ops import Tolerance
+from shpy.ir.types import Base
+from shpy.lang.record import InputType
+from shpy.lang.structure import leaves as leaves_of
+
+EXACT = Tolerance()
+COUNT = 48
+INTERPRETED = ("interpreter", "prepared")
+THIN = 11
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave: the leaves of its outputs, which elements were written, how many ran out of turns."""
+
+    outputs: list[Array]
+    written: Array
+    stopped: int = 0
+    line: int | None = None
+
+
+@dataclass(eq=False)
+class Case:
+    """`inputs` are arrays by name; those left out are made up by `data`. `outs` fills `out` with sevens first.
+
+    `bound` is by how much a target may differ; `refused` says with which word a target refuses to compile it. With
+    `meaning` the reference is computed at once, for there are many elements; the interpreter then runs some of them.
+    """
+
+    name: str
+    build: Callable[[], sh.Program]
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    shape: tuple[int, ...] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    bound: Callable[[str], Tolerance] = lambda target: EXACT
+    refused: Mapping[str, str] = field(default_factory=dict)
+    expected: Any = None
+    outs: bool = False
+    meaning: Callable[[Mapping[str, Array]], list[Array]] | None = None
+
+    @functools.cached_property
+    def program(self) -> sh.Program:
+        return self.build()
+
+    @functools.cached_property
+    def arrays(self) -> dict[str, Any]:
+        """Every input."""
+        types: Mapping[str, InputType] = self.program._recorded.inputs
+        made = {}
+        for n, (name, type_) in enumerate(types.items()):
+            made[name] = self.inputs[name] if name in self.inputs else made_up(type_, n)
+        return made
+
+    def run(self, backend: str) -> Outcome:
+        """Run it there."""
+        if self.meaning is not None and backend in INTERPRETED:
+            thinned = {name: array[::THIN] for name, array in self.arrays.items()}
+            result = kernel(self.program, backend, **self.options).run(**thinned)
+            return Outcome(leaves(result.outputs), result.written)
+        compiled = kernel(self.program, backend, **self.options)
+        out = None
+        if self.outs:
+            blank = compiled.run(**self.arrays, shape=self.shape).outputs
+            out = tree_map(lambda a: np.full_like(a, True if a.dtype == bool else 7), blank)
+        try:
+            result = compiled.run(**self.arrays, shape=self.shape, out=out)
+        except sh.LoopLimitExceeded as error:
+            line = error.loc.line if error.loc else None
+            return Outcome(leaves(error.result.outputs), error.result.written, error.count, line)
+        return Outcome(leaves(result.outputs), result.written)
+
+    @functools.cached_property
+    def reference(self) -> Outcome:
+        """What the interpreter gives."""
+        if self.meaning is not None:
+            outputs = self.meaning(self.arrays)
+            return Outcome(outputs, np.ones(len(outputs[0]), np.bool_))
+        return self.run("interpreter")
+
+    @functools.cached_property
+    def watch(self) -> DenormalWatch:
+        return DenormalWatch(self.program.ir, Options(**self.options))
+
+    def denormal(self, element: int) -> bool:
+        """Whether a denormal arises on the way of an element."""
+        recorded, shape = self.program._recorded, self.reference.written.shape
+        dtypes = host.dtypes_at(self.options.get("precision", "f32"))
+        flat = [s.flat(shape) for s in host.streams(recorded.inputs, self.arrays, dtypes)]
+        tables = host.tables(recorded.inputs, self.arrays, recorded.tables)
+        return self.watch.arises(
+            [a[element if len(a) > 1 else 0] for a in flat],
+            {},
+            {name: table.data(dtypes[table.type.base]) for name, table in tables.items()},
+            tuple(map(int, np.unravel_index(element, shape))),
+            shape,
+        )
+
+    def check(self, found: Outcome, who: str) -> None:
+        """Fail unless a target's outcome is the reference's."""
+        wanted, bound = self.reference, self.bound(who)
+        if self.meaning is not None and who in INTERPRETED:
+            wanted = Outcome([a[::THIN] for a in wanted.outputs], wanted.written[::THIN])
+        assert (found.stopped, found.line) == (wanted.stopped, wanted.line)
+        np.testing.assert_array_equal(found.written, wanted.written, f"{self.name} on {who}: written")
+        assert len(found.outputs) == len(wanted.outputs)
+        for n, (a, b) in enumerate(zip(found.outputs, wanted.outputs, strict=True)):
+            assert (a.dtype, a.shape) == (b.dtype, b.shape)
+            wrong = differs(a, b, bound.ulp, bound.absolute)
+            rank = wanted.written.ndim
+            elements = wrong.any(axis=tuple(range(rank, wrong.ndim))).ravel()
+            for k in np.flatnonzero(elements):
+                if flushes_denormals(who) and self.denormal(int(k)):
+                    continue
+                given = {name: element(array, k, wanted.written.shape) for name, array in self.arrays.items()}
+                x, y = (element(v, k, wanted.written.shape) for v in (a, b))
+                raise AssertionError(f"{self.name} on {who}, output {n}, for {given}: {x!r}, not {y!r}")
+
+
+def element(array: Any, k: int, shape: tuple[int, ...]) -> Any:
+    """The k-th element of an array over `shape`, for a message."""
+    given = np.asarray(array)
+    if given.dtype == object or given.ndim < len(shape) or given.shape[: len(shape)] != shape:
+        return array
+    return given[np.unravel_index(k, shape)]
+
+
+def tree_map(f: Callable[[Array], Array], outputs: Any) -> Any:
+    """The outputs' structure with `f` of each array."""
+    if isinstance(outputs, tuple | list):
+        parts = [tree_map(f, part) for part in outputs]
+        return type(outputs)(*parts) if hasattr(outputs, "_fields") else type(outputs)(parts)
+    if isinstance(outputs, dict):
+        return {name: tree_map(f, part) for name, part in outputs.items()}
+    return f(outputs)
+
+
+SPECIAL: dict[Base, Array] = {
+    Base.F: np.array([
+        0.0, -0.0, 1, -1, 0.5, -0.5, 1.5, 2.5, -2.5, 3.5, 0.1, 2, -3, 7, 3.7, -7.3, 0.99999994, 1.0000001, 1e-45,
+        -1e-40, 1.1754944e-38, -1.1754942e-38, 1e-7, 1e10, -1e10, 2**31, -(2**31), 2**31 - 128, 2**31 + 256, 2**32,
+        4294967040, 2**24 + 2, 8388607.5, 4194304.5, 0.49999997, 65519.9, 65520, 6e-8, 1.7e38,
+        3.4028235e38, -3.4028235e38, np.inf, -np.inf, np.nan,
+    ]).astype(np.float32),
+    Base.I: np.array([
+        0, 1, -1, 2, -2, 3, -3, 7, -7, 31, 32, 33, 63, -32, 12345, -54321, 0x55555555, 2**24 + 1, 2**31 - 1, 2**31 - 2,
+        -(2**31), 1 - 2**31,
+    ]).astype(np.int32),
+    Base.U: np.array([
+        0, 1, 2, 3, 7, 31, 32, 33, 63, 255, 12345, 0x55555555, 0xAAAAAAAA, 2**24 + 1, 2**31 - 1, 2**31, 2**32 - 2,
+        2**32 - 1,
+    ]).astype(np.uint32),
+    Base.B: np.array([False, True]),
+}  # fmt: skip
+SPECIAL[Base.D] = np.concatenate([SPECIAL[Base.F].astype(np.float64), [1e300, -1e-310, 5e-324, 0.1, 1 / 3, 2**53 + 2]])
+SPECIAL[Base.H] = np.array([
+    0.0, -0.0, 1, -1, 0.5, 1.5, 2.5, -2.5, 0.1, 3.7, 6e-8, -6e-8, 6.1e-5, 6.09e-5, 2048, 2049, 1024.5, 65504, -65504,
+    np.inf, -np.inf, np.nan,
+]).astype(np.float16)  # fmt: skip
+
+
+def data(base: Base, size: int, count: int = COUNT, seed: int = 0) -> Array:
+    """Elements that are ordinary, some with special values among their components."""
+    rng = np.random.default_rng([seed, size, count, list(Base).index(base)])
+    shape = (count, size) if size > 1 else (count,)
+    ordinary = rng.integers(0 if base is Base.U else -6, 7, shape)
+    drawn = rng.uniform(-4, 4, shape) if base in (Base.F, Base.D, Base.H) else ordinary
+    whole = (drawn > 0) if base is Base.B else drawn.astype(DTYPES[base])
+    return np.where(rng.random(shape) < 0.2, rng.choice(SPECIAL[base], shape), whole)
+
+
+def made_up(type_: InputType, seed: int) -> Any:
+    """Elements for an input; its leaves differ."""
+    flat = [data(cls.base, cls.size, seed=31 * seed + n) for n, (_, _, cls) in enumerate(leaves_of(type_, "input"))]
+    return flat[0] if len(flat) == 1 else flat
+
+
+def by_decorator(cases: list[Case]) -> Callable[..., Any]:
+    """The decorator that adds a function, to be recorded when it is needed, to a list of cases."""
+
+    def case(
+        *,
+        expected: Any = None,
+        shape: tuple[int, ...] | None = None,
+        options: Mapping[str, Any] | None = None,
+        ulp: float = 0,
+        absolute: float = 0,
+        refused: Mapping[str, str] | None = None,
+        outs: bool = False,
+        **inputs: Any,
+    ) -> Any:
+        bound = Tolerance(ulp, absolute)
+
+        def add(function: Any) -> Any:
+            made = Case(
+                function.__name__, lambda: sh.program(function), inputs, shape, options or {}, lambda target: bound,
+                refused or {}, expected, outs,
+            )  # fmt: skip
+            cases.append(made)
+            return function
+
+        return add
+
+    return case
+
+
+def all_cases() -> list[Case]:
+    """The list: operations, edges, control flow, data."""
+    from backends import conformance_control, conformance_data, conformance_edges, conformance_operations
+
+    parts = (conformance_operations, conformance_edges, conformance_control, conformance_data)
+    return [case for part in parts for case in part.cases()]

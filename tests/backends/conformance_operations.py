@@ -1,0 +1,313 @@
+"""Conformance cases of operations: every row of the op table for every base and size, and every structural operation.
+
+A row's case has one output for each size that it takes. Two scalars meet in all pairs of special values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from backends.conformance import EXACT, SPECIAL, Case
+
+import shpy as sh
+from shpy.backends.base import Array
+from shpy.ir.builder import Builder
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Function, Module, Param, Port, Table, Value
+from shpy.ir.ops import OPS, Tolerance, result_type
+from shpy.ir.types import Base, Type, vec
+
+BASES = {"f": "fdh", "i": "iu", "u": "u", "b": "b", "n": "fdhiu", "w": "iub", "a": "fdhiub"}
+# Further out, how many digits of pi a target's own functions use is not stated.
+TRIGONOMETRIC = ("sin", "cos", "tan")
+FAR = 2.0**20
+NO_DOUBLES = {"glsl": "has no d"}
+
+
+def kind(type: Type) -> str:
+    return f"Attrib{type.size}{type.base.value}"
+
+
+def program(entry: Function, params: tuple[Param, ...] = (), tables: tuple[Table, ...] = (), *callees: Function) -> Any:
+    """The program whose entry this is."""
+    inputs = tuple(Port(str(i.name), kind(i.type)) for i in entry.inputs)
+    outputs = tuple(Port(str(o.name), kind(o.type)) for o in entry.outputs)
+    return sh.Program.from_ir(Module("operation", inputs, outputs, params, tables, (*callees, entry)))
+
+
+def arguments(name: str, base: str, size: int, count: str) -> tuple[Type, ...] | None:
+    """The types of a row's arguments, `count` the base of a shift's; None where it takes none of this size."""
+    wanted = OPS[name].signature.partition(": ")[2].partition(" -> ")[0].split()
+    t = vec(base, size)
+    letters = {"T": t, "V": t, "V3": t, "S": t.scalar, "B": t.based(Base.B), "I": t.based(Base.I), "U": t.based(Base.U),
+               "X": t.based(Base(count)), "b": vec(Base.B)}  # fmt: skip
+    types = tuple(letters[w] for w in wanted)
+    try:
+        result_type(name, types)
+    except TypeError:
+        return None
+    return types
+
+
+def values(name: str, types: tuple[Type, ...], size: int) -> list[Array]:
+    """An array for each argument: all pairs for up to two scalars, else a random choice, then ordinary numbers."""
+    rng = np.random.default_rng(size)
+    pools = []
+    for t in types:
+        pool = SPECIAL[t.base]
+        if name in TRIGONOMETRIC:
+            pool = pool[(np.abs(pool.astype(np.float64)) <= FAR) | ~np.isfinite(pool)]
+        pools.append(pool)
+    if size == 1 and len(types) <= 2:
+        arrays = [a.ravel() for a in np.meshgrid(*pools)]
+    else:
+        arrays = [rng.choice(p, (600, t.size) if t.size > 1 else 600) for p, t in zip(pools, types, strict=True)]
+    return [np.concatenate([a, ordinary(rng, a)]) for a in arrays]
+
+
+def ordinary(rng: Any, like: Array) -> Array:
+    """200 elements such as programs compute with."""
+    shape = (200, *like.shape[1:])
+    if like.dtype.kind == "f":
+        return (rng.standard_normal(shape) * 10.0 ** rng.integers(-2, 3, shape)).astype(like.dtype)
+    return rng.integers(0, 2 if like.dtype == bool else 100, shape).astype(like.dtype)
+
+
+def row_case(name: str, base: str, count: str) -> Case | None:
+    """One row of the table for one base."""
+    sizes = {n: types for n in (1, 2, 3, 4) if (types := arguments(name, base, n, count)) is not None}
+    if not sizes:
+        return None
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
+    made = []
+    for size, types in sizes.items():
+        inputs = [b.input(t, f"{'abc'[k]}{size}") for k, t in enumerate(types)]
+        for i, array in zip(inputs, values(name, types, size), strict=True):
+            arrays[str(i.name)] = array
+        made.append(b.let(name, *inputs))
+    for size, value in zip(sizes, made, strict=True):
+        b.store(b.output(value.type, f"r{size}"), value)
+    function = b.finish()
+    shifted = f"-{count}" if "X" in OPS[name].signature else ""
+    longest = max(len(a) for a in arrays.values())
+    inputs = {n: a[np.arange(longest) % len(a)] for n, a in arrays.items()}
+
+    def bound(target: str) -> Tolerance:
+        allowed = OPS[name].bound(target)
+        # A binary16 result may fall to the other side of a tie.
+        return allowed if base != "h" or allowed == EXACT else Tolerance(1)
+
+    def meaning(arrays: Mapping[str, Array]) -> list[Array]:
+        return [meant(name, types, [arrays[f"{'abc'[k]}{n}"] for k in range(len(types))]) for n, types in sizes.items()]
+
+    refused = NO_DOUBLES if base == "d" else {}
+    return Case(
+        f"{name}-{base}{shifted}", lambda: program(function), inputs, bound=bound, refused=refused, meaning=meaning
+    )
+
+
+def meant(name: str, types: tuple[Type, ...], arrays: list[Array]) -> Array:
+    """What the table says of (n,) and (n, size) arrays."""
+    op, result = OPS[name], result_type(name, types)
+    assert op.meaning is not None
+    # A vector of one component, so that a sum over components is not one over elements.
+    columns = [a.T if a.ndim > 1 else a[None] for a in arrays]
+    with np.errstate(all="ignore"):
+        found = np.asarray(op.meaning(*columns)).astype(DTYPES[result.base])
+    whole = np.broadcast_to(found, (result.size, len(arrays[0])))
+    return whole[0] if result.size == 1 else np.ascontiguousarray(whole.T)
+
+
+def rows() -> list[Case]:
+    """Every row of the table with every base."""
+    found = []
+    for name, op in OPS.items():
+        for base in BASES[op.signature.partition(": ")[0]]:
+            for count in "iu" if "X" in op.signature else "i":
+                case = row_case(name, base, count)
+                if case is not None:
+                    found.append(case)
+    return found
+
+
+# Structural operations
+
+
+def _input(b: Builder, type: Type, name: str, seed: int, arrays: dict[str, Any]) -> Value:
+    special = SPECIAL[type.base]
+    count = 3 * len(SPECIAL[Base.F])
+    rng = np.random.default_rng(seed)
+    first = np.resize(special, count)
+    arrays[name] = first if type.size == 1 else np.stack([first, *rng.choice(special, (type.size - 1, count))], -1)
+    return b.input(type, name)
+
+
+def structural(
+    name: str,
+    b: Builder,
+    made: list[Value],
+    arrays: dict[str, Any],
+    bases: str = "",
+    params: tuple[Param, ...] = (),
+    tables: tuple[Table, ...] = (),
+    *callees: Function,
+) -> Case:
+    """The case of a builder whose outputs are these values; `bases` says whether there are doubles."""
+    for n, value in enumerate(made):
+        b.store(b.output(value.type, f"r{n}"), value)
+    function = b.finish()
+    refused = NO_DOUBLES if "d" in bases else {}
+    return Case(name, lambda: program(function, params, tables, *callees), arrays, refused=refused)
+
+
+def convert_case(source: str, target: str) -> Case:
+    b, arrays = Builder("operation"), {}
+    made = [b.let("convert", _input(b, vec(source, n), f"a{n}", n, arrays), type=vec(target, n)) for n in (1, 2, 3, 4)]
+    return structural(f"convert-{source}-{target}", b, made, arrays, source + target)
+
+
+def vector_case(base: str) -> Case:
+    """construct, splat, swizzle and component, for every size."""
+    b, arrays = Builder("operation"), {}
+    scalar = _input(b, vec(base), "s", 0, arrays)
+    index = _input(b, vec(Base.I), "i", 9, arrays)
+    made = []
+    for n in (2, 3, 4):
+        t = vec(base, n)
+        v = _input(b, t, f"v{n}", n, arrays)
+        parts = [scalar, v] if n < 4 else [b.swizzle(v, (3, 0)), b.swizzle(v, (1,)), scalar]
+        made.append(b.let("construct", *parts, type=vec(base, min(n + 1, 4))))
+        made.append(b.splat(scalar, n))
+        made.append(b.swizzle(v, (n - 1, 0, 0, 1)))
+        made.append(b.let("component", v, index, type=t.scalar))
+    return structural(f"vectors-{base}", b, made, arrays, base)
+
+
+def constant_case(base: str) -> Case:
+    """Every special value as a constant: alone, and in a vector."""
+    b, arrays = Builder("operation"), {}
+    which = _input(b, vec(Base.I), "n", 0, arrays)
+    special = SPECIAL[Base(base)].tolist()
+    arrays["n"] = np.arange(len(special), dtype=np.int32)
+    one, four = b.variable(vec(base), name="one"), b.variable(vec(base, 4), name="four")
+    for n, value in enumerate(special):
+        with b.when(b.let("eq", which, b.const(vec(Base.I), [n]))):
+            b.store(one, b.const(vec(base), [value]))
+            b.store(four, b.const(vec(base, 4), [value, special[0], value, special[-1]]))
+    return structural(f"const-{base}", b, [b.load(one), b.load(four)], arrays, base)
+
+
+def load_case(base: str) -> Case:
+    """Arrays of scalars and vectors, in range and out of it."""
+    b, arrays = Builder("operation"), {}
+    i, j = _input(b, vec(Base.I), "i", 1, arrays), _input(b, vec(Base.I), "j", 2, arrays)
+    arrays["j"] = arrays["j"][::-1] % 7 - 1
+    made = []
+    for n in (1, 3):
+        v = _input(b, vec(base, n), f"v{n}", n, arrays)
+        slot = b.variable(v.type, 5, f"array{n}")
+        for k in range(3):
+            b.store(slot, v, index=b.const(vec(Base.I), [2 * k]))
+        b.store(slot, v, index=i)
+        if n == 3:
+            b.store(slot, b.swizzle(v, (2, 0)), (0, 1), index=j)
+        made += [b.load(slot, i), b.load(slot, j)]
+    return structural(f"load-{base}", b, made, arrays, base)
+
+
+def param_case(base: str) -> Case:
+    """Params of every size, with their initial values."""
+    from shpy.ir.constants import encode
+
+    b, arrays = Builder("operation"), {}
+    params, outputs = [], []
+    for n in (1, 2, 3, 4):
+        t, name = vec(base, n), f"p{n}"
+        params.append(Param(name, kind(t), t, encode(t, np.resize(SPECIAL[t.base][-4:], n).tolist())))
+        given = _input(b, t, f"v{n}", n, arrays)
+        held = b.let("param", type=t, attr=name)
+        outputs.append(held)
+        outputs.append(b.let("cond", b.let("eq", given, held), held, given))
+    return structural(f"param-{base}", b, outputs, arrays, base, tuple(params))
+
+
+def table_case(base: str, size: int, rank: int) -> Case:
+    """A table of a type and rank: elements at indices in range and out of it, and its size."""
+    t = vec(base, size)
+    extents = (2, 3, 5)[:rank]
+    special = SPECIAL[t.base]
+    held = np.random.default_rng(rank).choice(special, (*extents, size) if size > 1 else extents)
+    b, arrays = Builder("operation"), {}
+    table = Table("table", t, rank)
+    index = _input(b, vec(Base.I, rank), "index", rank, arrays)
+    small = np.random.default_rng(rank).integers(-2, 7, arrays["index"].shape)
+    arrays["index"] = np.where(np.arange(len(small)).reshape(-1, *[1] * (rank > 1)) % 3 > 0, small, arrays["index"])
+    arrays["table"] = held
+    made = [b.let("table", index, type=t, attr="table"), b.let("table_size", type=vec(Base.I, rank), attr="table")]
+    return structural(f"table-{t}-{rank}d", b, made, arrays, base, (), (table,))
+
+
+def grid_case(rank: int) -> Case:
+    b = Builder("operation")
+    case = structural(
+        f"grid-{rank}d", b, [b.let(op, type=vec(Base.I, rank)) for op in ("grid_index", "grid_shape")], {}
+    )
+    case.shape = (3, 2, 5, 7)[:rank]
+    return case
+
+
+def half_case() -> Case:
+    """Every binary16, the values halfway between two, and those just beside."""
+    halves = np.arange(65536, dtype=np.uint16).view(np.float16).astype(np.float32)
+    halves = np.sort(halves[np.isfinite(halves)])[::7]
+    between = (halves[1:] + halves[:-1]) / 2
+    given = np.concatenate([halves, between, np.nextafter(between, np.float32(0)), SPECIAL[Base.F]])
+    b = Builder("operation")
+    made = b.let("half", b.input(vec("f"), "x"), type=vec("f"))
+    return structural("half", b, [made], {"x": given.astype(np.float32)})
+
+
+def call_case() -> Case:
+    """A pure function, called twice."""
+    callee = Builder("twice")
+    callee.pure = True
+    x = callee.input(vec("f", 3), "x")
+    callee.store(callee.output(vec("f", 3), "r"), callee.let("add", x, x))
+    function = callee.finish()
+    b, arrays = Builder("operation"), {}
+    v = _input(b, vec("f", 3), "v", 3, arrays)
+    return structural("call", b, [*b.call(function, *b.call(function, v))], arrays, "", (), (), function)
+
+
+def lanes_case() -> Case:
+    """What other lanes hold may change which way is taken, never the result."""
+    b, arrays = Builder("operation"), {}
+    c = _input(b, vec(Base.B), "c", 0, arrays)
+    result = b.variable(vec(Base.I), name="result")
+    one, two = (b.const(vec(Base.I), [n]) for n in (1, 2))
+    with b.when(b.let("any_lane", c, type=vec(Base.B))):
+        b.store(result, b.let("cond", c, one, two))
+    with b.otherwise():
+        b.store(result, two)
+    with b.when(b.let("all_lanes", c, type=vec(Base.B))):
+        b.store(result, b.let("add", b.load(result), one))
+    with b.otherwise(), b.when(c):
+        b.store(result, two)
+    return structural("lanes", b, [b.load(result)], arrays)
+
+
+ROWS = rows()
+
+
+def cases() -> list[Case]:
+    """Every operation."""
+    found = list(ROWS)
+    found += [convert_case(a, b) for a in "fdhiub" for b in "fdhiub" if a != b]
+    for make in (vector_case, constant_case, load_case, param_case):
+        found += [make(base) for base in "fdhiub"]
+    found += [table_case(base, size, rank) for base in "fiub" for size in (1, 2, 3, 4) for rank in (1, 2, 3)]
+    found += [table_case("d", 3, 2), table_case("h", 2, 1), *map(grid_case, (1, 2, 3, 4))]
+    return [*found, half_case(), call_case(), lanes_case()]

@@ -1,0 +1,81 @@
+"""The conformance list on the interpreter, numpy, OpenCL and GLSL: everything agrees, and nothing is skipped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from backends import conformance_operations
+from backends.conformance import Case, all_cases, differs
+from backends.running import BACKENDS, PACKETS, TILES
+
+import shpy as sh
+from shpy.ir.nodes import Let
+from shpy.ir.ops import OPS, STRUCTURAL
+from shpy.ir.traverse import walk
+
+CASES = all_cases()
+NAMES = [case.name for case in CASES]
+MADE_BY_VECTORIZE = {"lane_mask", "lane_any"}
+
+
+def each(cases: list[Case]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("case", cases, ids=[c.name for c in cases])
+
+
+def test_every_case_has_a_name_of_its_own() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+
+
+def test_every_operation_is_in_the_list() -> None:
+    found = set()
+    for case in CASES:
+        for function in case.program.ir.functions:
+            found |= {s.op for s in walk(function.body) if isinstance(s, Let)}
+    assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_VECTORIZE
+
+
+@each(CASES)
+@pytest.mark.parametrize("target", BACKENDS)
+def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
+    if target in case.refused:
+        with pytest.raises(sh.CompileError, match=case.refused[target]):
+            case.run(target)
+        return
+    case.check(case.run(target), target)
+
+
+STRUCTURED = [case for case in CASES if case not in conformance_operations.ROWS]
+
+
+@each(STRUCTURED)
+def test_how_many_are_in_a_tile_does_not_matter(case: Case) -> None:
+    for width in TILES:
+        case.check(case.run(width), width)
+
+
+@each(STRUCTURED)
+def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
+    """Each case takes one of the widths."""
+    width = list(PACKETS)[STRUCTURED.index(case) % len(PACKETS)]
+    case.check(case.run(width), width)
+
+
+@each([c for c in CASES if c.expected is not None])
+def test_interpreter_gives_what_is_expected(case: Case) -> None:
+    outputs = case.reference.outputs
+    expected = case.expected
+    if callable(expected):
+        expected = expected(**case.arrays)
+    wanted = list(expected) if isinstance(expected, tuple) else [expected]
+    assert len(outputs) == len(wanted)
+    for found, want in zip(outputs, wanted, strict=True):
+        whole = np.broadcast_to(np.asarray(want).astype(found.dtype), found.shape)
+        bound = case.bound("interpreter")
+        wrong = np.argwhere(differs(found, whole, bound.ulp, bound.absolute))
+        assert not len(wrong), f"element {wrong[0]}: {found[tuple(wrong[0])]!r}, not {whole[tuple(wrong[0])]!r}"
+
+
+@each(CASES)
+def test_text_is_read_back_as_the_same_module(case: Case) -> None:
+    module = case.program.ir
+    assert sh.parse(str(module)) == module

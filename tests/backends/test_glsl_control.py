@@ -1,0 +1,289 @@
+"""Control flow on GLSL: loops and the device's own limit, discards, early returns, blocks nested deep, NaN."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import (
+    SH_BREAK,
+    SH_CONTINUE,
+    SH_DISCARD,
+    SH_DO,
+    SH_ELIF,
+    SH_ELSE,
+    SH_FOR,
+    SH_IF,
+    SH_RETURN,
+    SH_UNTIL,
+    SH_WHILE,
+)
+from shpy.backends.glsl import backend
+
+
+def glsl(program: Any, **options: Any) -> Any:
+    return program.compile("glsl", **options)
+
+
+def test_all_control_flow_at_once() -> None:
+    @sh.program
+    def collatz(n: sh.Attrib1i) -> tuple[sh.Attrib1i, sh.Attrib1f]:
+        steps = sh.Attrib1i(0)
+        kind = sh.Attrib1f(0)
+        with SH_WHILE(lambda: n > 1):
+            steps += 1
+            with SH_IF(n % 2 == 0):
+                n[:] = n // 2
+                SH_CONTINUE()
+            n[:] = 3 * n + 1
+            SH_BREAK(steps > 100)
+        with SH_FOR(0, 7, 2) as i:
+            with SH_IF(steps == i):
+                kind[:] = 1
+            with SH_ELIF(steps > 50):
+                kind += 0.5
+            with SH_ELSE():
+                with SH_IF(n < 0):
+                    SH_RETURN((steps, -kind))
+        return steps, kind
+
+    n = np.arange(-5, 3000, dtype=np.int32)
+    found = glsl(collatz)(n)
+    expected = [_collatz(int(k)) for k in n]
+    assert found[0].tolist() == [e[0] for e in expected]
+    assert found[1].tolist() == [e[1] for e in expected]
+
+
+def _collatz(n: int) -> tuple[int, float]:
+    steps, kind = 0, 0.0
+    while n > 1:
+        steps += 1
+        if n % 2 == 0:
+            n //= 2
+            continue
+        n = 3 * n + 1
+        if steps > 100:
+            break
+    for i in range(0, 7, 2):
+        if steps == i:
+            kind = 1.0
+        elif steps > 50:
+            kind += 0.5
+        elif n < 0:
+            return steps, -kind
+    return steps, kind
+
+
+def test_a_condition_on_nan_is_false_whatever_the_compiler_makes_of_it() -> None:
+    """Mesa negates this one, and `!(a < b)` is not `a >= b` for NaN."""
+
+    @sh.program
+    def ends(x: sh.Attrib2f) -> tuple[sh.Attrib1f, sh.Attrib1i]:
+        with SH_IF(sh.all(x < 0)):
+            with SH_IF(x.x < -1e9):
+                SH_RETURN((0.0, 2))
+            SH_RETURN((x.x, 1))
+        with SH_ELSE():
+            SH_RETURN((5.0, 3))
+
+    values = np.array([np.nan, -3, 1, np.inf, -np.inf, 0, 2], np.float32)
+    x = np.stack(np.meshgrid(values, values), -1).reshape(-1, 2)
+    below = (x < 0).all(-1)
+    _, kind = glsl(ends)(x)
+    assert np.array_equal(kind, np.where(below, np.where(x[:, 0] < -1e9, 2, 1), 3))
+
+
+def test_arrays_and_subroutines_by_reference() -> None:
+    @sh.subroutine
+    def bump(x: sh.Attrib2f, by: sh.Attrib1f) -> sh.Attrib1f:
+        x += by
+        return x.x * 2
+
+    @sh.program
+    def mix(i: sh.Attrib1i, v: sh.Attrib1f) -> tuple[sh.Attrib2f, sh.Attrib1f]:
+        a = sh.Array(sh.Attrib1f, 8)
+        a[i] = v
+        a[i + 1] = v + 1
+        total = sh.Attrib1f(0)
+        with SH_FOR(0, 8) as k:
+            total += a[k] * sh.Attrib1f(k + 1)
+        x = sh.Attrib2f(total, a[i])
+        y = bump(x, sh.Attrib1f(10))
+        return x, y
+
+    i, v = np.arange(-3, 11, dtype=np.int32), np.float32(4)
+    x, y = glsl(mix)(i, v)
+    for k, index in enumerate(i):
+        a = np.zeros(8)
+        if 0 <= index < 8:
+            a[index] = 4
+        if 0 <= index + 1 < 8:
+            a[index + 1] = 5
+        expected = (a * np.arange(1, 9)).sum() + 10, a[np.clip(index, 0, 7)] + 10
+        assert tuple(x[k]) == expected
+        assert y[k] == expected[0] * 2
+
+
+def test_discarded_elements_keep_what_was_there() -> None:
+    @sh.program
+    def positive(x: sh.Attrib1f) -> sh.Attrib1f:
+        with SH_IF(x < 0):
+            SH_DISCARD()
+        return sh.sqrt(x)
+
+    x = np.linspace(-1, 1, 101).astype(np.float32)
+    out = np.full(101, 9, np.float32)
+    result = glsl(positive).run(x, out=out)
+    assert np.array_equal(out, np.where(x < 0, np.float32(9), np.sqrt(np.maximum(x, 0))))
+    assert result.count == (x >= 0).sum()
+
+
+def test_a_loop_past_its_limit_is_told_with_its_line() -> None:
+    @sh.program
+    def forever(x: sh.Attrib1f) -> sh.Attrib1f:
+        with SH_WHILE(lambda: x > 0):
+            x += 1
+        return x
+
+    x = np.array([-1, 1, -2, 3], np.float32)
+    with pytest.raises(sh.LoopLimitExceeded) as error:
+        glsl(forever, loop_limit=100)(x)
+    assert error.value.count == 2
+    assert error.value.loc.line == forever_line()
+
+
+def forever_line() -> int:
+    """The line of `with SH_WHILE` above."""
+    with open(__file__) as file:
+        return next(n for n, line in enumerate(file, 1) if "lambda: x > 0" in line)
+
+
+def _llvmpipe() -> bool:
+    return "llvmpipe" in backend.devices()[0].name
+
+
+@pytest.mark.parametrize("limit", [1 << 20, None])
+@pytest.mark.parametrize("shape", ["while", "do", "for", "nested"])
+def test_a_loop_that_the_device_stops_is_told_or_right(shape: str, limit: int | None) -> None:
+    """llvmpipe stops after 65,535 turns in all, in silence; other devices go on."""
+
+    @sh.program
+    def count(n: sh.Attrib1i) -> sh.Attrib1i:
+        i = sh.Attrib1i(0)
+        if shape == "while":
+            with SH_WHILE(lambda: i < n):
+                i += 1
+        elif shape == "do":
+            with SH_DO():
+                i += 1
+                SH_UNTIL(i >= n)
+        elif shape == "for":
+            with SH_FOR(0, n):
+                i += 1
+        else:
+            with SH_FOR(0, 300):
+                with SH_FOR(0, 300):
+                    with SH_IF(i < n):
+                        i += 1
+        return i
+
+    few = np.array([1, 2, 100, 65000], np.int32)
+    many = np.array([70_000, 80_000, 90_000], np.int32)
+    kernel = glsl(count, loop_limit=limit)
+    if shape != "nested":
+        assert np.array_equal(kernel(few), few)
+    if not _llvmpipe():
+        assert np.array_equal(kernel(many), many)
+        return
+    with pytest.raises(sh.LoopLimitExceeded) as error:
+        kernel(many)
+    assert "device" in str(error.value)
+    assert error.value.count == 3
+
+
+def test_blocks_nested_deep_are_right_or_refused() -> None:
+    def deep(levels: int) -> Any:
+        def body(x: sh.Attrib1i, k: int, n: sh.Attrib1i) -> None:
+            with SH_IF(x > k):
+                n += 1
+                if k + 1 < levels:
+                    body(x, k + 1, n)
+
+        @sh.program
+        def nested(x: sh.Attrib1i) -> sh.Attrib1i:
+            n = sh.Attrib1i(0)
+            body(x, 0, n)
+            return n
+
+        return nested
+
+    x = np.random.default_rng(5).integers(-3, 70, 5000).astype(np.int32)
+    assert np.array_equal(glsl(deep(60))(x), np.clip(x, 0, 60))
+
+
+@pytest.mark.parametrize("count", [20, 100, 250])
+def test_many_early_returns_do_not_nest_too_deep(count: int) -> None:
+    """llvmpipe forgets conditions past 79, and to it what follows a return is nested in it."""
+
+    @sh.program
+    def search(x: sh.Attrib1i) -> tuple[sh.Attrib1i, sh.Attrib1f]:
+        t = sh.Attrib1i(x)
+        for k in range(count):
+            SH_RETURN((3 * k, 0.5), x == k)
+            t[:] = 3 * t + k
+        return t, 1.5
+
+    x = np.random.default_rng(6).integers(-3, 270, 5000).astype(np.int32)
+    t = x.copy()
+    with np.errstate(over="ignore"):
+        for k in range(count):
+            t = (3 * t + np.int32(k)).astype(np.int32)
+    early = (x >= 0) & (x < count)
+    kernel = glsl(search)
+    found, kind = kernel(x)
+    assert np.array_equal(found, np.where(early, 3 * x, t))
+    assert np.array_equal(kind, np.where(early, 0.5, 1.5))
+    assert ("while (sh_running)" in kernel.source) == (count > 20)
+
+
+def test_subroutines_that_nest_too_deep_together_are_refused() -> None:
+    def nest(x: sh.Attrib1i, n: sh.Attrib1i, k: int, inside: Any) -> None:
+        with SH_IF(x > k):
+            n += 1
+            if k < 39:
+                nest(x, n, k + 1, inside)
+            elif inside is not None:
+                n += inside(x)
+
+    @sh.subroutine
+    def inner(x: sh.Attrib1i) -> sh.Attrib1i:
+        n = sh.Attrib1i(0)
+        nest(x, n, 0, None)
+        return n
+
+    @sh.program
+    def outer(x: sh.Attrib1i) -> sh.Attrib1i:
+        n = sh.Attrib1i(0)
+        nest(x, n, 0, inner)
+        return n
+
+    with pytest.raises(
+        sh.CompileError, match=r"test_glsl_control.py:\d+: 80 blocks inside each other, subroutines counted in"
+    ):
+        glsl(outer)
+
+
+def test_a_long_chain_of_elifs() -> None:
+    @sh.program
+    def chain(x: sh.Attrib1i) -> sh.Attrib1i:
+        n = sh.Attrib1i(-1)
+        with SH_IF(x == 0):
+            n[:] = 0
+        for k in range(1, 55):
+            with SH_ELIF(x == k):
+                n[:] = k * k
+        return n
+
+    x = np.random.default_rng(5).integers(-3, 70, 5000).astype(np.int32)
+    assert np.array_equal(glsl(chain)(x), np.where((x >= 0) & (x < 55), x * x, -1))

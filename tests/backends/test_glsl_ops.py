@@ -1,0 +1,297 @@
+"""Every row of the op table on GLSL against its meaning: special values, vectors of all sizes, a million at random."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shpy.backends.base import Call, Options
+from shpy.backends.glsl import backend
+from shpy.ir import meaning
+from shpy.ir.builder import Builder
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Module, Port, Value
+from shpy.ir.ops import OPS, result_type
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.library import DEFINITIONS
+
+TINY = float(np.finfo(np.float32).tiny)
+MODERATE = [
+    0.0,
+    -0.0,
+    1,
+    -1,
+    0.5,
+    -0.5,
+    1.5,
+    2.5,
+    -2.5,
+    3,
+    0.1,
+    3.7,
+    -7.3,
+    0.99999994,
+    1e10,
+    -1e10,
+    1e-7,
+    np.inf,
+    -np.inf,
+    np.nan,
+]
+EXTREME = [*MODERATE, TINY, -TINY, 2**31, -(2**31), 2**31 - 128, -(2**31) - 256, 2**32, 4294967040, 3e9,
+           2**24 + 2, 8388607.5, 4194304.5, 65519.9, 65520, 0.49999997, 1.7e38, 3.4028235e38,
+           -3.4028235e38]  # fmt: skip
+INTS = [0, 1, -1, 2, -2, 3, -3, 7, -7, 31, 32, 33, 63, -32, 12345, -54321, 0x55555555, 2**31 - 1, -(2**31), 1 - 2**31]
+N = 1536
+
+Make = Callable[[Builder, list[Value]], Value]
+
+
+def special(type: Type, moderate: bool) -> Any:
+    """The values of a base that are likely to go wrong."""
+    if type.is_float:
+        return np.array(MODERATE if moderate else EXTREME).astype(np.float32)
+    if type.is_bool:
+        return np.array([False, True])
+    return np.array(INTS, np.int64).astype(DTYPES[type.base])
+
+
+def values(types: tuple[Type, ...], moderate: bool = False) -> list[Any]:
+    """Arrays (n,) or (size, n): for two scalars or less all pairs, else a random choice."""
+    rng = np.random.default_rng(len(types))
+    arrays = [rng.choice(special(t, moderate), (t.size, N) if t.size > 1 else (N,)) for t in types]
+    if len(types) <= 2 and all(t.size == 1 for t in types):
+        pairs = np.meshgrid(*(special(t, moderate) for t in types))
+        arrays = [np.resize(p.ravel(), N) for p in pairs]
+    return arrays
+
+
+def run(types: tuple[Type, ...], result: Type, arrays: list[Any], make: Make) -> Any:
+    """What `make(builder, inputs)` gives for the arrays, (n,) or (size, n)."""
+    b = Builder("op")
+    inputs = [b.input(t, name) for t, name in zip(types, "abc", strict=False)]
+    b.store(b.output(result, "result"), make(b, inputs))
+    ports = tuple(Port(str(i.name), "") for i in inputs)
+    module = Module("op", ports, (Port("result", ""),), (), (), (b.finish(),))
+    count = arrays[0].shape[-1]
+    out = np.zeros((count, result.size) if result.size > 1 else (count,), DTYPES[result.base])
+    executable = backend.compile(module, Options())
+    assert executable.run(Call((count,), tuple(np.ascontiguousarray(a.T) for a in arrays), (out,), {}, {})) is None
+    return out.T
+
+
+def flushed(a: Any) -> Any:
+    """Denormals, and what may round up from them, as zeros where the device does so."""
+    if a.dtype.kind == "f" and any("denormals" in note for note in backend.devices()[0].notes):
+        return np.where(np.abs(a) <= np.float32(TINY), np.copysign(np.float32(0), a), a)
+    return a
+
+
+def wrong(found: Any, expected: Any, ulp: float = 0, absolute: float = 0) -> Any:
+    """Where the arrays differ: in any bit but NaN's, or by more than the bound."""
+    found, expected = flushed(found), flushed(expected)
+    if found.dtype.kind != "f":
+        return found != expected
+    with np.errstate(all="ignore"):
+        same = (found == expected) & (np.signbit(found) == np.signbit(expected)) | (found != found) & (
+            expected != expected
+        )
+        place = np.spacing(np.maximum(np.abs(expected), np.float32(TINY))).astype(np.float64)
+        near = np.abs(found.astype(np.float64) - expected) <= np.maximum(ulp * place, absolute)
+    return ~(same | (near & bool(ulp or absolute)))
+
+
+def check(found: Any, expected: Any, arrays: list[Any], ulp: float = 0, absolute: float = 0) -> None:
+    assert found.dtype == expected.dtype
+    bad = np.argwhere(wrong(found, expected, ulp, absolute))
+    if len(bad):
+        at = bad[0][-1]
+        pytest.fail(f"{len(bad)} wrong: {[a[..., at] for a in arrays]} gave {found[..., at]}, not {expected[..., at]}")
+
+
+def expected_of(name: str, arrays: list[Any], result: Type) -> Any:
+    f = OPS[name].meaning
+    assert f is not None
+    n = arrays[0].shape[-1]
+    rows = [a.reshape(-1, n) for a in arrays]  # a scalar as a vector of one, for what sums over components
+    with np.errstate(all="ignore"):
+        found = np.asarray(f(*rows)).astype(DTYPES[result.base])
+    return np.broadcast_to(found, (result.size, n)).reshape((n,) if result.size == 1 else (result.size, n))
+
+
+def rows() -> list[Any]:
+    """Every op with every choice of types that GLSL has."""
+    found = []
+    for name, op in OPS.items():
+        bases, _, rest = op.signature.partition(": ")
+        wanted = rest.partition(" -> ")[0].split()
+        for base in {"f": "f", "i": "iu", "u": "u", "b": "b", "n": "fiu", "w": "iub", "a": "fiub"}[bases]:
+            for size in (1, 2, 3, 4):
+                for count in "iu" if "X" in wanted else "i":
+                    t = vec(base, size)
+                    letters = {"T": t, "V": t, "V3": t, "S": t.scalar, "B": t.based(Base.B), "I": t.based(Base.I),
+                               "U": t.based(Base.U), "X": t.based(Base(count)), "b": vec(Base.B)}  # fmt: skip
+                    types = tuple(letters[w] for w in wanted)
+                    try:
+                        result_type(name, types)
+                    except TypeError:
+                        continue
+                    found.append(pytest.param(name, types, id="-".join([name, *map(repr, types)])))
+    return found
+
+
+@pytest.mark.parametrize(("name", "types"), rows())
+def test_an_op_means_what_the_table_says(name: str, types: tuple[Type, ...]) -> None:
+    result = result_type(name, types)
+    arrays = values(types, moderate=name in DEFINITIONS)
+    bound = OPS[name].bound("glsl")
+    found = run(types, result, arrays, lambda b, inputs: b.let(name, *inputs))
+    check(found, expected_of(name, arrays, result), arrays, bound.ulp, bound.absolute)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+@pytest.mark.parametrize("target", "fiub")
+@pytest.mark.parametrize("source", "fiub")
+def test_a_conversion_saturates_or_wraps(source: str, target: str, size: int) -> None:
+    a, t = vec(source, size), vec(target, size)
+    arrays = values((a,))
+    with np.errstate(all="ignore"):
+        expected = meaning.convert(arrays[0], DTYPES[t.base])
+    check(run((a,), t, arrays, lambda b, inputs: b.let("convert", *inputs, type=t)), expected, arrays)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_half_is_the_nearest_binary16(size: int) -> None:
+    t = vec(Base.F, size)
+    halves = np.arange(65536, dtype=np.uint16).view(np.float16).astype(np.float32)
+    with np.errstate(all="ignore"):
+        ties = (halves + np.roll(halves, 1)) / 2
+        everything = np.concatenate([halves, ties, ties * np.float32(1.0000001)])
+        arrays = [np.resize(everything, (size, 65536 * 3)) if size > 1 else everything]
+        expected = arrays[0].astype(np.float16).astype(np.float32)
+    check(run((t,), t, arrays, lambda b, inputs: b.let("half", *inputs, type=t)), expected, arrays)
+
+
+@pytest.mark.parametrize(
+    "name", ["add", "sub", "mul", "div", "sqrt", "fma", "mad", "floor", "min", "dot", "normalize", "mod"]
+)
+def test_a_million_results_are_equal_to_the_bit(name: str) -> None:
+    arity = {"sqrt": 1, "floor": 1, "fma": 3, "mad": 3, "normalize": 1}.get(name, 2)
+    t = vec(Base.F, 3 if name in ("dot", "normalize") else 1)
+    rng = np.random.default_rng(7)
+    n = 1 << 20
+    shape = (n,) if t.size == 1 else (t.size, n)
+    arrays = [(rng.standard_normal(shape) * 10 ** rng.uniform(-4, 4, shape)).astype(np.float32) for _ in range(arity)]
+    result = result_type(name, (t,) * arity)
+    found = run((t,) * arity, result, arrays, lambda b, inputs: b.let(name, *inputs))
+    check(found, expected_of(name, arrays, result), arrays)
+
+
+DOMAINS = {
+    "exp": (-87, 88), "exp2": (-126, 127.9), "log": (1e-4, 3), "log2": (1e-4, 3), "sin": (-1e4, 1e4),
+    "cos": (-1e4, 1e4), "tan": (-1e4, 1e4), "asin": (-1, 1), "acos": (-1, 1), "atan": (-20, 20), "sinh": (-88, 88),
+    "cosh": (-88, 88), "tanh": (-10, 10), "asinh": (-30, 30), "acosh": (1, 30), "atanh": (-1, 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_a_transcendental_keeps_its_bound(name: str) -> None:
+    rng = np.random.default_rng(8)
+    low, high = DOMAINS[name]
+    near = np.exp(rng.uniform(-20, 80, 1 << 17))
+    arrays = [np.concatenate([rng.uniform(low, high, 1 << 18), near, -near, 1 + 1 / near]).astype(np.float32)]
+    bound = OPS[name].bound("glsl")
+    found = run((vec("f"),), vec("f"), arrays, lambda b, inputs: b.let(name, *inputs))
+    check(found, expected_of(name, arrays, vec("f")), arrays, bound.ulp, bound.absolute)
+
+
+@pytest.mark.parametrize("name", ["pow", "atan2"])
+def test_a_transcendental_of_two_keeps_its_bound(name: str) -> None:
+    rng = np.random.default_rng(9)
+    wide = np.exp(rng.uniform(-40, 40, 1 << 17))
+    a = np.concatenate([wide, rng.uniform(0.5, 2, 1 << 17), -rng.uniform(0.1, 9, 1 << 17)]).astype(np.float32)
+    b = np.concatenate(
+        [rng.uniform(-2, 2, 1 << 17), rng.uniform(-100, 100, 1 << 17), np.rint(rng.uniform(-9, 9, 1 << 17))]
+    )
+    arrays = [a, b.astype(np.float32)]
+    bound = OPS[name].bound("glsl")
+    found = run((vec("f"),) * 2, vec("f"), arrays, lambda b, inputs: b.let(name, *inputs))
+    check(found, expected_of(name, arrays, vec("f")), arrays, bound.ulp, bound.absolute)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+@pytest.mark.parametrize("constant", [0.0, -0.0, 1.0, -1.0, 2.0, float("inf"), float("nan"), 0.1, 1e-30, 3.4028235e38])
+@pytest.mark.parametrize("op", ["add", "sub", "mul", "div", "min", "max", "lt", "ge"])
+@pytest.mark.parametrize("left", [True, False])
+def test_an_operation_with_a_constant_is_not_folded_wrong(op: str, constant: float, left: bool, size: int) -> None:
+    t = vec(Base.F, size)
+    arrays = values((t,))
+    fixed = np.full_like(arrays[0], constant)
+    pair = (lambda c, a: (c, a)) if left else (lambda c, a: (a, c))
+    result = result_type(op, (t, t))
+    found = run((t,), result, arrays, lambda b, i: b.let(op, *pair(b.const(t, [constant] * size), i[0])))
+    check(found, expected_of(op, list(pair(fixed, arrays[0])), result), arrays)
+
+
+@pytest.mark.parametrize("op", ["add", "mul", "sub"])
+def test_a_vector_with_some_zeros_is_not_folded_wrong(op: str) -> None:
+    t = vec(Base.F, 3)
+    arrays = values((t,))
+    fixed = np.broadcast_to(np.array([[0.0], [1.0], [-0.0]], np.float32), (3, N))
+    found = run((t,), t, arrays, lambda b, i: b.let(op, i[0], b.const(t, [0.0, 1.0, -0.0])))
+    check(found, expected_of(op, [arrays[0], fixed], t), arrays)
+
+
+@pytest.mark.parametrize("base", "fiu")
+def test_a_literal_is_exact(base: str) -> None:
+    t = vec(base)
+    for value in special(t, moderate=False)[:40]:
+        found = run(
+            (t,),
+            t,
+            [np.zeros(1, DTYPES[t.base])],
+            lambda b, i, v=value: b.let("cond", b.let("eq", *i * 2), b.const(t, [v]), *i),
+        )
+        check(found, np.array([value], DTYPES[t.base]), [found])
+
+
+@pytest.mark.parametrize("base", "fiub")
+@pytest.mark.parametrize("size", [2, 3, 4])
+def test_a_component_at_an_index_is_the_nearest(base: str, size: int) -> None:
+    t = vec(base, size)
+    arrays = values((t, vec("i")))
+    expected = arrays[0][np.clip(arrays[1], 0, size - 1), np.arange(N)]
+    found = run((t, vec("i")), t.scalar, arrays, lambda b, i: b.let("component", *i, type=t.scalar))
+    check(found, expected, arrays)
+
+
+@pytest.mark.parametrize("op", ["any_lane", "all_lanes"])
+def test_an_element_is_alone(op: str) -> None:
+    arrays = [np.resize([True, False], N)]
+    check(run((vec("b"),), vec("b"), arrays, lambda b, i: b.let(op, *i, type=vec("b"))), arrays[0], arrays)
+
+
+@pytest.mark.parametrize("name", ["div", "sqrt"])
+def test_a_device_that_rounds_wrong_is_mended(name: str) -> None:
+    """The integer forms that are printed for such a device, run here."""
+    from shpy.backends.glsl.context import open_context
+    from shpy.backends.glsl.printer import Printer
+    from shpy.backends.glsl.runtime import Runtime
+
+    rng = np.random.default_rng(10)
+    types = (vec("f"),) * (2 if name == "div" else 1)
+    hard = (rng.standard_normal((2, 1 << 19)) * 10.0 ** rng.uniform(-30, 30, (2, 1 << 19))).astype(np.float32)
+    arrays = [np.concatenate([s, h]) for s, h in zip(values(types), hard, strict=False)]
+    b = Builder("op")
+    inputs = [b.input(t, n) for t, n in zip(types, "ab", strict=False)]
+    b.store(b.output(vec("f"), "r"), b.let(name, *inputs))
+    module = Module("op", tuple(Port(str(i.name), "") for i in inputs), (Port("r", ""),), (), (), (b.finish(),))
+    runtime = Runtime(open_context(0))
+    shader = Printer(module, exact_division=False, exact_root=False).shader()
+    assert f"sh_{name}(" in shader.source
+    out = np.zeros_like(arrays[0])
+    runtime.run((runtime.build(shader, None),), ((0,),), Call(out.shape, tuple(arrays), (out,), {}, {}))
+    check(out, expected_of(name, arrays, vec("f")), arrays)

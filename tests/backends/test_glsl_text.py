@@ -1,0 +1,119 @@
+"""Golden texts of the GLSL printer, one feature each; what must never be in a text, and names that clash."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
+from shpy.backends.glsl.prologue import Prologue, helpers
+from shpy.ir.types import Base, vec
+
+heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")
+sky = sh.Param(sh.Color3f, (0.2, 0.4, 0.8), name="sky")
+
+
+@sh.program
+def wave(x: sh.Attrib1f, k: sh.Attrib2f) -> sh.Attrib2f:
+    y = sh.sin(x) * k + 0.0
+    return sh.cond(y > 0, y, -k)
+
+
+@sh.program
+def mandelbrot(c: sh.Point2f) -> sh.Attrib1f:
+    z = sh.Attrib2f(0, 0)
+    n = sh.Attrib1f(0)
+    with SH_DO():
+        z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
+        n += 1
+        SH_UNTIL((sh.dot(z, z) > 4) | (n >= 256))
+    return n
+
+
+@sh.program
+def terrain(cell: sh.Attrib2i) -> tuple[sh.Color3f, sh.Attrib2i]:
+    h = heights[cell]
+    return sky * h, sh.grid_index(2)
+
+
+@sh.subroutine
+def push(stack: sh.Attrib4f, value: sh.Attrib1f) -> sh.Attrib1f:
+    stack[:] = sh.Attrib4f(value, stack.xyz)
+    return stack.w
+
+
+@sh.program
+def histogram(x: sh.Attrib1f, bits: sh.Attrib1u) -> tuple[sh.Attrib4f, sh.Attrib1b]:
+    counts = sh.Array(sh.Attrib1i, 4)
+    stack = sh.Attrib4f()
+    with SH_FOR(0, 10) as i:
+        counts[i % 4] += 1
+        push(stack, sh.Attrib1f(counts[i]) * x)
+    return stack, (bits >> 3) % 2 == 1
+
+
+@sh.program
+def positive(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_IF(x < 0):
+        SH_DISCARD()
+    with SH_ELSE():
+        with SH_WHILE(lambda: n > 0):
+            total += sh.min(x, 1) / sh.Attrib1f(n)
+            n -= 1
+    return total
+
+
+PROGRAMS: dict[str, Any] = {
+    "wave": wave, "mandelbrot": mandelbrot, "terrain": terrain, "histogram": histogram, "positive": positive,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_golden_text(name: str, snapshots: Any) -> None:
+    snapshots.check(f"{name}.glsl", PROGRAMS[name].compile("glsl").source)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_what_never_stands_in_a_text(name: str) -> None:
+    source = PROGRAMS[name].compile("glsl").source
+    assert max(map(len, source.splitlines())) <= 160
+    assert "\t" not in source
+    assert "\n\n\n" not in source
+    own = source[source.index(f" {name}(") :]
+    assert not re.search(r"[-+*/] 0\.0|0\.0 [-+*/]", own)
+    assert not re.search(r"(?<!precise )\bfloat \w+( =|;)", own)
+    called = set(re.findall(r"\b(sh_\w+)\(", source))
+    assert all(re.search(rf"^\w+ {f}\(", source, re.MULTILINE) for f in called)
+
+
+@sh.program
+def main(zero: sh.Attrib1f, at: sh.Attrib1f, texelFetch: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+    status = zero * 0.0 + at
+    precise = status * texelFetch
+    return status, precise
+
+
+def test_names_that_glsl_or_the_printer_uses_do_no_harm() -> None:
+    x = np.array([1, 2, np.inf], np.float32)
+    a, b = main.compile("glsl")(x, x + 1, x + 2)
+    with np.errstate(invalid="ignore"):
+        assert np.array_equal(a, x * 0 + x + 1, equal_nan=True)
+        assert np.array_equal(b, (x * 0 + x + 1) * (x + 2), equal_nan=True)
+
+
+def test_the_prologue_holds_what_is_used_and_what_that_calls() -> None:
+    prologue = Prologue()
+    prologue.use("sh_exp", (vec(Base.F, 3),))
+    names = re.findall(r"^\w+ (sh_\w+)\(", prologue.text(), re.MULTILINE)
+    assert names == ["sh_scale", "sh_exp_near_zero", "sh_exp_times", "sh_exp", "sh_exp"]
+
+
+def test_the_functions_of_the_prologue_stand_below_those_they_call() -> None:
+    seen: set[str] = set()
+    for helper in helpers():
+        seen.add(helper.name)
+        assert helper.calls <= seen
+        assert len(helper.text.splitlines()) <= 50

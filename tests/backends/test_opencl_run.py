@@ -1,0 +1,260 @@
+"""The OpenCL runtime: what goes to the device and comes back, memory, errors."""
+
+import gc
+import threading
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_DISCARD, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
+from shpy.backends.base import Call, Options, TableData
+from shpy.backends.opencl import backend, device, runtime
+from shpy.backends.opencl.device import machine_of
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table
+from shpy.ir.types import vec
+
+F, INT = vec("f"), vec("i")
+
+
+def module(function: Function, params: tuple[Param, ...] = (), tables: tuple[Table, ...] = ()) -> Module:
+    inputs = tuple(Port(i.name or f"i{k}", "") for k, i in enumerate(function.inputs))
+    outputs = tuple(Port(o.name or f"o{k}", "") for k, o in enumerate(function.outputs))
+    return Module("test", inputs, outputs, params, tables, (function,))
+
+
+def doubled() -> Module:
+    b = Builder("doubled")
+    x = b.input(F, "x")
+    b.store(b.output(F, "y"), b.let("add", x, x))
+    return module(b.finish())
+
+
+@pytest.mark.parametrize("count", [1, 2, 63, 64, 65, 1000, 4096 + 17])
+def test_every_element_and_none_besides_is_written(count: int) -> None:
+    x = np.arange(count, dtype=np.float32)
+    memory = np.full(count + 64, -1, np.float32)
+    executable = backend.compile(doubled(), Options())
+    assert executable.run(Call((count,), (x,), (memory[:count],), {}, {})) is None
+    assert np.array_equal(memory[:count], 2 * x)
+    assert np.all(memory[count:] == -1)
+
+
+def test_a_uniform_input_is_the_same_for_all() -> None:
+    @sh.program
+    def add(a: sh.Attrib3f, b: sh.Attrib3f, flag: sh.Attrib1b) -> sh.Attrib3f:
+        return sh.cond(flag, a + b, a)
+
+    a = np.random.default_rng(0).random((7, 5, 3), np.float32)
+    one = np.array([1, 2, 3], np.float32)
+    compiled = add.compile("opencl")
+    assert np.array_equal(compiled(a, one, True), a + one)
+    assert np.array_equal(compiled(a, one, np.arange(5) > 2), np.where((np.arange(5) > 2)[:, None], a + one, a))
+    assert np.array_equal(compiled(one, a[0, 0], False), one)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+def test_bools_in_and_out(size: int) -> None:
+    b = Builder("invert")
+    t = vec("b", size)
+    x = b.input(t, "x")
+    b.store(b.output(t, "y"), b.let("not", x))
+    data = np.random.default_rng(size).random((100, size)[: min(size, 2)]) > 0.5
+    out = np.zeros_like(data)
+    backend.compile(module(b.finish()), Options()).run(Call((100,), (data,), (out,), {}, {}))
+    assert np.array_equal(out, ~data)
+
+
+@pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
+def test_precisions(precision: Any) -> None:
+    scale = sh.Param(sh.Attrib1f, 0.375, name="scale")
+    table = sh.Table(np.array([1.1, 2.2], np.float32), sh.Attrib1f, name="table")
+
+    @sh.program
+    def third(x: sh.Attrib3f) -> sh.Attrib3f:
+        return x / 3 + table[sh.Attrib1i(x.x)] * scale
+
+    dtype = {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]
+    x = np.random.default_rng(1).random((50, 3)).astype(dtype)
+    found = third.compile("opencl", precision=precision)(x)
+    assert found.dtype == dtype
+    expected = x / dtype(3) + dtype(np.float32(1.1)) * dtype(0.375)
+    assert np.array_equal(found, expected)
+
+
+def test_a_table_is_uploaded_once_and_again_when_it_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    b = Builder("read")
+    i = b.input(INT, "i")
+    b.store(b.output(F, "y"), b.let("table", i, type=F, attr="data"))
+    executable = backend.compile(module(b.finish(), tables=(Table("data", F, 1),)), Options())
+    data = TableData(np.array([1, 2, 3], np.float32))
+    at = np.array([-5, 0, 1, 2, 9], np.int32)
+    out = np.zeros(5, np.float32)
+    call = Call((5,), (at,), (out,), {}, {"data": data})
+    machine = machine_of(None)
+    uploads = []
+    contiguous = np.ascontiguousarray
+    monkeypatch.setattr(device.np, "ascontiguousarray", lambda *a, **k: uploads.append(1) or contiguous(*a, **k))
+    for _ in range(3):
+        executable.run(call)
+    before = len(uploads)
+    executable.run(call)
+    per_run = len(uploads) - before
+    assert out.tolist() == [1, 1, 2, 3, 3]
+    data.array = np.array([4, 5, 6], np.float32)
+    data.version += 1
+    executable.run(call)
+    assert out.tolist() == [4, 4, 5, 6, 6]
+    assert len(uploads) == before + 2 * per_run + 1
+    gone = weakref.ref(data)
+    del data, call
+    gc.collect()
+    assert gone() is None
+    assert all(t is not None for t in list(machine._tables))
+
+
+@pytest.mark.parametrize("shape", [(4,), (2, 3), (2, 3, 4), (2, 3, 4, 5)])
+def test_grid_index_runs_along_the_last_axis_first(shape: tuple[int, ...]) -> None:
+    rank = len(shape)
+    t = vec("i", rank)
+    b = Builder("grid")
+    b.store(b.output(t, "at"), b.let("grid_index", type=t))
+    b.store(b.output(t, "size"), b.let("grid_shape", type=t))
+    executable = backend.compile(module(b.finish()), Options())
+    n = int(np.prod(shape))
+    at, size = (np.zeros((n, rank)[: min(rank, 2)], np.int32) for _ in range(2))
+    executable.run(Call(shape, (), (at, size), {}, {}))
+    assert np.array_equal(at.reshape(n, rank), np.array(list(np.ndindex(shape))))
+    assert np.array_equal(size.reshape(n, rank), np.broadcast_to(shape, (n, rank)))
+
+
+def test_discarded_elements_keep_what_was_there() -> None:
+    @sh.program
+    def root(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib2i]:
+        SH_DISCARD(x < 0)
+        return sh.sqrt(x), sh.Attrib2i(1, 2)
+
+    x = np.array([4, -1, 9], np.float32)
+    out = (np.full(3, 7, np.float32), np.full((3, 2), 8, np.int32))
+    result = root.compile("opencl").run(x, out=out)
+    assert result.written.tolist() == [True, False, True]
+    assert out[0].tolist() == [2, 7, 3]
+    assert out[1].tolist() == [[1, 2], [8, 8], [1, 2]]
+
+
+def test_a_loop_without_an_end_is_stopped_and_named() -> None:
+    @sh.program
+    def count(x: sh.Attrib1f) -> sh.Attrib1f:
+        with SH_WHILE(lambda: x > 0):
+            x += 1
+        return x
+
+    with pytest.raises(sh.LoopLimitExceeded, match=r"test_opencl_run\.py:\d+") as error:
+        count.compile("opencl", loop_limit=100)(np.array([1, -1, 2], np.float32))
+    assert error.value.count == 2
+    assert error.value.result.written.tolist() == [False, True, False]
+
+
+def test_loops_that_a_device_could_unroll_wrongly() -> None:
+    @sh.program
+    def turns(n: sh.Attrib1i, x: sh.Attrib1i) -> sh.Attrib1i:
+        total = sh.Attrib1i(0)
+        with SH_FOR(0, n) as i:
+            start = sh.Attrib1i(x)
+            with SH_DO():
+                start += 1
+                SH_UNTIL(start > i)
+            with SH_IF(i % 2 == 1):
+                total += start
+        return total
+
+    def expected(n: int, x: int) -> int:
+        return sum(max(i, x) + 1 for i in range(n) if i % 2 == 1)
+
+    n, x = np.meshgrid(np.arange(6, dtype=np.int32), np.arange(-2, 5, dtype=np.int32))
+    found = turns.compile("opencl")(n, x)
+    assert found.tolist() == np.vectorize(expected)(n, x).tolist()
+
+
+def test_a_refused_text_names_the_line_of_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    b = Builder("wrong", loc=Loc("/home/someone/code.py", 10))
+    x = b.input(F, "x")
+    y = b.output(F, "y")
+    b.loc = Loc("/home/someone/code.py", 12)
+    b.store(y, b.let("sqrt", b.let("add", x, x)))
+    printed = runtime.print_kernel
+
+    def broken(prepared: Module) -> Any:
+        kernel = printed(prepared)
+        return runtime.Kernel(
+            **{
+                **{f: getattr(kernel, f) for f in kernel.__dataclass_fields__},
+                "text": kernel.text.replace("sqrt(", "no_such_function("),
+            }
+        )
+
+    monkeypatch.setattr(runtime, "print_kernel", broken)
+    with pytest.raises(sh.CompileError, match="no_such_function") as error:
+        backend.compile(module(b.finish()), Options(lanes=1))
+    assert error.value.loc == Loc("/home/someone/code.py", 12)
+
+
+def test_without_pyopencl_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyopencl", None)
+    device._found.cache_clear()
+    with pytest.raises(sh.BackendUnavailable, match=r"pip install 'shpy-dsl\[opencl\]'"):
+        backend.devices()
+
+
+def test_without_a_driver_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    import pyopencl
+
+    def none() -> None:
+        raise pyopencl.LogicError("clGetPlatformIDs failed: PLATFORM_NOT_FOUND_KHR")
+
+    monkeypatch.setattr(pyopencl, "get_platforms", none)
+    device._found.cache_clear()
+    with pytest.raises(sh.BackendUnavailable, match="apt install pocl-opencl-icd"):
+        backend.devices()
+    device._found.cache_clear()
+
+
+def test_a_device_that_is_not_there() -> None:
+    with pytest.raises(sh.ShpyTypeError, match="no OpenCL device 99"):
+        backend.compile(doubled(), Options(device=99))
+
+
+def test_f64_where_the_device_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine_of(None), "doubles", False)
+    with pytest.raises(sh.CompileError, match="no f64"):
+        backend.compile(doubled(), Options(precision="f64"))
+
+
+def test_many_threads_share_the_device() -> None:
+    executable = backend.compile(doubled(), Options())
+    wrong = []
+
+    def work(seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        for _ in range(20):
+            x = rng.random(rng.integers(1, 3000), np.float32)
+            out = np.zeros_like(x)
+            executable.run(Call(x.shape, (x,), (out,), {}, {}))
+            if not np.array_equal(out, x + x):
+                wrong.append(seed)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_programs_of_one_text_are_built_once() -> None:
+    first, second = backend.compile(doubled(), Options()), backend.compile(doubled(), Options())
+    assert first.source == second.source
+    assert machine_of(None).build(first.source) is machine_of(None).build(second.source)

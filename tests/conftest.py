@@ -1,0 +1,33 @@
+import os
+from pathlib import Path
+
+import pytest
+
+SNAPSHOTS = Path(__file__).parent / "snapshots"
+
+
+def pytest_addoption(parser):
+    parser.addoption("--update-snapshots", action="store_true", help="write the golden texts anew (never in CI)")
+
+
+class Snapshots:
+    """Golden texts under tests/snapshots: a missing or different one fails, unless they are being updated."""
+
+    def __init__(self, update):
+        self.update = update
+
+    def check(self, name, text):
+        path = SNAPSHOTS / name
+        if self.update:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        assert path.exists(), f"there is no snapshot {name}: run pytest --update-snapshots and read what it wrote"
+        assert text == path.read_text()
+
+
+@pytest.fixture
+def snapshots(request):
+    update = request.config.getoption("--update-snapshots")
+    if update and os.environ.get("CI"):
+        pytest.fail("snapshots are not updated in CI")
+    return Snapshots(update)

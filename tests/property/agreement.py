@@ -1,0 +1,108 @@
+"""Whether every way of running a small program gives what its syntax says, bit by bit.
+
+check(program, ("numpy", "opencl"))      # AssertionError with the program's text, the element and both answers
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from backends.running import DenormalWatch, differs, flushes_denormals, kernel, leaves
+from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
+from property.syntax import TABLES, Program, record, source
+
+import shpy as sh
+from shpy.backends.base import Array, Options
+from shpy.ir.constants import DTYPES
+
+LIMIT = 1_048_576
+
+
+@dataclass
+class Expected:
+    """What a program must compute for `inputs`: its outputs, and how each element ends."""
+
+    program: Program
+    inputs: list[Array]
+
+    @cached_property
+    def recorded(self) -> sh.Program:
+        return record(self.program)
+
+    @cached_property
+    def answers(self) -> tuple[list[Array], Array]:
+        count = len(self.inputs[0])
+        evaluator = Evaluator(self.program)
+        outputs = [
+            np.zeros((count, e.type.size) if e.type.size > 1 else (count,), DTYPES[e.type.base])
+            for e in self.program.results
+        ]
+        ends = np.zeros(count, np.int32)
+        for k in range(count):
+            found, ends[k] = evaluator.run([a[k] for a in self.inputs])
+            for output, one in zip(outputs, found, strict=False):
+                output[k] = one
+        return outputs, ends
+
+    @cached_property
+    def watch(self) -> DenormalWatch:
+        return DenormalWatch(self.recorded.ir, self.options)
+
+    @property
+    def options(self) -> Options:
+        return Options(loop_limit=self.program.loop_limit or LIMIT)
+
+    def denormal(self, k: int) -> bool:
+        """Whether a denormal arises on the way of this element: a device that flushes them may go another."""
+        tables = {n: TABLES[n].data(np.float32) for n in self.recorded.tables}
+        return self.watch.arises([a[k] for a in self.inputs], {}, tables)
+
+    def compare(self, outputs: list[Array], ends: Array, who: str) -> None:
+        """Every element's end and every bit of its outputs, but for NaNs."""
+        expected, how = self.answers
+        wrong = ends != how
+        for found, wanted in zip(outputs, expected, strict=True):
+            off = differs(found, wanted)
+            wrong |= (off.any(axis=-1) if off.ndim > 1 else off) & (how == WRITTEN)
+        for k in np.flatnonzero(wrong):
+            if flushes_denormals(who) and self.denormal(int(k)):
+                continue
+            given = {i.name: a[k].tolist() for i, a in zip(self.program.inputs, self.inputs, strict=True)}
+            raise AssertionError(
+                f"{who}, for {given}: ended {ends[k]}, not {how[k]} (0 discarded, 1 written, 2 stopped), with\n"
+                f"  {[o[k].tolist() for o in outputs]} instead of\n  {[o[k].tolist() for o in expected]}\n"
+                f"{source(self.program)}\n{self.text(who)}"
+            )
+
+    def text(self, who: str) -> str:
+        return kernel(self.recorded, who, loop_limit=self.options.loop_limit).source
+
+
+def check(program: Program, inputs: list[Array], backends: tuple[str, ...]) -> None:
+    """The text of the IR read back, and what each backend gives."""
+    expected = Expected(program, inputs)
+    module = expected.recorded.ir
+    assert sh.parse(str(module)) == module
+    for backend in backends:
+        expected.compare(*ran(expected, backend), backend)
+
+
+def ran(expected: Expected, backend: str) -> tuple[list[Array], Array]:
+    """Outputs and ends on a backend."""
+    compiled = kernel(expected.recorded, backend, loop_limit=expected.options.loop_limit)
+    stopped: Any = 0
+    try:
+        result = compiled.run(*expected.inputs)
+    except sh.LoopLimitExceeded as error:
+        result, stopped = error.result, error.count
+    outputs = leaves(result.outputs)
+    ends = np.where(result.written, WRITTEN, DISCARDED)
+    if stopped:
+        # Which of the elements not written were stopped is not said; their number is.
+        how = expected.answers[1]
+        ends = np.where(~result.written & (how == STOPPED), STOPPED, ends)
+        assert stopped == np.count_nonzero(how == STOPPED) or flushes_denormals(backend)
+    return outputs, ends

@@ -1,0 +1,197 @@
+"""What a small program must compute, evaluated directly from its syntax, element by element.
+
+It shares nothing with recording, the IR's control flow and the passes; the meaning of each operation is the table's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from property.syntax import (
+    TABLES,
+    Apply,
+    Assign,
+    Block,
+    Call,
+    Component,
+    Const,
+    Construct,
+    Convert,
+    Declare,
+    Do,
+    Exit,
+    Expr,
+    For,
+    Function,
+    If,
+    Lanes,
+    Name,
+    Program,
+    Read,
+    Splat,
+    Stmt,
+    Swizzle,
+    While,
+    Write,
+)
+
+from shpy.ir import meaning
+from shpy.ir.constants import DTYPES
+from shpy.ir.ops import OPS
+
+DISCARDED, WRITTEN, STOPPED = 0, 1, 2
+
+
+class Leave(Exception):
+    """Control leaves a block: break, continue, return, discard, or a loop that took too many turns."""
+
+    def __init__(self, kind: str) -> None:
+        super().__init__(kind)
+        self.kind = kind
+
+
+class Evaluator:
+    """One element. `scope` holds numpy scalars, (size,) arrays, and (length[, size]) arrays."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.functions: dict[str, Function] = {f.name: f for f in program.functions}
+
+    def run(self, inputs: list[Any]) -> tuple[list[Any], int]:
+        """The outputs, and DISCARDED, WRITTEN or STOPPED."""
+        scope: dict[str, Any] = dict(zip((i.name for i in self.program.inputs), inputs, strict=True))
+        for array in self.program.arrays:
+            tail = (array.type.size,) if array.type.size > 1 else ()
+            scope[array.name] = np.zeros((array.length or 0, *tail), DTYPES[array.type.base])
+        with np.errstate(all="ignore"):
+            try:
+                self.body(self.program.body, scope)
+            except Leave as leave:
+                return [], STOPPED if leave.kind == "stopped" else DISCARDED
+            return [self.value(e, scope) for e in self.program.results], WRITTEN
+
+    def body(self, block: Block, scope: dict[str, Any]) -> None:
+        """A function's body: a return ends it."""
+        try:
+            self.block(block, scope)
+        except Leave as leave:
+            if leave.kind != "return":
+                raise
+
+    def block(self, block: Block, scope: dict[str, Any]) -> None:
+        for statement in block:
+            self.statement(statement, scope)
+
+    def statement(self, s: Stmt, scope: dict[str, Any]) -> None:
+        match s:
+            case Declare(name, value):
+                scope[name] = self.value(value, scope)
+            case Assign():
+                self.assign(s, scope)
+            case Write(name, index, value):
+                at, new = int(self.value(index, scope)), self.value(value, scope)
+                if 0 <= at < len(scope[name]):
+                    scope[name][at] = new
+            case Call():
+                self.call(s, scope)
+            case Lanes(_, condition, name, value):
+                if self.value(condition, scope):
+                    scope[name] = self.value(value, scope)
+            case If(branches, orelse):
+                for condition, body in branches:
+                    if self.value(condition, scope):
+                        self.block(body, scope)
+                        return
+                self.block(orelse or (), scope)
+            case Exit(kind, condition):
+                if condition is None or self.value(condition, scope):
+                    raise Leave(kind)
+            case While() | Do() | For():
+                self.loop(s, scope)
+
+    def assign(self, s: Assign, scope: dict[str, Any]) -> None:
+        old, value = scope[s.name], self.value(s.value, scope)
+        if s.picked is None:
+            scope[s.name] = self.apply(s.op, [old, value]) if s.op else value
+            return
+        picked = list(s.picked) if len(s.picked) > 1 else s.picked[0]
+        new = old.copy()
+        new[picked] = self.apply(s.op, [old[picked], value]) if s.op else value
+        scope[s.name] = new
+
+    def call(self, s: Call, scope: dict[str, Any]) -> None:
+        function = self.functions[s.function]
+        inner = {p.name: self.value(a, scope) for p, a in zip(function.params, s.args, strict=True)}
+        self.body(function.body, inner)
+        for param, arg in zip(function.params, s.args, strict=True):
+            if param.name in function.stored:
+                assert isinstance(arg, Name)
+                scope[arg.name] = inner[param.name]
+        if s.result is not None:
+            scope[s.result] = self.value(function.results[0], inner)
+
+    def loop(self, s: While | Do | For, scope: dict[str, Any]) -> None:
+        """A turn begins, for the count of turns, when the loop's test has passed."""
+        bounds = [int(self.value(b, scope)) for b in s.bounds] if isinstance(s, For) else []
+        turns = iter(range(*bounds)) if isinstance(s, For) else None
+        known = isinstance(s, For) and all(isinstance(b, Const) for b in s.bounds)
+        limit = self.program.loop_limit
+        count = 0
+        while True:
+            if turns is not None:
+                index = next(turns, None)
+                if index is None:
+                    return
+                scope[s.index] = np.int32(index)  # type: ignore[union-attr]
+            if isinstance(s, While) and not self.value(s.condition, scope):
+                return
+            if count == limit and not known:
+                raise Leave("stopped")
+            count += 1
+            try:
+                self.block(s.body, scope)
+            except Leave as leave:
+                if leave.kind == "break":
+                    return
+                if leave.kind != "continue":
+                    raise
+            if isinstance(s, Do) and self.value(s.until, scope):
+                return
+
+    def value(self, e: Expr, scope: dict[str, Any]) -> Any:
+        match e:
+            case Const(type, values):
+                made = np.array(values).astype(DTYPES[type.base])
+                return made if type.size > 1 else made[0]
+            case Name(_, name):
+                return scope[name]
+            case Splat(type, scalar):
+                return np.full(type.size, self.value(scalar, scope))
+            case Apply(_, op, args):
+                return self.apply(op, [self.value(a, scope) for a in args])
+            case Convert(type, inner):
+                return meaning.convert(self.value(inner, scope), DTYPES[type.base])
+            case Construct(_, parts):
+                return np.concatenate([np.atleast_1d(self.value(p, scope)) for p in parts])
+            case Swizzle(_, inner, picked):
+                return self.value(inner, scope)[list(picked) if len(picked) > 1 else picked[0]]
+            case Component(_, inner, index):
+                vector = self.value(inner, scope)
+                return vector[np.clip(int(self.value(index, scope)), 0, len(vector) - 1)]
+            case Read(_, name, index):
+                data = scope[name] if name in scope else TABLES[name].data(np.float32).array
+                at = tuple(
+                    np.clip(int(self.value(i, scope)), 0, n - 1) for i, n in zip(index, data.shape, strict=False)
+                )
+                return data[at].copy()
+
+    @staticmethod
+    def apply(op: str, args: list[Any]) -> Any:
+        if op == "floordiv" and args[0].dtype.kind == "f":
+            return np.floor(args[0] / args[1])
+        if op == "floormod" and args[0].dtype.kind == "f":
+            op = "mod"
+        f = OPS[op].meaning
+        assert f is not None
+        return f(*args)[()]

@@ -1,0 +1,73 @@
+import os
+
+import numpy as np
+import pytest
+
+from raytracer import Image, SceneError
+from raytracer.image import Stats
+
+STATS = Stats("numpy", 0.0, 0.0, 0.0, 0.0, 6, 1)
+
+
+@pytest.fixture
+def image():
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform(0, 1, (4, 6, 3)).astype(np.float32)
+    normal = rng.normal(size=(4, 6, 3)).astype(np.float32)
+    ids = np.arange(24, dtype=np.int32).reshape(4, 6) - 1
+    depth = np.where(ids < 0, np.inf, 1 + ids).astype(np.float32)
+    return Image(pixels, depth, normal, ids, np.ones((4, 6), np.int32), STATS)
+
+
+def test_png_is_srgb(image, tmp_path):
+    from PIL import Image as pillow
+
+    image.pixels[0, :5, 0] = [0, 0.002, 0.21404, 1, 7]
+    path = image.save(tmp_path / "a.png")
+    read = np.asarray(pillow.open(path))
+    assert read.shape == (4, 6, 3)
+    assert read[0, :5, 0].tolist() == [0, 7, 127, 255, 255]
+
+
+def test_npy_keeps_every_layer(image, tmp_path):
+    read = np.load(image.save(tmp_path / "a.npy"))
+    for name in ("pixels", "depth", "normal", "object_id", "rays"):
+        np.testing.assert_array_equal(read[name], getattr(image, name))
+
+
+def test_exr_keeps_every_layer(image, tmp_path):
+    import OpenEXR as exr
+
+    with exr.File(str(image.save(tmp_path / "a.exr")), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    np.testing.assert_array_equal(np.stack([channels[c] for c in "RGB"], axis=-1), image.pixels)
+    np.testing.assert_array_equal(channels["depth.Z"], image.depth)
+    np.testing.assert_array_equal(channels["normal.Y"], image.normal[..., 1])
+    np.testing.assert_array_equal(channels["object.id"], image.object_id)
+    np.testing.assert_array_equal(channels["rays.count"], image.rays)
+
+
+def test_an_interrupted_write_leaves_the_old_file_alone(image, tmp_path, monkeypatch):
+    path = image.save(tmp_path / "a.npy")
+    before = path.read_bytes()
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "save", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        image.save(path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.npy"]
+
+
+def test_wrong_paths_are_named(image, tmp_path):
+    with pytest.raises(SceneError, match=r"\.png, \.exr, \.npy, not as \.gif"):
+        image.save(tmp_path / "a.gif")
+    with pytest.raises(FileNotFoundError, match="no folder"):
+        image.save(tmp_path / "gone" / "a.png")
+    assert os.listdir(tmp_path) == []
+
+
+def test_it_shows_itself_in_a_notebook(image):
+    assert image._repr_png_().startswith(b"\x89PNG")

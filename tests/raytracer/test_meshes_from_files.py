@@ -1,0 +1,66 @@
+"""Real meshes, where they are at hand: the same picture everywhere, hits as brute force has them, fast to prepare."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracle import closest
+
+from raytracer import Intersector, Renderer, Scene
+from raytracer.layout import Layout
+from raytracer.meshes.shapes import knot
+
+MODELS = Path(__file__).resolve().parents[3] / "shared" / "models"
+TRIANGLES = {"stanford-bunny": 69_451, "teapot": 6_320, "spot": 5_856}
+
+
+@pytest.fixture(params=TRIANGLES)
+def scene(request):
+    path = MODELS / f"{request.param}.obj"
+    if not path.exists():
+        pytest.skip(f"needs the mesh {path}")
+    return Scene.load(path)
+
+
+def test_a_real_mesh_is_the_same_picture_on_every_backend(scene):
+    assert len(scene.meshes[0]) == TRIANGLES[scene.name]
+    images = [Renderer(scene, backend=b, bounces=2).render((96, 96)) for b in ("numpy", "opencl", "glsl")]
+    assert 0.1 < (images[0].object_id == 0).mean() < 0.6
+    for image in images[1:]:
+        difference = np.abs(image.pixels - images[0].pixels).max(axis=-1)
+        assert (difference <= 1 / 255).mean() >= 0.999
+        assert (image.object_id == images[0].object_id).mean() >= 0.999
+
+
+def test_hits_on_a_real_mesh_are_those_of_brute_force(scene):
+    mesh = scene.meshes[0]
+    rng = np.random.default_rng(7)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    origins = rng.normal(size=(100, 3))
+    origins = (low + high) / 2 + np.linalg.norm(high - low) * origins / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = rng.uniform(low, high, (100, 3)) - origins
+    corners = mesh.corners.astype(np.float32).astype(float)
+    t, triangle, _, _ = closest(corners, origins, directions)
+    hits = Intersector(mesh, backend="opencl").intersect(origins, directions)
+    assert (triangle >= 0).mean() > 0.1
+    agree = (hits.triangle == triangle) | np.isclose(hits.t, t, rtol=1e-5)
+    assert agree.mean() >= 0.99
+
+
+def test_the_kernel_is_recorded_improved_and_printed_in_half_a_second():
+    """Everything up to the text, as numpy's backend does it, which has no driver to wait for; the best of three."""
+    scene = Scene.framed(knot(segments=700, sides=50))
+    best = np.inf
+    for _ in range(3):
+        renderer = Renderer(scene, backend="numpy", bounces=2)
+        best = min(best, renderer.record_seconds + renderer.compile_seconds)
+    assert best < 0.5
+
+
+def test_a_scene_of_seventy_thousand_triangles_is_laid_out_in_two_seconds():
+    scene = Scene.framed(knot(segments=700, sides=50))
+    started = time.perf_counter()
+    layout = Layout.of(scene)
+    assert time.perf_counter() - started < 2.0
+    assert layout.triangles.shape == (3 * 70_002, 4)

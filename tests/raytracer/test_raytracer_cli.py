@@ -1,0 +1,94 @@
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from raytracer import cli
+
+QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+
+
+def test_render_a_built_in_scene(tmp_path, capsys):
+    path = tmp_path / "boxes.npy"
+    arguments = ["render", "boxes", "-o", str(path), "--size", "24x16", "--backend", "numpy", "--bounces", "1"]
+    assert cli.main(arguments) == 0
+    assert np.load(path)["pixels"].shape == (16, 24, 3)
+    assert re.search(r"24 x 16, 36 triangles, [\d,]+ rays on numpy", capsys.readouterr().out)
+
+
+def test_render_a_file_with_more_samples(tmp_path):
+    mesh, path = tmp_path / "quad.obj", tmp_path / "quad.png"
+    mesh.write_text(QUAD)
+    assert cli.main(["render", str(mesh), "-o", str(path), "--size", "16x16", "--samples", "4"]) == 0
+    assert path.stat().st_size > 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["render", "teapots"], "neither a file nor a built-in scene; the scenes are boxes, mirror-box, mixed"),
+        (["render", "gone.obj"], "no file gone.obj"),
+        (["render", "boxes", "-o", "a.gif"], "not as .gif"),
+        (["render", "boxes", "-o", "gone/a.png"], "no folder gone"),
+        (["render", "boxes", "--size", "0x4", "-o", "a.npy"], "pixels"),
+        (["render", "boxes", "--samples", "3", "-o", "a.npy"], "samples"),
+        (["render", "boxes", "--backend", "vulkan", "-o", "a.npy"], "vulkan"),
+    ],
+)
+def test_errors_are_one_line_and_leave_nothing(arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(arguments) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("raytracer: ")
+    assert words in error
+    assert "Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bad_size_shows_the_form(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["render", "boxes", "--size", "big"])
+    assert "WIDTHxHEIGHT, such as 1024x768, not 'big'" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_no_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "render", stopped)
+    assert cli.main(["render", "boxes"]) == 130
+    assert list(tmp_path.iterdir()) == []
+    assert "nothing was written" in capsys.readouterr().err
+
+
+def test_scenes_lists_them_all(capsys):
+    assert cli.main(["scenes"]) == 0
+    out = capsys.readouterr().out
+    assert [line.split()[0] for line in out.splitlines()] == ["boxes", "mirror-box", "mixed"]
+    assert "61,562 triangles" in out
+
+
+def test_doctor_names_backends_and_packages(capsys):
+    assert cli.main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    for word in ("numpy", "opencl", "glsl", "trimesh", "OpenEXR"):
+        assert word in out
+
+
+def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
+    with cli.progress_bar("work") as progress:
+        assert progress is None
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with cli.progress_bar("work") as progress:
+        progress(1, 2)
+        progress(2, 2)
+    assert "work" not in capsys.readouterr().err
+    monkeypatch.setattr(cli, "_PATIENCE", -1.0)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with cli.progress_bar("work") as progress:
+        progress(1, 2)
+    assert "work" in capsys.readouterr().err

@@ -1,0 +1,242 @@
+"""Pictures: right against the oracle, the same on every backend, with code only for what the scene requires."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from oracle import Picture
+
+import shpy as sh
+from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+SPOTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
+
+
+def small(**changes):
+    mirror = Material((0.7, 0.7, 0.8), reflectivity=0.4)
+    meshes = [
+        sphere(1.0, mirror, rings=6, segments=10).moved((0, 1, 0)),
+        box((1, 1, 1), Material((0.9, 0.3, 0.2))).moved((1.4, 0.5, 0.8), turn=30),
+        icosahedron(0.6, Material((0.2, 0.6, 0.3), specular=0.6)).moved((-1.3, 0.5, 0.9)),
+        floor(12, Material((0.5, 0.5, 0.5), specular=0.0, reflectivity=0.2)),
+    ]
+    given = {"meshes": meshes, "lights": SPOTS, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
+    return Scene(**(given | changes))
+
+
+def near(pixels, other, shares=((1 / 255, 0.99), (0.02, 0.995))):
+    """Most pixels agree; the others lie at edges, which f32 and f64 place differently."""
+    difference = np.abs(np.clip(pixels, 0, 1) - np.clip(other, 0, 1)).max(axis=-1)
+    for bound, share in shares:
+        assert (difference <= bound).mean() >= share, (
+            f"{(difference > bound).mean():.2%} differ by more than {bound:.4f}"
+        )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("bounces", [0, 1, 3])
+def test_the_picture_is_the_oracles(backend, bounces):
+    scene = small()
+    image = render(scene, (72, 48), backend=backend, bounces=bounces)
+    near(image.pixels, Picture(scene).render(72, 48, bounces))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_boxes_is_the_oracles(backend):
+    scene = Scene.builtin("boxes")
+    near(render(scene, (64, 64), backend=backend).pixels, Picture(scene).render(64, 64, 3))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"lights": ()},
+        {"lights": SPOTS[:1]},
+        {"lights": SPOTS[1:]},
+        {"lights": (*SPOTS, PointLight((-4, 3, 2), (0.2, 0.5, 0.2)))},
+        {"ambient": 0.0, "background": (0, 0, 0)},
+        {"meshes": [box()]},
+        {"meshes": [sphere(rings=8, segments=12)], "lights": ()},
+        {"meshes": [Mesh(box().vertices, box().faces, colors=box().vertices + 0.5), floor(9)]},
+    ],
+    ids=[
+        "no light",
+        "point",
+        "direction",
+        "three lights",
+        "dark",
+        "one flat mesh",
+        "one smooth mesh",
+        "vertex colours",
+    ],
+)
+def test_what_a_scene_lacks_changes_nothing(changes):
+    scene = small(**changes)
+    near(render(scene, (48, 48), backend="numpy", bounces=2).pixels, Picture(scene).render(48, 48, 2))
+
+
+def test_backends_agree():
+    scene = small()
+    images = [render(scene, (96, 64), backend=backend, bounces=2) for backend in BACKENDS]
+    for other in images[1:]:
+        difference = np.abs(images[0].pixels - other.pixels).max(axis=-1)
+        assert (difference <= 1 / 255).mean() >= 0.999
+        assert (images[0].object_id == other.object_id).mean() >= 0.999
+
+
+def test_backends_agree_to_the_bit_where_no_power_is_taken():
+    scene = small()
+    dull = [mesh.with_material(dataclasses.replace(mesh.material, specular=0.0)) for mesh in scene.meshes]
+    images = [render(small(meshes=dull), (64, 48), backend=backend, bounces=2) for backend in BACKENDS]
+    for other in images[1:]:
+        for layer in ("pixels", "depth", "normal", "object_id", "rays"):
+            np.testing.assert_array_equal(getattr(images[0], layer), getattr(other, layer))
+
+
+def test_layers():
+    scene = small()
+    image = render(scene, (40, 30), backend="numpy")
+    assert image.pixels.shape == (30, 40, 3)
+    assert image.pixels.dtype == np.float32
+    miss = image.object_id < 0
+    assert miss.any()
+    assert not miss.all()
+    np.testing.assert_array_equal(np.isinf(image.depth), miss)
+    np.testing.assert_allclose(np.linalg.norm(image.normal[~miss], axis=-1), 1, atol=1e-5)
+    np.testing.assert_array_equal(image.pixels[miss], np.broadcast_to(np.float32(scene.background), (miss.sum(), 3)))
+    assert set(np.unique(image.object_id)) == {-1, 0, 1, 2, 3}
+    assert np.all(image.rays[miss] == 1)
+    assert 6 < image.rays.max() <= 12  # at most four surfaces, each with two lights before it or behind
+    assert image.stats.rays == image.rays.sum()
+
+
+def test_rows_run_from_the_top_and_columns_from_the_left():
+    scene = small(meshes=[box((0.5, 0.5, 0.5)).moved((1, 1, 0))], camera=Camera((0, 0, 6), fov=45))
+    seen = np.argwhere(render(scene, (32, 32), backend="numpy").object_id == 0)
+    assert seen[:, 0].max() < 16
+    assert seen[:, 1].min() >= 16
+
+
+def test_features_say_what_is_in_and_out():
+    bare = Renderer(small(meshes=[box()], lights=()), backend="numpy")
+    full = Renderer(small(), backend="numpy")
+    assert bare.features["lights"] == 0
+    assert bare.features["reflections"] == 0
+    assert bare.features["smooth normals"] is False
+    assert bare.features["materials"] == 1
+    assert full.features["lights"] == 2
+    assert full.features["smooth normals"] is True
+    assert full.features["materials"] == 4
+    assert set(bare.program.tables) == {"triangles", "boxes", "links", "leaves", "items"}
+    assert set(full.program.tables) == {*bare.program.tables, "normals", "materials", "material_of", "lights"}
+    assert "pow" not in str(bare.program.ir)
+    assert "pow" in str(full.program.ir)
+    loops = [str(r.program.ir).count("loop @") for r in (bare, full)]
+    assert loops == [1, 2]
+
+
+def test_no_surface_shadows_itself():
+    """A ball and floor under a light right above: nothing facing the light is dark, wherever the scene stands."""
+    for scale, offset in ((1, (0, 0, 0)), (1e3, (0, 0, 0)), (1e-3, (0, 0, 0)), (1, (100, 0, 50))):
+        ball = sphere(1.0, Material((1, 1, 1), diffuse=1, specular=0), rings=64, segments=128).moved(
+            offset, scale=scale
+        )
+        place = np.array(offset) + np.array([0, 60, 0]) * scale
+        eye = np.array(offset) + np.array([0, 6, 0.1]) * scale
+        camera = Camera(tuple(eye), offset, fov=12)
+        scene = Scene([ball], [PointLight(tuple(place))], camera, ambient=0)
+        image = render(scene, (64, 64), backend="numpy", bounces=0)
+        lit = image.normal[..., 1] > 0.2
+        assert lit.sum() > 1000
+        assert image.pixels[lit].min() > 0.15
+
+
+def test_a_mirror_shows_what_is_behind_the_viewer():
+    mirror = floor(4, Material((1, 1, 1), diffuse=0, specular=0, reflectivity=1)).moved(tilt=90)
+    red = floor(40, Material((1, 0, 0))).moved((0, 0, 10), tilt=-90)
+    scene = Scene([mirror, red], camera=Camera((0, 0, 3), fov=30), background=(0, 0, 1), ambient=1)
+    pixels = render(scene, (16, 16), backend="numpy", bounces=1).pixels
+    np.testing.assert_allclose(pixels, np.broadcast_to([1, 0, 0], (16, 16, 3)), atol=1e-6)
+
+
+def test_samples_are_averages():
+    scene = small()
+    fine = render(scene, (64, 48), backend="numpy", bounces=1)
+    coarse = render(scene, (32, 24), backend="numpy", bounces=1, samples=4)
+    np.testing.assert_allclose(coarse.pixels, fine.pixels.reshape(24, 2, 32, 2, 3).mean(axis=(1, 3)), atol=1e-6)
+    assert coarse.rays.sum() == fine.rays.sum()
+
+
+def test_a_renderer_serves_sizes_and_cameras():
+    scene = small()
+    renderer = Renderer(scene, backend="numpy", bounces=1)
+    again = renderer.render((20, 10), camera=Camera((5, 3, 0), (0, 1, 0)))
+    moved = Scene(scene.meshes, scene.lights, Camera((5, 3, 0), (0, 1, 0)))
+    np.testing.assert_array_equal(again.pixels, render(moved, (20, 10), backend="numpy", bounces=1).pixels)
+    assert renderer.render((8, 8)).pixels.shape == (8, 8, 3)
+
+
+def test_an_empty_scene_is_background():
+    for meshes in ([], [Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))]):
+        image = render(Scene(meshes, SPOTS, background=(0.1, 0.2, 0.3)), (5, 4), backend="numpy")
+        np.testing.assert_array_equal(image.pixels, np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (4, 5, 3)))
+        assert np.all(image.object_id == -1)
+
+
+def test_progress_counts_rows(monkeypatch):
+    monkeypatch.setattr("raytracer.renderer._BAND", 64)
+    seen = []
+    whole = render(small(), (16, 10), backend="numpy", progress=lambda *rows: seen.append(rows))
+    assert seen == [(4, 10), (8, 10), (10, 10)]
+    monkeypatch.undo()
+    np.testing.assert_array_equal(whole.pixels, render(small(), (16, 10), backend="numpy").pixels)
+
+
+@pytest.mark.parametrize("size", [(0, 5), (5, -1), (5,), 5, (5.5, 4), ("a", 4), (99999, 2), (np.nan, 3)])
+def test_sizes_that_make_no_picture(size):
+    with pytest.raises(SceneError, match=r"size|pixels"):
+        render(small(), size, backend="numpy")
+
+
+@pytest.mark.parametrize("wrong", [{"bounces": -1}, {"bounces": 1.5}, {"samples": 3}, {"samples": 0}])
+def test_numbers_that_make_no_picture(wrong):
+    with pytest.raises(SceneError, match=next(iter(wrong))):
+        render(small(), (4, 4), backend="numpy", **wrong)
+
+
+def test_unknown_backend():
+    with pytest.raises(sh.BackendUnavailable, match="vulkan"):
+        render(small(), (4, 4), backend="vulkan")
+
+
+def test_unknown_scene_names_the_known():
+    with pytest.raises(SceneError, match="boxes, mirror-box, mixed"):
+        Scene.builtin("teapots")
+
+
+@pytest.mark.parametrize(("name", "triangles"), [("boxes", 36), ("mirror-box", 4558), ("mixed", 61_562)])
+def test_built_in_scenes(name, triangles):
+    scene = Scene.builtin(name)
+    assert scene.triangles == triangles
+    image = render(scene, (48, 32), backend="opencl", bounces=2)
+    assert np.all(np.isfinite(image.pixels))
+    assert len(np.unique(image.object_id)) > 3
+
+
+def test_a_bare_mesh_is_framed():
+    scene = Scene.framed(icosahedron(5).moved((100, 7, -3)))
+    image = render(scene, (32, 32), backend="numpy")
+    seen = np.argwhere(image.object_id == 0)
+    assert len(seen) > 150
+    assert seen.min() > 0
+    assert seen.max() < 31
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"fov": 0}, {"fov": 180}, {"up": (0, 0, 1)}, {"target": (0, 0, 5)}, {"position": (0, np.nan, 5)}]
+)
+def test_cameras_that_see_nothing(wrong):
+    with pytest.raises(SceneError):
+        Camera(**({"position": (0, 0, 5)} | wrong))

@@ -1,0 +1,237 @@
+"""One value under two names, and jumps and calls that stand where they cannot: each error word for word."""
+
+from __future__ import annotations
+
+import pytest
+from source_text import blame
+
+ALIASES = {
+    "the copy is read": (
+        """
+        def f(x: sh.Point3f, d: sh.Vector3f):
+            old = x
+            x += d
+            return x - old
+        """,
+        "2: `old = x` gives one value two names: `x += d` (line 3) changes both, and `old` is read after it (line 4)\n"
+        "  write instead: old = sh.Point3f(x)",
+    ),
+    "the original is read": (
+        """
+        def f(x: sh.Point3f, d: sh.Vector3f):
+            q = x + d
+            p = q
+            p.xy = d.xy
+            return q
+        """,
+        "3: `p = q` gives one value two names: `p.xy = d.xy` (line 4) changes both, and `q` is read after it (line 5)\n"
+        "  write instead: p = q.copy()",
+    ),
+    "stored whole": (
+        """
+        def f(x: sh.Attrib1f):
+            y = x
+            with SH_IF(x > 0):
+                y[:] = 3
+            return x + y
+        """,
+        "2: `y = x` gives one value two names: `y[:] = 3` (line 4) changes both, and `x` is read after it (line 5)\n"
+        "  write instead: y = sh.Attrib1f(x)",
+    ),
+    "a chain": (
+        """
+        def f(x: sh.Attrib3f):
+            a = b = sh.Attrib3f(0)
+            a[0] = x[0]
+            return a + b
+        """,
+        "2: `a = b = sh.Attrib3f(0)` gives one value two names: `a[0] = x[0]` (line 3) changes both, and `b` is read "
+        "after it (line 4)\n  write instead: b = sh.Attrib3f(0); a = b.copy()",
+    ),
+    "on the next turn": (
+        """
+        def f(x: sh.Attrib3f):
+            p = x * 2
+            q = p
+            with SH_DO():
+                x += p
+                q.x = 3
+                SH_UNTIL(x.x > 0)
+            return x
+        """,
+        "3: `q = p` gives one value two names: `q.x = 3` (line 6) changes both, and `p` is read on the next turn "
+        "(line 5)\n  write instead: q = p.copy()",
+    ),
+    "a struct": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            first = ray
+            ray.o = ray.o + ray.d
+            return first.o
+        """,
+        "7: `first = ray` gives one value two names: `ray.o = ray.o + ray.d` (line 8) changes both, and `first` is "
+        "read after it (line 9)\n  write instead: first = ray.copy()",
+    ),
+    "an array": (
+        """
+        def f(x: sh.Attrib1f):
+            a = sh.Array(sh.Attrib1f, 4)
+            before = a
+            a[1] = x
+            return before[1]
+        """,
+        "3: `before = a` gives one value two names: `a[1] = x` (line 4) changes both, and `before` is read after it "
+        "(line 5)\n  write instead: before = a.copy()",
+    ),
+    "a swap": (
+        """
+        def f(x: sh.Attrib3f, y: sh.Attrib3f):
+            x[:], y[:] = y, x
+            return x
+        """,
+        "2: `x[:], y[:] = y, x` stores into `x` before `y[:]` is stored from it\n"
+        "  write instead: copy first, or `sh.swap(x, y)`",
+    ),
+    "more than a swap": (
+        """
+        def step(a, b):
+            a[:], b[:] = a + b, a
+
+        def f(x: sh.Attrib1f, y: sh.Attrib1f):
+            step(x, y)
+            return x
+        """,
+        "2: `a[:], b[:] = a + b, a` stores into `a` before `b[:]` is stored from it\n"
+        "  write instead: copy first: `old = a.copy()`, and `old` for `a` on the right",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ALIASES)
+def test_one_value_with_two_names(case: str) -> None:
+    text, error = ALIASES[case]
+    assert blame(text) == error
+
+
+def jumps(word: str, block: str) -> str:
+    return (
+        f"Python's `{word}` inside `with {block}` happens while recording, whatever the block's condition is\n"
+        "  write instead: "
+    )
+
+
+MISPLACED = {
+    "return": (
+        """
+        def f(x: sh.Attrib1f):
+            with SH_IF(x > 0):
+                return x + 1
+            return -x
+        """,
+        f"3: {jumps('return', 'SH_IF(…)')}SH_RETURN(x + 1)",
+    ),
+    "return under Python's if": (
+        """
+        def f(x: sh.Attrib1f):
+            with SH_DO():
+                if DEBUG:
+                    return
+                SH_BREAK(x > 3)
+            return -x
+        """,
+        f"4: {jumps('return', 'SH_DO()')}SH_RETURN()",
+    ),
+    "break out of a block": (
+        """
+        def f(x: sh.Attrib1f):
+            for k in range(3):
+                with SH_IF(x > k):
+                    break
+            return x
+        """,
+        f"4: {jumps('break', 'SH_IF(…)')}make the loop a `with SH_FOR(…) as i:`, and write `SH_BREAK()`",
+    ),
+    "continue in a loop of both kinds": (
+        """
+        def f(x: sh.Attrib1f):
+            for k in range(3):
+                with SH_WHILE(lambda: x < k):
+                    with SH_IF(x > 0):
+                        continue
+            return x
+        """,
+        f"5: {jumps('continue', 'SH_IF(…)')}SH_CONTINUE()",
+    ),
+    "yield": (
+        """
+        def f(x: sh.Attrib1f):
+            with SH_IF(x > 0):
+                yield x
+        """,
+        f"3: {jumps('yield', 'SH_IF(…)')}SH_RETURN(x)",
+    ),
+    "a block without with": (
+        """
+        def f(x: sh.Attrib1f):
+            SH_IF(x > 0)
+            x += 1
+            return x
+        """,
+        "2: `SH_IF(x > 0)` alone does nothing: SH_IF opens a block\n  write instead: with SH_IF(x > 0):",
+    ),
+    "a block without a call": (
+        """
+        def f(x: sh.Attrib1f):
+            with SH_DO:
+                SH_BREAK(x > 1)
+            return x
+        """,
+        "2: `SH_DO` is not called\n  write instead: with SH_DO():",
+    ),
+    "an exit without a call": (
+        """
+        def f(x: sh.Attrib1f):
+            with SH_DO():
+                sh.SH_BREAK
+            return x
+        """,
+        "3: `sh.SH_BREAK` is not called\n  write instead: sh.SH_BREAK()",
+    ),
+    "a test that is not last": (
+        """
+        def f(x: sh.Attrib1f):
+            with SH_DO():
+                SH_UNTIL(x > 1)
+                x += 1
+            return x
+        """,
+        "3: `SH_UNTIL(x > 1)` is not the last statement of its SH_DO: line 4 follows it\n"
+        "  write instead: move it to the end of the block; `SH_BREAK(c)` leaves a loop in the middle",
+    ),
+    "None": (
+        """
+        def f(x: sh.Attrib1f):
+            return 1 if x == None else x
+        """,
+        "2: `x == None` compares a value with None, component by component\n  write instead: x is None",
+    ),
+    "numpy's functions": (
+        """
+        def f(x: sh.Attrib1f):
+            return np.arcsin(x * 2)
+        """,
+        "2: `np.arcsin(x * 2)` is computed while recording, and its argument is known only when the program runs\n"
+        "  write instead: sh.asin(x * 2)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MISPLACED)
+def test_what_stands_where_it_cannot(case: str) -> None:
+    text, error = MISPLACED[case]
+    assert blame(text, DEBUG=False) == error

@@ -1,0 +1,155 @@
+"""What the source check looks through, and where it stays silent."""
+
+from __future__ import annotations
+
+import functools
+import linecache
+import types
+from typing import Any
+
+import pytest
+from source_text import BLOCKS, check, is_value, made, sh
+
+from shpy.errors import RecordError
+from shpy.lang import control
+from shpy.lang.source_check import check_source
+
+
+def test_an_attribute_of_a_python_object() -> None:
+    class Walk:
+        scale = 1
+
+    walk = Walk()
+    text = """
+        class Walk:
+            def step(self, x: sh.Attrib1f):
+                with SH_IF(x > 0):
+                    self.scale = x * 2
+                return x * self.scale
+
+            def count(self, x: sh.Attrib1f):
+                with SH_DO():
+                    self.scale += 1
+                    SH_UNTIL(x > self.scale)
+                return x
+
+            def nested(self, x: sh.Attrib1f):
+                return self.step(x)
+
+            def __call__(self, x):
+                with SH_IF(x > 1):
+                    x = 1
+                return x
+
+        walker = Walk()
+
+        def calls(x: sh.Attrib1f):
+            return walker(x)
+
+        def last(): ...
+        """
+    methods = made(text).__globals__["Walk"]
+    with pytest.raises(RecordError) as caught:
+        check_source(types.MethodType(methods.step, walk), is_value=is_value)
+    assert caught.value.message == (
+        "`self.scale` is rebound inside `with SH_IF(…)` and used after it (line 5): Python rebinds the name once, "
+        "while recording, whatever happens at run time"
+    )
+    assert caught.value.cure == "self.scale[:] = x * 2"
+    with pytest.raises(RecordError) as caught:
+        check_source(types.MethodType(methods.count, walk), is_value=is_value)
+    assert caught.value.loc is not None
+    assert caught.value.loc.line == 9
+    assert caught.value.cure == "`scale = sh.Attrib1f(self.scale)` before the block, `scale += 1` inside it"
+    with pytest.raises(RecordError, match="`x` is rebound"):
+        check_source(methods.step.__globals__["calls"], is_value=is_value)
+    with pytest.raises(RecordError) as caught:
+        check_source(methods().nested, is_value=is_value)
+    assert caught.value.loc is not None
+    assert caught.value.loc.line == 4
+
+
+def test_what_is_looked_through() -> None:
+    text = """
+        def f(n, x: sh.Attrib1f):
+            with SH_IF(x > n):
+                x = x - 1
+            return x
+        """
+    plain = made(text)
+
+    @functools.wraps(plain)
+    def wrapper(*args: Any) -> Any:
+        return plain(*args)
+
+    class Callable:
+        __call__ = plain
+
+    for function in (plain, functools.partial(plain, 3), types.MethodType(plain, 3), wrapper, Callable()):
+        with pytest.raises(RecordError, match="`x` is rebound"):
+            check_source(function, is_value=is_value)
+
+
+def test_what_a_partial_fixes_is_known() -> None:
+    text = """
+        def f(n, x: sh.Attrib1f, *, k):
+            with SH_IF(x > n):
+                n += 1
+                k += 1
+            return x * n * k
+        """
+    plain = made(text)
+    check_source(plain, is_value=is_value)  # n and k may be values
+    with pytest.raises(RecordError, match="`n` is rebound"):
+        check_source(functools.partial(plain, 3), is_value=is_value)
+    with pytest.raises(RecordError, match="`k` is rebound"):
+        check_source(functools.partial(plain, k=3), is_value=is_value)
+
+
+def test_without_text_nothing_is_said() -> None:
+    text = "def f(x: sh.Attrib1f):\n    with SH_IF(x > 1):\n        x = x - 1\n    return x\n"
+    namespace: dict[str, Any] = {"sh": sh, **BLOCKS}
+    exec(text, namespace)
+    check_source(namespace["f"], is_value=is_value)
+    check_source(lambda x: x + 1, is_value=is_value)
+    check_source(len, is_value=is_value)
+    check_source(object(), is_value=is_value)
+
+
+def test_text_that_has_changed_since_is_not_trusted() -> None:
+    function = made("def f(x: sh.Attrib1f):\n    with SH_IF(x > 1):\n        x = x - 1\n    return x\n")
+    file = function.__code__.co_filename
+    text = "def f(x, y):\n    with SH_IF(x > 1):\n        x = x - 1\n    return x\n"
+    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    check_source(function, is_value=is_value)
+    linecache.cache[file] = (1, None, ["def f(:\n"], file)
+    check_source(function, is_value=is_value)
+
+
+def test_blocks_are_known_under_any_name() -> None:
+    text = "def f(x: sh.Attrib1f):\n    pass\n    {}\n        x = x - 1\n    return x\n"
+    with pytest.raises(RecordError, match=r"`x` is rebound inside `with when\(…\)`"):
+        check(text.format("with when(x > 1):"), when=control.SH_IF)
+    with pytest.raises(RecordError, match="`x` is rebound"):
+        check(text.format("with sh.SH_IF(x > 1):"))
+    with pytest.raises(RecordError, match="`x` is rebound"):
+        check(text.format("with open('f') as file, sh.SH_IF(x > 1):"))
+    check(text.format("with open('f') as file:"))
+
+
+def test_a_very_deep_expression_is_let_through() -> None:
+    check("def f(x: sh.Attrib1f):\n    return " + " + ".join(["x"] * 1500) + "\n")
+
+
+def test_helpers_are_visited_once_each() -> None:
+    text = """
+        def even(x):
+            return odd(x)
+
+        def odd(x):
+            return even(x)
+
+        def f(x: sh.Attrib1f):
+            return even(x) + odd(x) + f(x)
+        """
+    check(text)

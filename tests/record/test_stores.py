@@ -1,0 +1,241 @@
+"""In-place stores of every form, as numpy has them: each program against the same steps in numpy."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_BREAK, SH_DO, SH_ELIF, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
+
+
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    d: sh.Vector3f
+
+
+def test_parts_written_back():
+    @sh.program
+    def f(v: sh.Attrib3f):
+        v.xy += 1
+        v[2] *= 3
+        v.zx -= (1, 2)
+        t = v.xy
+        t += 100
+        return v, t
+
+    v, t = f((1, 2, 3))
+    assert v.tolist() == [0, 3, 8]
+    assert t.tolist() == [100, 103]
+
+
+def test_arrays_of_values_and_structs():
+    @sh.program
+    def f(x: sh.Attrib1f, i: sh.Attrib1i):
+        a = sh.Array(sh.Attrib1f, [x, x + 1, x + 2])
+        a[i] += 10
+        a[i + 1] = 5
+        rays = sh.Array(Ray, 2)
+        ray = Ray((x, 0, 0), (0, 1, 0))
+        ray.o.y = 7
+        rays[1] = ray
+        ray.o[:] = (9, 9, 9)
+        b = a.copy()
+        b[0] = -1
+        return a[0], a[1], a[2], rays[i].o, rays[1].o, len(a), b[0], a[-1]
+
+    out = f(1, [0, 2, 7])
+    assert out[0].tolist() == [11, 1, 1]
+    assert out[1].tolist() == [5, 2, 2]
+    assert out[2].tolist() == [3, 13, 3]
+    assert out[3].tolist() == [[0, 0, 0], [1, 7, 0], [1, 7, 0]]
+    assert out[4].tolist() == [[1, 7, 0]] * 3
+    assert out[5].tolist() == [3] * 3
+    assert out[6].tolist() == [-1] * 3
+    assert out[7].tolist() == [3, 13, 3]
+
+
+def test_an_array_in_a_loop_is_fresh_each_turn():
+    @sh.program
+    def f(x: sh.Attrib1f):
+        total = sh.Attrib1f(0)
+        with SH_FOR(3) as i:
+            a = sh.Array(sh.Attrib1f, 4)
+            total += a[1]
+            a[1] = x + i
+        return total
+
+    assert f(5) == 0
+
+
+def test_a_value_in_a_loop_is_fresh_each_turn():
+    @sh.program
+    def f(x: sh.Attrib1f):
+        total = sh.Attrib1f(0)
+        with SH_FOR(3) as i:
+            v = sh.Attrib2f()
+            with SH_IF(i == 0):
+                v.x = x
+            total += v.x
+        return total
+
+    assert f(5) == 5
+
+
+def test_matrix_and_struct_stores():
+    @sh.program
+    def f(m: sh.Matrix2f, ray: Ray):
+        m[0, 1] = 5
+        m[1] = (7, 8)
+        m *= 2
+        n = sh.Matrix2f(m)
+        n[0] += 1
+        other = ray.copy()
+        other.d += 1
+        other.o.x -= 1
+        ray[:] = other
+        other.d = (0, 0, 0)
+        sh.swap(m, n)
+        return m, n, ray
+
+    m, n, ray = f([[1, 2], [3, 4]], {"o": (1, 1, 1), "d": (0, 0, 0)})
+    assert m.tolist() == [[3, 11], [14, 16]]
+    assert n.tolist() == [[2, 10], [14, 16]]
+    assert ray.o.tolist() == [0, 1, 1]
+    assert ray.d.tolist() == [1, 1, 1]
+
+
+def test_swap_and_rotation():
+    @sh.program
+    def f(x: sh.Attrib2f, y: sh.Attrib2f):
+        sh.swap(x, y)
+        x[:] = x.yx
+        return x, y
+
+    x, y = f((1, 2), (3, 4))
+    assert x.tolist() == [4, 3]
+    assert y.tolist() == [1, 2]
+
+
+def test_inputs_come_by_value_and_helpers_take_references():
+    def helper(p):
+        p += 1
+
+    @sh.program
+    def inner(x: sh.Attrib1f) -> sh.Attrib1f:
+        x += 10
+        return x
+
+    @sh.program
+    def f(x: sh.Attrib1f):
+        y = sh.Attrib1f(x)
+        z = inner(y)
+        helper(y)
+        return y, z
+
+    assert [float(v) for v in f(1)] == [2, 11]
+
+
+def test_what_was_recorded_before_sees_later_stores_of_the_loop():
+    @sh.program
+    def f(x: sh.Attrib1f):
+        y = x + 1
+        total = sh.Attrib1f(0)
+        with SH_FOR(3):
+            total += y
+            y += 1
+        return total
+
+    assert f(0) == 1 + 2 + 3
+
+
+def test_expressions_keep_the_moment():
+    @sh.program
+    def f(x: sh.Attrib1f):
+        y = x * 2
+        x += 100
+        return y, x
+
+    assert [float(v) for v in f(1)] == [2, 101]
+
+
+@pytest.mark.parametrize("links", [3, 12, 13, 40, 70])
+def test_long_chains(links):
+    @sh.program
+    def f(x: sh.Attrib1f):
+        y = sh.Attrib1f(-1)
+        with SH_IF(x < 0):
+            y[:] = -2
+        for k in range(links):
+            with SH_ELIF(x < k + 1):
+                y[:] = k
+        with SH_ELSE():
+            y[:] = 1000
+        return y
+
+    x = np.array([-1, 0.5, links - 0.5, links + 5])
+    assert f(x).tolist() == [-2, 0, links - 1, 1000]
+
+
+def test_early_returns_from_loops():
+    @sh.program
+    def f(x: sh.Attrib1f) -> sh.Attrib1f:
+        with SH_FOR(10) as i:
+            with SH_DO():
+                SH_RETURN(100 + i, x < 0)
+                with SH_WHILE(lambda: x > 50):
+                    SH_RETURN(x)
+                x += 1
+                SH_BREAK(x > 20)
+                SH_UNTIL(x > 7)
+        return x
+
+    def reference(x):
+        for i in range(10):
+            while True:
+                if x < 0:
+                    return 100 + i
+                if x > 50:
+                    return x
+                x += 1
+                if x > 20 or x > 7:
+                    break
+        return x
+
+    values = [-1, 0, 3, 15, 60]
+    assert f(values).tolist() == [reference(v) for v in values]
+
+
+def test_host_conditions_and_metaprogramming():
+    def power(x, n):
+        result = sh.Attrib1f(1)
+        for _ in range(n):
+            result = result * x
+        return result
+
+    def make(n):
+        @sh.program
+        def f(x: sh.Attrib1f):
+            with SH_IF(n > 2):
+                x += 1000
+            return power(x, n)
+
+        return f
+
+    assert make(2)(3) == 9
+    assert make(3)(1) == 1001.0**3
+
+
+def test_methods_and_partials():
+    import functools
+
+    class Gain:
+        factor = 3
+
+        def apply(self, x: sh.Attrib1f) -> sh.Attrib1f:
+            return x * self.factor
+
+    def scaled(x: sh.Attrib1f, by):
+        return x * by
+
+    assert sh.program(Gain().apply)(2) == 6
+    assert sh.program(functools.partial(scaled, by=5))(2) == 10

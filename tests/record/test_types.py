@@ -1,0 +1,186 @@
+"""Types, literals, mixing and kinds, on constants: outside a program everything evaluates at once."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+
+
+def value(x):
+    return np.asarray(x).tolist()
+
+
+def test_aliases_are_the_same_types():
+    assert sh.vec3 is sh.Attrib3f
+    assert sh.ivec2 is sh.Attrib2i
+    assert sh.uvec4 is sh.Attrib4u
+    assert sh.bvec2 is sh.Attrib2b
+    assert not hasattr(sh, "mat3")
+
+
+@pytest.mark.parametrize("kind", ["Attrib", "Point", "Vector", "Normal", "Color", "TexCoord"])
+@pytest.mark.parametrize("base", ["f", "d", "h"])
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+def test_every_float_type_exists(kind, base, size):
+    cls = getattr(sh, f"{kind}{size}{base}")
+    made = cls(0.5)
+    assert np.asarray(made).shape == (() if size == 1 else (size,))
+    assert np.asarray(made).dtype == {"f": np.float32, "d": np.float64, "h": np.float16}[base]
+    assert type(made) is cls
+
+
+def test_star_import_shadows_no_builtin():
+    import builtins
+
+    assert not set(sh.__all__) & set(dir(builtins))
+    for name in ("abs", "min", "max", "round", "pow", "any", "all", "hash"):
+        assert name not in sh.__all__
+        assert hasattr(sh, name)
+
+
+@pytest.mark.parametrize(
+    ("result", "expected", "type_"),
+    [
+        (lambda: sh.Attrib1i(7) + 1, 8, sh.Attrib1i),
+        (lambda: sh.Attrib1i(7) + 1.5, 8.5, sh.Attrib1f),
+        (lambda: 2 * sh.Attrib1u(3), 6, sh.Attrib1u),
+        (lambda: sh.Attrib1h(1) + sh.Attrib1f(2), 3.0, sh.Attrib1f),
+        (lambda: sh.Attrib1f(1) + sh.Attrib1d(2), 3.0, sh.Attrib1d),
+        (lambda: sh.Attrib1h(1) + sh.Attrib1i(2), 3.0, sh.Attrib1f),
+        (lambda: sh.Attrib1i(7) / 2, 3.5, sh.Attrib1f),
+        (lambda: sh.Attrib1i(-7) // 2, -4, sh.Attrib1i),
+        (lambda: sh.Attrib1i(-7) % 3, 2, sh.Attrib1i),
+        (lambda: sh.Attrib1f(-7) % 3, 2.0, sh.Attrib1f),
+        (lambda: sh.Attrib1f(-7) // 2, -4.0, sh.Attrib1f),
+        (lambda: sh.Attrib1f(3) ** 2, 9.0, sh.Attrib1f),
+        (lambda: sh.Attrib1i(2) ** 0.5, pytest.approx(2**0.5), sh.Attrib1f),
+        (lambda: sh.Attrib1i(5) & 3, 1, sh.Attrib1i),
+        (lambda: ~sh.Attrib1i(5), -6, sh.Attrib1i),
+        (lambda: sh.Attrib1i(1) << 33, 2, sh.Attrib1i),
+        (lambda: sh.Attrib1i(-8) >> 1, -4, sh.Attrib1i),
+        (lambda: sh.Attrib1b(True) & False, False, sh.Attrib1b),
+        (lambda: ~sh.Attrib1b(True), False, sh.Attrib1b),
+        (lambda: sh.Attrib1f(1) < 2, True, sh.Attrib1b),
+        (lambda: sh.Attrib1i(2.9), 2, sh.Attrib1i),
+        (lambda: sh.Attrib1i(sh.Attrib1f(float("nan"))), 0, sh.Attrib1i),
+        (lambda: sh.Attrib1i(sh.Attrib1f(1e20)), 2**31 - 1, sh.Attrib1i),
+        (lambda: sh.Attrib1u(sh.Attrib1f(-5)), 0, sh.Attrib1u),
+        (lambda: sh.Attrib1u(sh.Attrib1i(-1)), 2**32 - 1, sh.Attrib1u),
+        (lambda: sh.sin(sh.Attrib1i(0)), 0.0, sh.Attrib1f),
+        (lambda: sh.min(3, sh.Attrib1i(2), 5), 2, sh.Attrib1i),
+        (lambda: sh.Attrib1f(np.float32(0.1)), pytest.approx(0.1), sh.Attrib1f),
+        (lambda: sh.Attrib1i(np.int64(4)), 4, sh.Attrib1i),
+    ],
+)
+def test_literals_and_mixing(result, expected, type_):
+    made = result()
+    assert type(made) is type_
+    assert value(made) == expected
+
+
+def test_sequences_stand_for_vectors():
+    v = sh.Attrib3f(1, 2, 3)
+    assert value(v + (1, 1, 1)) == [2, 3, 4]
+    assert value([1, 1, 1] + v) == [2, 3, 4]
+    assert value(np.ones(3) + v) == [2, 3, 4]
+    assert value(v * sh.Attrib1f(2)) == [2, 4, 6]
+    assert value(sh.Attrib4f(sh.Attrib2f(1, 2), 3, 4)) == [1, 2, 3, 4]
+    assert value(sh.Point3f(sh.Attrib2f(1, 2), 0)) == [1, 2, 0]
+    assert value(sh.Color3f(0.5)) == [0.5, 0.5, 0.5]
+
+
+def test_kinds():
+    p, q, v, a = sh.Point3f(1, 2, 3), sh.Point3f(0, 1, 1), sh.Vector3f(1, 0, 0), sh.Attrib3f(2)
+    assert type(p - q) is sh.Vector3f
+    assert type(p + v) is sh.Point3f
+    assert type(v + p) is sh.Point3f
+    assert type(p - v) is sh.Point3f
+    assert type(v * a) is sh.Vector3f
+    assert type(a * v) is sh.Vector3f
+    assert type(2 * v) is sh.Vector3f
+    assert type(sh.Normal3f(v) * v) is sh.Normal3f
+    assert type(v.xy) is sh.Attrib2f
+    assert type(sh.normalize(v)) is sh.Vector3f
+    assert type(-sh.Color3f(1)) is sh.Color3f
+    assert type(sh.cond(True, v, v)) is sh.Vector3f
+    assert type(sh.dot(v, v)) is sh.Attrib1f
+    assert type(v > 0) is sh.Attrib3b
+
+
+def test_components():
+    v = sh.Attrib4f(1, 2, 3, 4)
+    assert value(v.x) == 1
+    assert value(v.bgr) == [3, 2, 1]
+    assert value(v.stpq) == [1, 2, 3, 4]
+    assert value(v[-1]) == 4
+    assert value(v[1:3]) == [2, 3]
+    assert value(v[0, 2]) == [1, 3]
+    assert value(v[sh.Attrib1i(9)]) == 4
+    assert value(sh.Attrib1f(5).xxx) == [5, 5, 5]
+    assert value(sh.Attrib1f(5)[0]) == 5
+    assert len(v) == 4
+    assert [value(c) for c in v] == [1, 2, 3, 4]
+    x, y, _, _ = v
+    assert value(x + y) == 3
+    for wrong in ("xg", "xyzwx", "z", "foo"):
+        with pytest.raises(AttributeError):
+            getattr(v.xy, wrong)
+    with pytest.raises(IndexError):
+        v[4]
+    with pytest.raises(TypeError):
+        len(v.x)
+
+
+def test_constants_are_numbers_to_python():
+    c = sh.Attrib1f(0.5)
+    assert float(c) == 0.5
+    assert int(sh.Attrib1i(3)) == 3
+    assert [10, 11][sh.Attrib1i(1)] == 11
+    assert bool(sh.Attrib1b(True))
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(c)
+    assert sh.Attrib1f.__array_ufunc__ is None
+    assert repr(sh.Attrib2f(1, 2)) == "Attrib2f(1.0, 2.0)"
+
+
+def test_matrices():
+    m = sh.Matrix3f((1, 2, 3), (0, 1, 4), (5, 6, 0))
+    host = np.array([[1, 2, 3], [0, 1, 4], [5, 6, 0]], float)
+    assert value(m) == host.tolist()
+    assert value(sh.Matrix3f()) == np.eye(3).tolist()
+    assert value(m @ sh.Attrib3f(1, 2, 3)) == (host @ [1, 2, 3]).tolist()
+    assert value(sh.Attrib3f(1, 2, 3) @ m) == ([1, 2, 3] @ host).tolist()
+    assert value(m @ m) == (host @ host).tolist()
+    assert value(sh.transpose(m)) == host.T.tolist()
+    assert value(sh.determinant(m)) == pytest.approx(np.linalg.det(host))
+    assert np.allclose(sh.inverse(m), np.linalg.inv(host))
+    assert value(m[1]) == [0, 1, 4]
+    assert value(m[1, 2]) == 4
+    assert value(sh.Matrix2f.from_columns((1, 2), (3, 4))) == [[1, 3], [2, 4]]
+    assert value(m * 2) == (host * 2).tolist()
+    four = np.random.default_rng(1).normal(size=(4, 4))
+    assert np.allclose(sh.inverse(sh.Matrix4f(*four)), np.linalg.inv(four), rtol=1e-4, atol=1e-5)
+    assert np.allclose(sh.determinant(sh.Matrix4f(*four)), np.linalg.det(four), rtol=1e-4)
+
+
+def test_a_matrix_moves_points_turns_vectors_and_keeps_normals_normal():
+    m = sh.Matrix4f((2, 0, 0, 1), (0, 1, 0, 2), (0, 0, 1, 3), (0, 0, 0, 1))
+    assert value(m @ sh.Point3f(1, 1, 1)) == [3, 3, 4]
+    assert value(m @ sh.Vector3f(1, 1, 1)) == [2, 1, 1]
+    assert value(m @ sh.Normal3f(1, 1, 1)) == [0.5, 1, 1]
+    assert type(m @ sh.Normal3f(1, 1, 1)) is sh.Normal3f
+    with pytest.raises(sh.ShpyTypeError, match="is it a place or a direction"):
+        m @ sh.Attrib3f(1, 1, 1)
+
+
+def test_hash_is_pcg():
+    def pcg(x):
+        state = (x * 747796405 + 2891336453) % 2**32
+        word = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) % 2**32
+        return (word >> 22) ^ word
+
+    assert value(sh.hash(7)) == pcg(7)
+    assert value(sh.hash(7, 8)) == pcg((7 + pcg(8)) % 2**32)
+    assert value(sh.hash(7, 8, 9)) == pcg((7 + pcg((8 + pcg(9)) % 2**32)) % 2**32)
+    assert value(sh.unit_float(sh.Attrib1u(2**32 - 1))) == 1 - 2**-24
+    assert value(sh.unit_float(sh.Attrib1u(0))) == 0

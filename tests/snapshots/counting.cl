@@ -1,0 +1,50 @@
+#pragma OPENCL FP_CONTRACT OFF
+
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
+int sh_floormod_i(int a, int b) {
+    if (b == 0 || b == -1) {
+        return 0;
+    }
+    int r = a % b;
+    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+}
+
+// a % b; 0 for b = 0.
+uint sh_floormod_u(uint a, uint b) {
+    return b == 0u ? 0u : a % b;
+}
+
+float push(float4 *stack, float value) {  // test_opencl_text.py:50
+    *stack = (float4)(value, stack->xyz);  // test_opencl_text.py:52
+    return stack->w;  // test_opencl_text.py:53
+}
+
+__kernel void counting(  // test_opencl_text.py:72
+    ulong count,
+    __global const float *x_in,
+    int x_step,
+    __global const uint *bits_in,
+    int bits_step,
+    __global float4 *result0_out,
+    __global uchar *result1_out,
+    __global int *result2_out) {
+    size_t element = get_global_id(0);
+    if (element >= count) {
+        return;
+    }
+    float x = x_in[element * x_step];
+    uint bits = bits_in[element * bits_step];
+    float4 stack = (float4)(0.0f);  // test_opencl_text.py:75
+    int counts[4] = {0};  // test_opencl_text.py:74
+    for (int i = 0; i < 10; i += 1) {  // test_opencl_text.py:76
+        int t = sh_floormod_i(i, 4);  // test_opencl_text.py:77
+        if (t >= 0 && t < 4) {
+            counts[t] = counts[clamp(t, 0, 3)] + 1u;
+        }
+        push(&stack, (float)counts[clamp(i, 0, 3)] * x);  // test_opencl_text.py:78
+    }
+    int3 mask = (int3)(-(sh_floormod_u(bits >> 3, 2u) == 1u), -(x > 0.0f), 0);  // test_opencl_text.py:79
+    result0_out[element] = stack;  // test_opencl_text.py:80
+    vstore3(convert_uchar3(-(mask & (stack.xyz > 1.0f))), element, result1_out);
+    result2_out[element] = counts[1] * (uint)counts[2] - 7u;
+}

@@ -1,0 +1,55 @@
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+
+uniform float zero;  // 0.0, but the driver must not know
+uniform ivec2 sh_last;
+uniform sampler2D in_x;
+uniform int each_x;  // 0 where one value serves all elements
+uniform usampler2D in_bits;
+uniform int each_bits;  // 0 where one value serves all elements
+layout(location = 0) out vec4 out_0;
+layout(location = 1) out uint out_1;
+
+// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+int sh_floormod(int a, int b) {
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a - a / by * by;
+    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+}
+
+uint sh_floormod(uint a, uint b) {
+    return b == 0u ? 0u : a % max(b, 1u);
+}
+
+float push(precise inout vec4 stack, precise float value) {  // test_glsl_text.py:41
+    stack = vec4(value, stack.xyz);  // test_glsl_text.py:43
+    precise float result = stack.w;  // test_glsl_text.py:44
+    return result;
+}
+
+void histogram(precise float x, uint bits, precise out vec4 result0, precise out bool result1) {  // test_glsl_text.py:47
+    precise vec4 stack = vec4(zero);  // test_glsl_text.py:50
+    int counts[4] = int[4](0, 0, 0, 0);  // test_glsl_text.py:49
+    for (int i = 0; i < 10; i += 1) {  // test_glsl_text.py:51
+        int t = sh_floormod(i, 4);  // test_glsl_text.py:52
+        if (t >= 0 && t < 4) {
+            counts[t] = counts[clamp(t, 0, 3)] + 1;
+        }
+        push(stack, float(counts[clamp(i, 0, 3)]) * x);  // test_glsl_text.py:53
+    }
+    result0 = stack;  // test_glsl_text.py:54
+    result1 = sh_floormod(bits >> 3, 2u) == 1u;
+}
+
+void main() {
+    ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
+    precise vec4 result0;
+    precise bool result1;
+    histogram(texelFetch(in_x, at * each_x, 0).x, texelFetch(in_bits, at * each_bits, 0).x, result0, result1);
+    out_0 = result0;
+    out_1 = uint(result1);
+}

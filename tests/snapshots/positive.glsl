@@ -1,0 +1,64 @@
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+
+uniform float zero;  // 0.0, but the driver must not know
+uniform ivec2 sh_last;
+uniform sampler2D in_x;
+uniform int each_x;  // 0 where one value serves all elements
+uniform isampler2D in_n;
+uniform int each_n;  // 0 where one value serves all elements
+layout(location = 0) out float out_0;
+layout(location = 1) out int out_status;
+
+// The number where one is NaN.
+float sh_min(float a, float b) {
+    precise bool second = b < a || a != a;
+    return second ? b : a;
+}
+
+void positive(precise float x, int n, precise out float result, out int status) {  // test_glsl_text.py:57
+    result = zero;
+    status = 1;
+    precise float total = zero;  // test_glsl_text.py:59
+    precise bool t = x < 0.0;  // test_glsl_text.py:60
+    if (t) {
+        status = 0;  // test_glsl_text.py:61
+        return;
+    } else {
+        precise bool ended = false;  // test_glsl_text.py:63
+        int turns = 0;
+        while (true) {
+            if (n <= 0) {
+                ended = true;
+                break;
+            }
+            turns += 1;
+            if (turns > 1048576) {
+                status = 2;
+                break;
+            }
+            total += sh_min(x, 1.0) / float(n);  // test_glsl_text.py:64
+            n -= 1;  // test_glsl_text.py:65
+        }
+        if (!ended) {  // test_glsl_text.py:63
+            if (status != 2) {
+                status = -1;
+            }
+            return;
+        }
+    }
+    result = total;  // test_glsl_text.py:66
+}
+
+void main() {
+    ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
+    precise float result;
+    int status;
+    positive(texelFetch(in_x, at * each_x, 0).x, texelFetch(in_n, at * each_n, 0).x, result, status);
+    out_0 = result;
+    out_status = status;
+}

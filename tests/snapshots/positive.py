@@ -1,0 +1,36 @@
+import numpy as np
+
+from shpy.backends.numpy.lanes import compact, few, select, spread
+
+
+def positive(x, n, lanes):
+    status = np.int32(1)  # test_numpy_text.py:55
+    n_2 = n
+    total = np.zeros(lanes, np.float32)  # test_numpy_text.py:57
+    status_out = spread(status, lanes)
+    t = x < 0.0  # test_numpy_text.py:58
+    if t.any():
+        status_out = select(t, 0, status_out)  # test_numpy_text.py:59
+    t2 = ~t
+    if t2.any():
+        turns = np.int32(0)  # test_numpy_text.py:61
+        total_in = total.copy()
+        live = t2
+        lane = np.arange(lanes)
+        while True:
+            if few(live):
+                lane, live, n_2, total_in, x = compact(live, lane, live, n_2, total_in, x)
+            leaving = live & (n_2 <= 0)
+            if leaving.any():
+                total[lane[leaving]] = total_in[leaving]
+                live = live & ~leaving
+                if not live.any():
+                    break
+            turns = turns + 1
+            if turns > 1048576:
+                status = np.int32(2)
+                status_out[lane[live]] = status
+                break
+            total_in = total_in + np.fmin(x, 1.0) / n_2.astype(np.float32)  # test_numpy_text.py:62
+            n_2 = n_2 - 1  # test_numpy_text.py:63
+    return total, status_out  # test_numpy_text.py:64

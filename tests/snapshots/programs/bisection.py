@@ -1,0 +1,35 @@
+import numpy as np
+
+from shpy.backends.numpy.lanes import compact, few, select, spread
+
+
+def bisection(x, lanes):
+    status = np.int32(1)  # snapshot_programs.py:185
+    low = np.zeros(lanes, np.float32)  # snapshot_programs.py:187
+    high = np.fmax(x, 1.0)
+    turns = np.int32(0)  # snapshot_programs.py:188
+    status_out = spread(status, lanes)
+    low_in = low.copy()
+    live = np.ones(lanes, np.bool_)
+    lane = np.arange(lanes)
+    while True:
+        if few(live):
+            high, lane, live, low_in, x = compact(live, high, lane, live, low_in, x)
+        turns = turns + 1
+        if turns > 1048576:
+            status = np.int32(2)
+            status_out[lane[live]] = status
+            break
+        middle = (low_in + high) / 2.0  # snapshot_programs.py:189
+        t = middle * middle < x  # snapshot_programs.py:190
+        active = live & t
+        low_in = select(active, middle, low_in)  # snapshot_programs.py:191
+        active_2 = live & ~t
+        high = select(active_2, middle, high)  # snapshot_programs.py:193
+        leaving = live & (high - low_in <= 1e-06 * high)
+        if leaving.any():  # snapshot_programs.py:188
+            low[lane[leaving]] = low_in[leaving]
+            live = live & ~leaving
+            if not live.any():
+                break
+    return low, status_out  # snapshot_programs.py:195

@@ -1,0 +1,28 @@
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+
+uniform ivec2 sh_last;
+uniform int sh_first;
+uniform int sh_width;
+uniform ivec4 sh_grid_shape;
+layout(location = 0) out vec3 out_0;
+
+ivec2 sh_grid_index2() {
+    ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
+    int i = sh_first + at.y * sh_width + at.x;
+    return ivec2(i / sh_grid_shape.y, i % sh_grid_shape.y);
+}
+
+vec3 checkered() {  // snapshot_programs.py:173
+    precise vec2 uv = vec2(sh_grid_index2()) / vec2(sh_grid_shape.xy);  // snapshot_programs.py:176
+    precise vec3 result = vec3(uv, float((sh_grid_index2().x ^ sh_grid_index2().y) & 1));  // snapshot_programs.py:177
+    return result;
+}
+
+void main() {
+    out_0 = checkered();
+}

@@ -1,0 +1,65 @@
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+
+uniform ivec2 sh_last;
+uniform isampler2D in_n;
+uniform int each_n;  // 0 where one value serves all elements
+layout(location = 0) out int out_0;
+layout(location = 1) out int out_status;
+
+// floor(a / b) from a division that truncates; 0 for b = 0.
+int sh_floordiv(int a, int b) {
+    int by = b == 0 || b == -1 ? 1 : b;
+    int q = a / by;
+    int rest = a - q * by;
+    q -= rest != 0 && (rest ^ by) < 0 ? 1 : 0;
+    return b == 0 ? 0 : b == -1 ? -a : q;
+}
+
+// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+int sh_floormod(int a, int b) {
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a - a / by * by;
+    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+}
+
+void collatz(int n, out int result, out int status) {  // snapshot_programs.py:61
+    result = 0;
+    status = 1;
+    int steps = 0;  // snapshot_programs.py:63
+    precise bool ended = false;  // snapshot_programs.py:64
+    int turns = 0;
+    while (true) {
+        if (n <= 1) {
+            ended = true;
+            break;
+        }
+        turns += 1;
+        if (turns > 1048576) {
+            status = 2;
+            break;
+        }
+        n = sh_floormod(n, 2) == 0 ? sh_floordiv(n, 2) : 3 * n + 1;  // snapshot_programs.py:65
+        steps += 1;  // snapshot_programs.py:66
+    }
+    if (!ended) {  // snapshot_programs.py:64
+        if (status != 2) {
+            status = -1;
+        }
+        return;
+    }
+    result = steps;  // snapshot_programs.py:67
+}
+
+void main() {
+    ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
+    int result;
+    int status;
+    collatz(texelFetch(in_n, at * each_n, 0).x, result, status);
+    out_0 = result;
+    out_status = status;
+}

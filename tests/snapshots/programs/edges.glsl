@@ -1,0 +1,88 @@
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+
+uniform float zero;  // 0.0, but the driver must not know
+uniform ivec2 sh_last;
+uniform sampler2D in_x;
+uniform int each_x;  // 0 where one value serves all elements
+uniform sampler2D in_y;
+uniform int each_y;  // 0 where one value serves all elements
+layout(location = 0) out float out_0;
+layout(location = 1) out float out_1;
+layout(location = 2) out float out_2;
+layout(location = 3) out int out_3;
+layout(location = 4) out float out_4;
+layout(location = 5) out float out_5;
+layout(location = 6) out uint out_6;
+
+// The number where one is NaN.
+float sh_min(float a, float b) {
+    precise bool second = b < a || a != a;
+    return second ? b : a;
+}
+
+float sh_max(float a, float b) {
+    precise bool second = a < b || a != a;
+    return second ? b : a;
+}
+
+float sh_clamp(float x, float low, float high) {
+    return sh_min(sh_max(x, low), high);
+}
+
+// Truncates and saturates; 0 for NaN.
+int sh_int(float x) {
+    precise bool inside = x > -2147483648.0 && x < 2147483648.0;
+    precise bool above = x >= 2147483648.0;
+    precise bool below = x <= -2147483648.0;
+    return inside ? int(x) : above ? 2147483647 : below ? (-2147483647 - 1) : 0;
+}
+
+uint sh_bits(float x) {
+    precise bool nan = x != x;
+    return nan ? 0x7fc00000u : floatBitsToUint(x);
+}
+
+float sh_sign(float x) {
+    precise bool above = x > 0.0;
+    precise bool below = x < 0.0;
+    return float(above) - float(below);
+}
+
+float mod1(precise float x, precise float y) {
+    precise float result = x - y * floor(x / y);
+    return result;
+}
+
+void edges(precise float x, precise float y, precise out float result0, precise out float result1, precise out float result2, out int result3, precise out float result4, precise out float result5, out uint result6) {  // snapshot_programs.py:160
+    result0 = sh_min(x, y);  // snapshot_programs.py:162
+    result1 = sh_sign(x);
+    result2 = roundEven(x);
+    result3 = sh_int(x);
+    result4 = mod1(x, y);
+    result5 = sh_clamp(x, zero, y);
+    result6 = sh_bits(x);
+}
+
+void main() {
+    ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
+    precise float result0;
+    precise float result1;
+    precise float result2;
+    int result3;
+    precise float result4;
+    precise float result5;
+    uint result6;
+    edges(texelFetch(in_x, at * each_x, 0).x, texelFetch(in_y, at * each_y, 0).x, result0, result1, result2, result3, result4, result5, result6);
+    out_0 = result0;
+    out_1 = result1;
+    out_2 = result2;
+    out_3 = result3;
+    out_4 = result4;
+    out_5 = result5;
+    out_6 = result6;
+}

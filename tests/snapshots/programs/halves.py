@@ -1,0 +1,7 @@
+import numpy as np
+
+from shpy.backends.numpy.lanes import half
+
+
+def halves(x, f, lanes):
+    return half(half(x * x) + 0.099975586), f + x

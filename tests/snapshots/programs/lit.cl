@@ -1,0 +1,42 @@
+#pragma OPENCL FP_CONTRACT OFF
+
+// The number where one is NaN.
+float sh_max(float a, float b) {
+    return (a < b) | (a != a) ? b : a;
+}
+
+float dot3(float3 a, float3 b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+float length3(float3 v) {
+    return sqrt(dot3(v, v));
+}
+
+float3 normalize3(float3 v) {
+    float size = length3(v);
+    bool t = size > 0.0f;
+    return t ? v / (t ? size : 1.0f) : (float3)(0.0f);
+}
+
+__kernel void lit(  // snapshot_programs.py:137
+    ulong count,
+    __global const float *p_in,
+    int p_step,
+    __global const float *n_in,
+    int n_step,
+    float3 turn_0,
+    float3 turn_1,
+    float3 turn_2,
+    float3 light,
+    __global float *result0_out,
+    __global float *result1_out) {
+    size_t element = get_global_id(0);
+    if (element >= count) {
+        return;
+    }
+    float3 p = vload3(element * p_step, p_in);
+    float3 n = vload3(element * n_step, n_in);
+    vstore3((float3)(dot3(turn_0, p), dot3(turn_1, p), dot3(turn_2, p)), element, result0_out);  // snapshot_programs.py:139
+    result1_out[element] = sh_max(dot3(normalize3(n), light), 0.0f);
+}

@@ -1,0 +1,55 @@
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+
+uniform vec3 turn_0;
+uniform vec3 turn_1;
+uniform vec3 turn_2;
+uniform vec3 light;
+uniform float zero;  // 0.0, but the driver must not know
+uniform ivec2 sh_last;
+uniform sampler2D in_p;
+uniform int each_p;  // 0 where one value serves all elements
+uniform sampler2D in_n;
+uniform int each_n;  // 0 where one value serves all elements
+layout(location = 0) out vec3 out_0;
+layout(location = 1) out float out_1;
+
+float sh_max(float a, float b) {
+    precise bool second = a < b || a != a;
+    return second ? b : a;
+}
+
+float dot3(precise vec3 a, precise vec3 b) {
+    precise float result = a.x * b.x + a.y * b.y + a.z * b.z;
+    return result;
+}
+
+float length3(precise vec3 v) {
+    precise float result = sqrt(dot3(v, v));
+    return result;
+}
+
+vec3 normalize3(precise vec3 v) {
+    precise float size = length3(v);
+    precise bool t = size > 0.0;
+    precise vec3 result = t ? v / (t ? size : 1.0) : vec3(0.0);
+    return result;
+}
+
+void lit(precise vec3 p, precise vec3 n, precise out vec3 result0, precise out float result1) {  // snapshot_programs.py:137
+    result0 = vec3(dot3(turn_0, p), dot3(turn_1, p), dot3(turn_2, p));  // snapshot_programs.py:139
+    result1 = sh_max(dot3(normalize3(n), light), zero);
+}
+
+void main() {
+    ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
+    precise vec3 result0;
+    precise float result1;
+    lit(texelFetch(in_p, at * each_p, 0).xyz, texelFetch(in_n, at * each_n, 0).xyz, result0, result1);
+    out_0 = result0;
+    out_1 = result1;
+}

@@ -1,0 +1,10 @@
+import numpy as np
+
+from shpy.backends.numpy.lanes import maximum, normalize, vector
+from shpy.ir.meaning import dot
+
+
+def lit(p, n, turn_0, turn_1, turn_2, light, lanes):
+    result0 = vector(dot(turn_0, p), dot(turn_1, p), dot(turn_2, p))  # snapshot_programs.py:139
+    result1 = maximum(dot(normalize(n), light), 0.0)
+    return result0, result1

@@ -1,0 +1,41 @@
+#pragma OPENCL FP_CONTRACT OFF
+
+float dot2(float2 a, float2 b) {
+    return a.x * b.x + a.y * b.y;
+}
+
+void mandelbrot_element(float2 c, float *result, int *status) {  // snapshot_programs.py:36
+    *result = 0.0f;
+    *status = 1;
+    float2 z = (float2)(0.0f);  // snapshot_programs.py:38
+    float n = 0.0f;  // snapshot_programs.py:39
+    int turns = 0;  // snapshot_programs.py:40
+    do {
+        turns += 1u;
+        if (turns > 1048576) {
+            *status = 2;
+            return;
+        }
+        z = (float2)(z.x * z.x - z.y * z.y, 2.0f * z.x * z.y) + c;  // snapshot_programs.py:41
+        n += 1.0f;  // snapshot_programs.py:42
+    } while (!(dot2(z, z) > 4.0f || n >= 256.0f));  // snapshot_programs.py:43
+    *result = n;  // snapshot_programs.py:44
+}
+
+__kernel void mandelbrot(  // snapshot_programs.py:36
+    ulong count,
+    __global const float2 *c_in,
+    int c_step,
+    __global float *result_out,
+    __global int *status_out) {
+    size_t element = get_global_id(0);
+    if (element >= count) {
+        return;
+    }
+    float2 c = c_in[element * c_step];
+    float result;
+    int status;
+    mandelbrot_element(c, &result, &status);
+    result_out[element] = result;
+    status_out[element] = status;
+}

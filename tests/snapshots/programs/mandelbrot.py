@@ -1,0 +1,32 @@
+import numpy as np
+
+from shpy.backends.numpy.lanes import compact, few, spread, vector
+from shpy.ir.meaning import dot
+
+
+def mandelbrot(c, lanes):
+    status = np.int32(1)  # snapshot_programs.py:36
+    z = np.zeros((2, lanes), np.float32)  # snapshot_programs.py:38
+    n = np.float32(0.0)  # snapshot_programs.py:39
+    turns = np.int32(0)  # snapshot_programs.py:40
+    n_out = spread(n, lanes)
+    status_out = spread(status, lanes)
+    live = np.ones(lanes, np.bool_)
+    lane = np.arange(lanes)
+    while True:
+        if few(live):
+            c, lane, live, z = compact(live, c, lane, live, z)
+        turns = turns + 1
+        if turns > 1048576:
+            status = np.int32(2)
+            status_out[lane[live]] = status
+            break
+        z = vector(z[0] * z[0] - z[1] * z[1], 2.0 * z[0] * z[1]) + c  # snapshot_programs.py:41
+        n = n + 1.0  # snapshot_programs.py:42
+        leaving = live & ((dot(z, z) > 4.0) | (n >= 256.0))
+        if leaving.any():  # snapshot_programs.py:40
+            n_out[lane[leaving]] = n
+            live = live & ~leaving
+            if not live.any():
+                break
+    return n_out, status_out  # snapshot_programs.py:44

@@ -1,0 +1,16 @@
+#pragma OPENCL FP_CONTRACT OFF
+
+__kernel void packets(ulong count, __global const float *x_in, int x_step, __global float *result_out) {  // snapshot_programs.py:165
+    size_t element = get_global_id(0);
+    if (element >= count) {
+        return;
+    }
+    float x = x_in[element * x_step];
+    float y = x;  // snapshot_programs.py:167
+    bool t = x > 1.0f;  // snapshot_programs.py:168
+    bool t2 = t;
+    if (t2) {
+        y = t ? sqrt(x) : y;  // snapshot_programs.py:169
+    }
+    result_out[element] = y;  // snapshot_programs.py:170
+}

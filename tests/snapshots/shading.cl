@@ -1,0 +1,84 @@
+#pragma OPENCL FP_CONTRACT OFF
+
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
+int sh_floormod_i(int a, int b) {
+    if (b == 0 || b == -1) {
+        return 0;
+    }
+    int r = a % b;
+    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+}
+
+// The place of an element, the nearest one for an index that is out of range.
+size_t sh_at2(int2 at, int2 size) {
+    at = clamp(at, (int2)(0), size - 1);
+    return (size_t)at.x * size.y + at.y;
+}
+
+// The number where one is NaN.
+float sh_max(float a, float b) {
+    return (a < b) | (a != a) ? b : a;
+}
+
+// The number where one is NaN.
+float sh_min(float a, float b) {
+    return (b < a) | (a != a) ? b : a;
+}
+
+float dot3(float3 a, float3 b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+float length3(float3 v) {
+    return sqrt(dot3(v, v));
+}
+
+float3 normalize3(float3 v) {
+    float size = length3(v);
+    bool t = size > 0.0f;
+    return t ? v / (t ? size : 1.0f) : (float3)(0.0f);
+}
+
+float3 shade(float3 n, float3 light, float3 color) {  // test_opencl_text.py:42
+    float d = dot3(n, light);  // test_opencl_text.py:44
+    if (d < 0.0f) {  // test_opencl_text.py:45
+        return color * 0.1f;  // test_opencl_text.py:46
+    }
+    return color * d;  // test_opencl_text.py:47
+}
+
+__kernel void shading(  // test_opencl_text.py:56
+    ulong count,
+    __global const float *p_in,
+    int p_step,
+    __global const float *n_in,
+    int n_step,
+    __global const float *heights,
+    int2 heights_size,
+    __global const float *palette,
+    int palette_size,
+    float3 sky,
+    __global float *result_out) {
+    size_t element = get_global_id(0);
+    if (element >= count) {
+        return;
+    }
+    float3 p = vload3(element * p_step, p_in);
+    float3 n = vload3(element * n_step, n_in);
+    float3 color = (float3)(0.0f);  // test_opencl_text.py:58
+    for (int i = 0; i < 4; i += 1) {  // test_opencl_text.py:59
+        if (sh_floormod_i(i, 3) == 0) {  // test_opencl_text.py:60
+            continue;  // test_opencl_text.py:61
+        }
+        float3 t = shade(normalize3(n), p, sky);  // test_opencl_text.py:62
+        color += t * heights[sh_at2((int2)(i, i + 1u), heights_size)];
+    }
+    if (p.x > 1.0f) {  // test_opencl_text.py:63
+        color = vload3(clamp(convert_int_sat(p.y), 0, palette_size - 1), palette);  // test_opencl_text.py:64
+    } else if (p.y > 1.0f) {  // test_opencl_text.py:65
+        color = p > 0.0f ? color : (float3)(0.25f);  // test_opencl_text.py:66
+    } else {
+        color.z = sh_min(sh_max(p.z, 0.0f), 1.0f);  // test_opencl_text.py:68
+    }
+    vstore3(color, element, result_out);  // test_opencl_text.py:69
+}

@@ -1,0 +1,87 @@
+"""The command `shpy`: what it says of a machine where everything, or hardly anything, is installed."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import cli
+
+
+def test_doctor_names_every_backend_with_its_devices(capsys):
+    assert cli.main(["doctor", "--all"]) == 0
+    said = capsys.readouterr().out
+    for backend in sh.backends():
+        assert re.search(rf"^  {backend.name} +works$", said, re.MULTILINE)
+        assert backend.devices[0].name in said
+    assert "3 of 3 backends work; the default is" in said
+    assert np.__version__ in said
+
+
+NOTHING_INSTALLED = """
+import sys
+sys.modules["pyopencl"] = sys.modules["moderngl"] = None
+from shpy.cli import main
+print("status", main(["doctor"]), main(["doctor", "--all"]))
+"""
+
+
+def test_doctor_is_content_with_numpy_alone_and_names_the_cure():
+    done = subprocess.run([sys.executable, "-c", NOTHING_INSTALLED], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "1 of 3 backends work; the default is numpy" in done.stdout
+    assert "to mend it: pip install 'shpy-dsl[opencl]'" in done.stdout
+    assert "to mend it: pip install 'shpy-dsl[glsl]'" in done.stdout
+    assert "status 0 1" in done.stdout
+
+
+def test_doctor_finds_out_that_a_backend_gives_wrong_numbers(monkeypatch, capsys):
+    monkeypatch.setattr(sh.Kernel, "__call__", lambda self, x: np.zeros(5, np.float32))
+    assert cli.main(["doctor"]) == 1
+    assert "2 * x + 1 of 0 to 4 gave [0. 0. 0. 0. 0.]" in capsys.readouterr().out
+
+
+def test_doctor_survives_a_driver_that_fails(monkeypatch, capsys):
+    def fails(self, x):
+        raise OSError("the driver is gone")
+
+    monkeypatch.setattr(sh.Kernel, "__call__", fails)
+    assert cli.main(["doctor"]) == 1
+    assert "OSError: the driver is gone" in capsys.readouterr().out
+
+
+def test_doctor_lists_optional_packages_as_the_installed_package_declares_them(monkeypatch, capsys):
+    lines = ["numpy>=2", 'rich>=13; extra == "pretty"', 'nowhere-to-be-found; extra == "more"', 'x[a]; extra == "dev"']
+    declared = {"Provides-Extra": ["pretty", "more", "dev", "empty"], "Requires-Dist": lines}
+
+    class Metadata:
+        def get_all(self, key, default):
+            return declared.get(key, default)
+
+    monkeypatch.setattr(cli, "metadata", lambda name: Metadata())
+    monkeypatch.setattr(cli, "version", lambda name, version=cli.version: "1.2" if "shpy" in name else version(name))
+    assert cli.extras() == {"pretty": ["rich"], "more": ["nowhere-to-be-found"]}
+    cli.doctor()
+    said = capsys.readouterr().out
+    assert re.search(r"nowhere-to-be-found +missing", said)
+    assert "to install: pip install 'shpy-dsl[more]'" in said
+    assert "shpy-dsl[pretty]" not in said
+
+
+def test_version(monkeypatch, capsys):
+    monkeypatch.setattr(cli, "version", lambda name: "1.2.3")
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out == "shpy 1.2.3\n"
+
+
+@pytest.mark.parametrize("arguments", [[], ["surgeon"]])
+def test_what_is_not_understood_shows_the_usage(arguments, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments)
+    assert end.value.code == 2
+    assert "usage: shpy" in capsys.readouterr().err

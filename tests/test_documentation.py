@@ -1,0 +1,103 @@
+"""The code in the documents runs, prints what they say, and is emitted as they show it.
+
+In a document, a block `python` is run after those before it; a block `text` that follows is what it printed; a block
+`emitted BACKEND` is the text of the program that was recorded last; `<!-- operations -->` begins the table of
+operations. `pytest --update-snapshots` writes all of these anew.
+"""
+
+import contextlib
+import io
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import shpy as sh
+from shpy.ir.listing import table_of_operations
+
+ROOT = Path(__file__).parents[1]
+RUN = ["README.md", "docs/language.md"]
+FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
+OPERATIONS = re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL)
+
+
+@dataclass
+class Document:
+    """A document that is being run: what its code has defined, and what its last block printed."""
+
+    folder: Path
+    names: dict
+    printed: str = ""
+    count: int = 0
+
+    def block(self, match):
+        """What the block should hold."""
+        info, text = match["info"].split(), match["text"]
+        if info[1:2] == ["emitted"]:
+            return self.last_program().compile(info[2], lanes=1).source
+        if info[0] == "python":
+            self.run(text, info[1] if len(info) > 1 else f"block{self.count}.py")
+        return self.printed if info[0] == "text" else text
+
+    def run(self, text, name):
+        self.count += 1
+        path = self.folder / name
+        path.write_text(text)
+        shown = io.StringIO()
+        with contextlib.redirect_stdout(shown):
+            exec(compile(text, path, "exec"), self.names)
+        self.printed = "\n".join(line.rstrip() for line in shown.getvalue().replace(f"{self.folder}/", "").splitlines())
+        self.printed += "\n" if self.printed else ""
+
+    def last_program(self):
+        return [thing for thing in self.names.values() if isinstance(thing, sh.Program)][-1]
+
+
+def compared(path, found, update):
+    """Assert that the document reads like this, or make it so."""
+    if update:
+        assert not os.environ.get("CI"), "documents are not written in CI"
+        path.write_text(found)
+    assert path.read_text() == found, f"{path.name} is out of date: run pytest --update-snapshots {Path(__file__).name}"
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_the_code_runs_and_prints_what_the_document_says(name, tmp_path, monkeypatch, snapshots):
+    path = ROOT / name
+    monkeypatch.chdir(tmp_path)
+    document = Document(tmp_path, {"__name__": "document"})
+
+    def block(match):
+        return f"```{match['info']}\n{document.block(match).rstrip()}\n```".replace("\n\n```", "\n```")
+
+    found = FENCE.sub(block, path.read_text())
+    assert document.count > 2
+    compared(path, found, snapshots.update)
+
+
+def test_the_table_of_operations_is_that_of_the_code(snapshots):
+    path = ROOT / "docs/numerics.md"
+    text = path.read_text()
+    assert len(OPERATIONS.findall(text)) == 1
+    compared(path, OPERATIONS.sub(lambda _: f"\n{table_of_operations()}\n", text), snapshots.update)
+
+
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_to_files(path):
+    links = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", path.read_text())
+    assert [link for link in links if not (path.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize("script", ["scripts/setup", "scripts/test"])
+def test_the_two_commands_are_there(script):
+    assert script in (ROOT / "README.md").read_text()
+    assert os.access(ROOT / script, os.X_OK)
+
+
+def test_continuous_integration_runs_the_second_command():
+    assert (ROOT / ".ci/run").read_text().rstrip().endswith("scripts/test")

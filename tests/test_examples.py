@@ -1,0 +1,145 @@
+"""Every example runs on every backend, and what it shows is right."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem != "pictures")
+
+on_every_backend = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+
+def example(name):
+    return importlib.import_module(name)
+
+
+def test_no_example_goes_untested():
+    tested = Path(__file__).read_text()
+    assert NAMES
+    assert [name for name in NAMES if f'example("{name}")' not in tested] == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_are_short(name):
+    assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) < 80
+
+
+@pytest.mark.parametrize("name", ["life", "trace"])
+def test_examples_run_as_scripts(name, tmp_path):
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+@on_every_backend
+def test_mandelbrot(backend):
+    m = example("mandelbrot")
+    inside = m.mandelbrot.compile(backend)([(0, 0), (-1, 0), (-0.12, 0.74), (-0.6, 0)])
+    assert np.all(inside == m.TURNS)
+    leaving = m.mandelbrot.compile(backend)([(2, 2), (0.5, 0.5), (-2.1, 0)])
+    assert np.all(leaving < 12)
+    turns = m.mandelbrot.compile(backend)(m.points(60, 40))
+    np.testing.assert_array_equal(turns[:20] == m.TURNS, turns[:19:-1] == m.TURNS)  # the set mirrors in the real axis
+    picture = m.draw(60, 40, backend)
+    assert np.all(picture[turns == m.TURNS] == 0)
+    assert picture[turns < m.TURNS].sum(axis=-1).min() > 0
+
+
+@on_every_backend
+def test_bodies_attract_each_other_as_newton_says(backend):
+    m = example("nbody")
+    x, v, mass = m.galaxies(64)
+    before = mass @ v
+    advance = m.simulation(x, v, mass, 0.01, backend)
+    away = x[None] - x[:, None]
+    pull = (mass[:, None] * away / (np.sum(away**2, axis=-1, keepdims=True) + m.SOFTENING**2) ** 1.5).sum(axis=1)
+    moved, faster = advance()
+    np.testing.assert_allclose(faster, v + 0.01 * pull, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(moved, x + 0.01 * faster, rtol=1e-5, atol=1e-6)
+    for _ in range(50):
+        moved, faster = advance()
+    np.testing.assert_allclose(mass @ faster, before, atol=1e-4)
+    assert m.picture(moved, size=32).max() > 0.3
+
+
+@on_every_backend
+def test_planet(backend):
+    m = example("planet")
+    picture = m.draw(48, 48, backend)
+    assert picture.shape == (48, 48, 3)
+    assert np.isfinite(picture).all()
+    assert picture[:2, -2:].max() < 0.2  # space
+    assert picture[8:24, 8:24].mean() > 3 * picture[-14:, -14:].mean()  # the side that the light comes from
+    sea = m.sea_level.value
+    m.sea_level.value = 9  # all under water: no channel above the colours of water and clouds, and far less red
+    try:
+        drowned = m.draw(48, 48, backend)
+    finally:
+        m.sea_level.value = sea
+    assert drowned[..., 0].mean() < picture[..., 0].mean()
+
+
+@on_every_backend
+def test_blur(backend):
+    m = example("blur")
+    point = np.zeros((21, 21, 3), np.float32)
+    point[10, 10] = 1
+    spread = m.blurred(point, 5, backend)
+    np.testing.assert_allclose(spread.sum(axis=(0, 1)), 1, rtol=1e-5)
+    np.testing.assert_allclose(spread, spread[::-1, ::-1], atol=1e-7)
+    np.testing.assert_allclose(spread, spread.swapaxes(0, 1), atol=1e-7)
+    offsets = np.arange(-5, 6)
+    weights = np.exp(-0.5 * (offsets / 2.5) ** 2)
+    np.testing.assert_allclose(spread[5:16, 10, 0], weights * weights[5] / weights.sum() ** 2, atol=1e-6)
+    flat = np.full((8, 12, 3), 0.25, np.float32)
+    np.testing.assert_allclose(m.blurred(flat, 3, backend), flat, rtol=1e-6)
+
+
+@on_every_backend
+def test_life(backend):
+    m = example("life")
+    board = m.r_pentomino(32)
+    advance = m.game(board, backend)
+    for _ in range(30):
+        around = sum(np.roll(board, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)) - board
+        board = ((around == 3) | ((board == 1) & (around == 2))).astype(np.int32)
+        np.testing.assert_array_equal(advance(), board)
+
+
+@on_every_backend
+def test_algebra(backend):
+    m = example("algebra")
+    blue, red, marble, dented = np.split(m.draw(40, backend), 4, axis=1)
+    assert np.all(blue[0, 0] == 0)
+    assert blue[20, 14].argmax() == 2
+    assert red[20, 14].argmax() == 0
+    at = np.float32([[0.2, -0.3]])
+    normal = np.array([0.2, -0.3, np.sqrt(1 - 0.13)])
+    lit = 0.08 + 0.92 * max(normal @ np.array([-0.5, 0.6, 0.62]) / np.sqrt(0.25 + 0.36 + 0.3844), 0)
+    expected = np.array(m.blue.value) * lit
+    np.testing.assert_allclose(m.BALLS[0].compile(backend)(at)[0], expected, rtol=1e-4)
+    assert marble.std() > blue.std()
+    assert np.abs(dented - red).max() > 0.2
+
+
+def test_trace():
+    m = example("trace")
+    steps = m.cube_root.trace(a=2.0, start=0.01)
+    step, _ = m.jump(steps)
+    assert step.name in ("slope", "change", "x")
+    assert abs(float(steps[-1].value) - 2 ** (1 / 3)) < 1e-6
+    slope, change = (next(s for s in steps if s.name == name) for name in ("slope", "change"))
+    assert change.loc.line == slope.loc.line + 1
+    assert float(slope.value) == np.float32(3) * np.float32(0.01) * np.float32(0.01)
