@@ -209,3 +209,31 @@ def test_literals_mean_the_constant_at_its_precision(value: float) -> None:
         assert found.dtype == dtype
         np.testing.assert_array_equal(found[0], expected)
         assert np.signbit(found[0]) == np.signbit(expected)
+
+
+def test_loops_that_end_on_one_line_give_their_names_back_from_the_inside_out() -> None:
+    @sh.program
+    def nested(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+        total = sh.Attrib1f(0)
+        with SH_DO():
+            SH_BREAK(total >= a)
+            with SH_FOR(40):
+                total += b
+                SH_BREAK(total > a * b)
+        return total + a + b
+
+    a, b = np.arange(100, dtype=np.float32), np.arange(100, dtype=np.float32)[::-1] % 7 + 1
+    expected = []
+    for x, y in zip(a, b, strict=True):
+        total = np.float32(0)
+        while True:
+            if total >= x:
+                break
+            for _ in range(40):
+                total += y
+                if total > x * y:
+                    break
+        expected.append(total + x + y)
+    kernel = nested.compile("numpy")
+    assert "        a = all_a\n        b = all_b\n    a = all_a_2\n" in kernel.source
+    np.testing.assert_array_equal(kernel(a, b), expected)

@@ -66,7 +66,7 @@ def compacted(text: str, loops: Mapping[int, Compaction], varying: Iterable[str]
     assert isinstance(function, ast.FunctionDef)
     reader = _Reader(loops)
     reader.before(function.body, _NONE, _NONE, _NONE)
-    added: list[tuple[int, int, list[str]]] = []
+    added: list[tuple[int, int, int, list[str]]] = []  # first line, its rank, line after, what comes instead
     for number, found in reader.found.items():
         c = loops[number]
         mark, pad = found.loop.body[0], " " * found.loop.col_offset
@@ -78,11 +78,12 @@ def compacted(text: str, loops: Mapping[int, Compaction], varying: Iterable[str]
         head = [f"{pad}    if few({c.live}):", f"{pad}        {every} = compact({c.live}, {every})"]
         if found.stored & found.after & names - c.exits:
             head, saved, before = [], [], before[-1:]  # what a turn changes has no way out yet
-        added.append((found.loop.lineno - 1, found.loop.lineno - 1, before))
-        added.append((mark.lineno - 1, mark.lineno, head))
+        added.append((found.loop.lineno - 1, 1, found.loop.lineno - 1, before))
+        added.append((mark.lineno - 1, 1, mark.lineno, head))
         end = found.loop.end_lineno or 0
-        added.append((end, end, [f"{pad}{n} = {keep[n]}" for n in saved]))
-    for start, stop, new in sorted(added, key=lambda a: a[0], reverse=True):
+        added.append((end, -len(pad), end, [f"{pad}{n} = {keep[n]}" for n in saved]))
+    # From the last line to the first; of loops that end on one line the inner comes first.
+    for start, _, stop, new in sorted(added, key=lambda a: a[:2], reverse=True):
         lines[start:stop] = new
     return "\n".join(lines)
 
