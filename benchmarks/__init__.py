@@ -1,1 +1,1 @@
-"""Benchmarks: run each as a module, `python -m benchmarks.record`."""
+"""Benchmarks: `python -m benchmarks` runs shpy and every installed peer side by side; `__main__` has its options."""

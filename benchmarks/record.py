@@ -1,6 +1,6 @@
 """CPU time from Python to text, against the size of the program: recording, passes, printing; no driver.
 
-    python -m benchmarks.record
+    python -m benchmarks record
 
 The programs hold lines such as `x[:] = x * a + y`, every tenth in an `if`, every hundredth in a loop; a line makes
 about eleven statements of the IR. The time of a statement should not grow with their number. Then the ray tracer's

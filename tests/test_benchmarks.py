@@ -1,11 +1,96 @@
-"""The benchmark measures what it says it does; its limits hold by a wide margin on a small program."""
+"""The benchmarks measure what they say; without any peer, every backend gives numpy's answer at a small size."""
 
+import json
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks import record
+from benchmarks import __main__ as command
+from benchmarks import peers, record, report, rounds
+from benchmarks.work import TARGETS, Work, compare
+
+BY_HAND = ("masks", "compacted")
+
+
+@pytest.mark.parametrize("name", command.WORKS)
+def test_every_backend_gives_the_answer_of_numpy(name):
+    work = command.WORKS[name]
+    contenders = [*TARGETS, *BY_HAND]
+    measured = rounds.run(work, work.quick, contenders, rounds=0)
+    assert measured.failed == {}
+    assert list(measured.agreement) == [c for c in contenders if c in work.versions]
+    assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
+
+
+def toy(**versions):
+    work = Work("toy", "{size} numbers", lambda size: (np.arange(size),), 4, 4, within=0.01, share=0.25)
+    for name, factor in versions.items():
+        work.version(name)(lambda a, factor=factor: lambda: a * factor)
+    return work
+
+
+def test_contenders_take_turns():
+    work, calls = Work("toy", "", lambda size: (), 1, 1, within=0), []
+    for name in ("a", "b"):
+        work.version(name)(lambda name=name: lambda: calls.append(name) or 0)
+    measured = rounds.run(work, 1, ["a", "b"], rounds=3)
+    order = [name for k, name in enumerate(calls) if k == 0 or calls[k - 1] != name]
+    assert order == ["a", "b"] * 4
+    assert [len(s) for s in measured.seconds.values()] == [3, 3]
+
+
+def test_a_wrong_answer_is_found():
+    measured = rounds.run(toy(masks=1.0, numba=1.5), 4, ["masks", "numba"], rounds=0)
+    assert measured.agreement["masks"].same
+    assert not measured.agreement["numba"].same
+    assert measured.agreement["numba"].text == "5.0e-01, 75.00% beyond WRONG"
+    assert not measured.right
+
+
+def test_answers_are_compared_by_size_and_by_share():
+    work = toy()
+    assert compare(work, [100.0, 0, 0, 0], [100.9, 0.009, 0, 0]).same
+    assert compare(work, [1.0, 0, 0, np.inf], [5.0, 0, 0, np.inf]).same
+    assert not compare(work, [1.0, 1, 0, 0], [5.0, 5, 0, 0]).same
+    assert not compare(work, [np.nan, np.nan, 0, 0], [5.0, 5, 0, 0]).same
+    assert not compare(work, [0.0], [0.0, 0.0]).same
+
+
+def test_a_contender_that_fails_is_noted(capsys):
+    work = toy(masks=1.0)
+    work.version("numba")(lambda a: lambda: a.nothing)
+    measured = rounds.run(work, 4, ["masks", "numba"], rounds=1)
+    assert measured.failed == {"numba": "AttributeError: 'numpy.ndarray' object has no attribute 'nothing'"}
+    assert not measured.right
+    assert "numba failed: AttributeError" in report.table(measured)
+
+
+def test_a_missing_peer_is_named_with_its_cure(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    monkeypatch.setattr(peers.importlib.util, "find_spec", lambda name: None)
+    found, missing = peers.available(["masks", "numba"])
+    assert (found, missing) == (["masks"], {"numba": "pip install 'shpy-dsl[bench]'"})
+
+
+def test_the_command_prints_and_writes(tmp_path, capsys):
+    given = ["--only", "mandelbrot", "--targets", "numpy", "--peers", "masks,compacted", "--rounds", "1"]
+    files = ["--json", str(tmp_path / "a.json"), "--markdown", str(tmp_path / "a.md")]
+    assert command.main([*given, "--size", "16", *files]) == 0
+    printed = capsys.readouterr().out
+    assert "mandelbrot: Mandelbrot set, 16 x 16, at most 256 turns" in printed
+    work = json.loads((tmp_path / "a.json").read_text())["works"][0]
+    assert list(work["seconds"]) == ["numpy", "masks", "compacted"]
+    assert work["ratios"]["numpy"] == [1, 1, 1]
+    assert "| numpy, compacted by hand |" in (tmp_path / "a.md").read_text()
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(SystemExit, match="no work nothing; there are mandelbrot"):
+        command.main(["--only", "nothing"])
 
 
 def test_recording_and_every_text_is_measured():

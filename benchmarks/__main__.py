@@ -1,0 +1,103 @@
+"""Runs shpy and every installed peer side by side: `python -m benchmarks --help`.
+
+    python -m benchmarks                                  # everything: half an hour on two cores
+    python -m benchmarks --only mandelbrot,nbody --peers numba,drjit --rounds 9
+    python -m benchmarks --quick                          # small sizes, few rounds: does it work?
+    python -m benchmarks --json bench.json --plot bench.png --markdown bench.md
+    python -m benchmarks record                           # seconds of recording and printing alone
+
+The exit status is 1 if an answer is wrong or a contender fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from benchmarks import machine, peers, plot, record, report, rounds
+from benchmarks.kernels import mandelbrot
+from benchmarks.rounds import Measured
+from benchmarks.work import TARGETS, Work
+
+WORKS: dict[str, Work] = {w.name: w for w in (mandelbrot.WORK,)}
+
+
+def chosen(text: str | None, known: Any, what: str) -> list[str]:
+    """The names in a list with commas; all where there is none. Exits where a name is not known."""
+    names = text.split(",") if text else list(known)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        sys.exit(f"no {what} {', '.join(unknown)}; there are {', '.join(known)}")
+    return names
+
+
+def arguments(given: list[str] | None) -> argparse.Namespace:
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
+    parser.add_argument("what", nargs="?", choices=["all", "record"], default="all", help="record: recording alone")
+    parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join(WORKS)}")
+    parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
+    parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
+    parser.add_argument("--rounds", type=int, help="how often each is timed (default: 9, quick: 2)")
+    parser.add_argument("--size", type=int, help="a size other than a work's own")
+    parser.add_argument("--quick", action="store_true", help="small sizes")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
+    parser.add_argument("--plot", metavar="FILE", help="a picture (needs matplotlib)")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="the tables")
+    return parser.parse_args(given)
+
+
+def main(given: list[str] | None = None) -> int:
+    """Run the command; 1 if an answer was wrong or a contender failed."""
+    options = arguments(given)
+    if options.what == "record":
+        return record.main()
+    wanted = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
+    works = [WORKS[name] for name in chosen(options.only, WORKS, "work")]
+    targets = chosen(options.targets, TARGETS, "target")
+    found, missing = peers.available(wanted)
+    for name in found:
+        peers.start(name)
+    here = machine.describe(found)
+    print(report.heading(here, missing), end="\n\n")
+    results = measure(works, [*targets, *found], options)
+    print(report.means(results))
+    write(options, here, missing, results)
+    return 0 if all(m.right for m in results) else 1
+
+
+def measure(works: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:
+    """Measure each work and print its table at once."""
+    results = []
+    count = options.rounds or (2 if options.quick else 9)
+    for work in works:
+        size = options.size or (work.quick if options.quick else work.size)
+        results.append(rounds.run(work, size, contenders, count, progress))
+        progress("")
+        print(report.table(results[-1]), end="\n\n", flush=True)
+    return results
+
+
+def progress(text: str) -> None:
+    """One line that is written over, on a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def write(options: argparse.Namespace, here: dict[str, Any], missing: dict[str, str], results: list[Measured]) -> None:
+    """Write the files that were asked for."""
+    if options.json:
+        found = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
+        options.json.write_text(json.dumps(found, indent=1) + "\n")
+    if options.markdown:
+        parts = [report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
+        options.markdown.write_text("\n".join([*parts, *(report.markdown(m) for m in results)]))
+    if options.plot:
+        plot.draw(results, options.plot)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Who is compared with: which peers are installed, in which version, and what brings a missing one.
+
+found, missing = available(["drjit", "numba"])
+for name in found:
+    start(name)
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import glob
+import importlib
+import importlib.metadata
+import importlib.util
+import os
+from dataclasses import dataclass
+
+EXTRA = "pip install 'shpy-dsl[bench]'"
+LLVM = "apt install libllvm19   # or any libllvm from 16 on; DRJIT_LIBLLVM_PATH names another file"
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A peer: what to call it, the modules that it needs, and the distribution whose version is shown."""
+
+    label: str
+    modules: tuple[str, ...] = ()
+    distribution: str = "numpy"
+    llvm: bool = False
+
+    @property
+    def cure(self) -> str | None:
+        """The command that brings what is missing; None where nothing is."""
+        if any(importlib.util.find_spec(m) is None for m in self.modules):
+            return EXTRA
+        return LLVM if self.llvm and libllvm() is None else None
+
+    @property
+    def version(self) -> str:
+        """The installed version."""
+        return importlib.metadata.version(self.distribution)
+
+
+PEERS = {
+    "masks": Peer("numpy, plain masks"),
+    "compacted": Peer("numpy, compacted by hand"),
+    "drjit": Peer("Dr.Jit (LLVM)", ("drjit",), "drjit", llvm=True),
+    "taichi": Peer("Taichi", ("taichi",), "taichi"),
+    "warp": Peer("Warp", ("warp",), "warp-lang"),
+    "numba": Peer("numba", ("numba",), "numba"),
+    "jax": Peer("JAX", ("jax",), "jax"),
+    "mitsuba": Peer("Mitsuba 3 (llvm_ad_rgb)", ("mitsuba",), "mitsuba", llvm=True),
+    "whitted": Peer("Mitsuba 3, a tracer of its own", ("mitsuba",), "mitsuba", llvm=True),
+    "embreex": Peer("Embree (embreex)", ("embreex",), "embreex"),
+}
+
+
+def libllvm() -> str | None:
+    """The LLVM library that Dr.Jit can load, whose path is put where it looks for it; None if there is none.
+
+    It aborts the process with LLVM 15 and older, so the newest that is installed is chosen.
+    """
+    if "DRJIT_LIBLLVM_PATH" not in os.environ:
+        found = [p for p in glob.glob("/usr/lib/*/libLLVM*.so*") if _major(p) >= 16]
+        if not found and not (ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")):
+            return None
+        if found:
+            os.environ["DRJIT_LIBLLVM_PATH"] = max(found, key=_major)
+    return os.environ.get("DRJIT_LIBLLVM_PATH", "")
+
+
+def _major(path: str) -> int:
+    """The version in the name of a library: 19 for libLLVM-19.so and libLLVM.so.19.1."""
+    rest = os.path.basename(path).removeprefix("libLLVM").lstrip("-.").removeprefix("so.")
+    digits = rest.split(".")[0]
+    return int(digits) if digits.isdigit() else 0
+
+
+def start(name: str) -> None:
+    """Do what a peer asks for before its first use: its documentation's choice of a processor, and no chatter."""
+    if name == "taichi":
+        import taichi
+
+        taichi.init(taichi.cpu, log_level=taichi.ERROR)
+    elif name == "warp":
+        import warp
+
+        warp.config.quiet = True
+        warp.init()
+    elif name == "jax":
+        import jax
+
+        jax.config.update("jax_platforms", "cpu")
+    elif name in ("mitsuba", "whitted"):
+        import mitsuba
+
+        mitsuba.set_variant("llvm_ad_rgb")
+
+
+def available(names: list[str]) -> tuple[list[str], dict[str, str]]:
+    """The peers of these names that are there; and for each that is not, the command that brings it."""
+    cures = {name: PEERS[name].cure for name in names}
+    return [n for n in names if cures[n] is None], {n: c for n, c in cures.items() if c is not None}

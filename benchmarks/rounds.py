@@ -1,0 +1,98 @@
+"""Interleaved timing: every contender once, then every contender again, so that a busy moment hits all of them.
+
+    measured = run(MANDELBROT, 1024, ["opencl", "masks", "numba"], rounds=7)
+    measured.ratios("numba", "opencl")     # how many times as long numba took as opencl, one number a round
+
+Each contender is warmed up first, which compiles what is compiled; its answer is then compared with the reference. A
+sample is the mean over as many calls as take `ENOUGH` seconds. Between contenders there is a pause, in which the
+threads of the one before, which look for work for a while, fall asleep.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.work import Agreement, Run, Work, compare
+
+ENOUGH = 0.02
+PAUSE = 0.01
+
+
+@dataclass
+class Measured:
+    """What came of one work: seconds by contender, one for each round; how answers agree; who failed and why."""
+
+    work: Work
+    size: int
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    agreement: dict[str, Agreement] = field(default_factory=dict)
+    first: dict[str, float] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def right(self) -> bool:
+        """Whether all answers agree and nobody failed."""
+        return not self.failed and all(a.same for a in self.agreement.values())
+
+    def ratios(self, contender: str, base: str) -> np.ndarray:
+        """How many times as long `contender` took as `base`, one number a round."""
+        return np.divide(self.seconds[contender], self.seconds[base])
+
+    def median(self, contender: str) -> float:
+        """Its seconds."""
+        return float(np.median(self.seconds[contender]))
+
+
+def once(run: Run) -> float:
+    """Seconds of one call."""
+    started = time.perf_counter()
+    run()
+    return time.perf_counter() - started
+
+
+def sample(run: Run, calls: int) -> float:
+    """Mean seconds of some calls in a row."""
+    started = time.perf_counter()
+    for _ in range(calls):
+        run()
+    return (time.perf_counter() - started) / calls
+
+
+def run(
+    work: Work, size: int, contenders: Sequence[str], rounds: int, say: Callable[[str], None] = lambda _: None
+) -> Measured:
+    """Measure a work. A contender that raises is noted and left out."""
+    measured, ready = Measured(work, size), {}
+    inputs = work.inputs(size)
+    reference = np.array(work.versions["masks"](*inputs)()) if "masks" in work.versions else None
+    contenders = [c for c in contenders if c in work.versions]
+    for name in contenders:
+        say(f"{work.name}: {name}")
+        started = time.perf_counter()
+        try:
+            timed = work.versions[name](*inputs)
+            answer = timed()
+        except Exception as error:
+            measured.failed[name] = f"{type(error).__name__}: {error}".splitlines()[0]
+            traceback.print_exc(limit=-3)
+            continue
+        measured.first[name] = time.perf_counter() - started
+        answer = np.array(answer)
+        reference = answer if reference is None else reference
+        measured.agreement[name] = compare(work, answer, reference)
+        ready[name] = (timed, max(1, math.ceil(ENOUGH / max(min(once(timed), once(timed)), 1e-6))))
+        measured.seconds[name] = []
+    gc.collect()
+    for number in range(rounds):
+        say(f"{work.name}: round {number + 1} of {rounds}")
+        for name, (timed, calls) in ready.items():
+            time.sleep(PAUSE)
+            measured.seconds[name].append(sample(timed, calls))
+    return measured

@@ -1,0 +1,103 @@
+"""What a benchmark is: inputs, several versions of one computation, and when their answers count as the same.
+
+    MANDELBROT = Work("mandelbrot", "Mandelbrot set …", inputs=points, size=1024, quick=64, within=0, share=0.01)
+
+    @MANDELBROT.ours
+    def ours(compiled, c):                  # once for each target; `compiled(program)` gives a kernel
+        kernel = compiled(mandelbrot)
+        return lambda: kernel(c)
+
+    @MANDELBROT.version("numba")
+    def numba(c): …                         # gives what is timed: a function without arguments that gives the answer
+
+A version may do beforehand what is done once in a program's life: import, compile, build a table. What it is timed for
+begins with arrays in host memory and ends with an array in host memory, unless its docstring says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+
+Run = Callable[[], Any]
+Version = Callable[..., Run]
+
+TARGETS: dict[str, dict[str, Any]] = {
+    "opencl": {"backend": "opencl"},
+    "opencl-1": {"backend": "opencl", "lanes": 1},
+    "glsl": {"backend": "glsl"},
+    "numpy": {"backend": "numpy"},
+}
+"""How a program of ours is compiled, by the name of the contender."""
+
+
+@dataclass
+class Work:
+    """One computation in several versions.
+
+    `size` and `quick` are what `inputs` is called with. Answers agree if all but the `share` of their elements differ
+    from the reference by at most `within`, times the larger of 1 and the reference's magnitude. The reference is what
+    the version `masks` gives, or else the first that ran.
+    `each`: what is counted, and how many of it there are, for a rate (pixels, rays).
+    """
+
+    name: str
+    title: str
+    inputs: Callable[[int], tuple[Any, ...]]
+    size: int
+    quick: int
+    within: float
+    share: float = 0.0
+    note: str = ""
+    count: Callable[[int], int] | None = None
+    unit: str = ""
+    versions: dict[str, Version] = field(default_factory=dict)
+
+    def version(self, name: str) -> Callable[[Version], Version]:
+        """Decorate a peer's version."""
+
+        def keep(function: Version) -> Version:
+            self.versions[name] = function
+            return function
+
+        return keep
+
+    def ours(self, function: Version) -> Version:
+        """Decorate our version, which serves all targets: its first argument compiles a program."""
+        for name, options in TARGETS.items():
+            self.versions[name] = partial(function, partial(sh.Program.compile, **options))
+        return function
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How an answer compares with the reference: the largest difference, the share beyond what is allowed."""
+
+    largest: float
+    share: float
+    same: bool
+
+    @property
+    def text(self) -> str:
+        """For a table."""
+        beyond = f", {self.share:.2%} beyond" if self.share else ""
+        return f"{self.largest:.1e}{beyond}" + ("" if self.same else " WRONG")
+
+
+def compare(work: Work, answer: Any, reference: Any) -> Agreement:
+    """Judge an answer."""
+    found, wanted = (np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (answer, reference))
+    if found.shape != wanted.shape:
+        return Agreement(np.inf, 1.0, False)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(found - wanted) / np.maximum(1.0, np.abs(wanted))
+    off[(found == wanted) | (np.isnan(found) & np.isnan(wanted))] = 0.0
+    off[np.isnan(off)] = np.inf
+    share = float(np.mean(off > work.within)) if off.size else 0.0
+    return Agreement(float(off.max(initial=0.0)), share, share <= work.share)
