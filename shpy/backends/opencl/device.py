@@ -14,6 +14,7 @@ import os
 import threading
 import warnings
 from collections import defaultdict
+from collections.abc import Iterable
 from functools import cache, cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -22,7 +23,7 @@ import numpy as np
 
 from shpy.backends import store
 from shpy.backends.base import Array, Device
-from shpy.backends.opencl.packet_prologue import ELEMENTWISE, Abilities
+from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.tabledata import TableData
@@ -32,22 +33,16 @@ LOCAL_SIZE = 64
 PACKETS = 16
 """Packets of a group: each is as much work as many elements."""
 
-_REDUCE = """\
-__kernel void probe(__global int8 *a) {
-    a[0].x = __builtin_reduce_or(a[0]);
+_PROBES = {
+    "reduce": ("int8", "a[0].x = __builtin_reduce_or(a[0]);"),
+    "elementwise": (
+        "float8",
+        f"float8 x = a[0]; a[0] = {' + '.join(f'__builtin_elementwise_{name}(x)' for name in ELEMENTWISE.values())};",
+    ),
+    "shuffle": ("int8", "a[0] = __builtin_shufflevector(a[0], a[1], 0, 8, 1, 9, 2, 10, 3, 11);"),
+    **{f"signs{n}": (f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};") for n, text in SIGNS.items()},
 }
-"""
-_ELEMENTWISE = f"""\
-__kernel void probe(__global float8 *a) {{
-    float8 x = a[0];
-    a[0] = {" + ".join(f"__builtin_elementwise_{name}(x)" for name in ELEMENTWISE.values())};
-}}
-"""
-_SHUFFLE = """\
-__kernel void probe(__global int8 *a) {
-    a[0] = __builtin_shufflevector(a[0], a[1], 0, 8, 1, 9, 2, 10, 3, 11);
-}
-"""
+"""What a compiler may have besides OpenCL C: the type of `a`, and statements that need it."""
 _POOLED_BYTES = 1 << 28
 """Buffers that are kept for the next run, in bytes a device."""
 
@@ -226,12 +221,15 @@ class Machine:
 
     @cached_property
     def abilities(self) -> Abilities:
-        """What the compiler has besides OpenCL C."""
-        return Abilities(self._compiles(_REDUCE), self._compiles(_ELEMENTWISE), self._compiles(_SHUFFLE))
+        """What the compiler has besides OpenCL C; one that has all of it is asked but once."""
+        has = set(_PROBES) if self._compiles(_PROBES) else {name for name in _PROBES if self._compiles([name])}
+        signs = frozenset(n for n in SIGNS if f"signs{n}" in has)
+        return Abilities("reduce" in has, "elementwise" in has, "shuffle" in has, signs)
 
-    def _compiles(self, text: str) -> bool:
+    def _compiles(self, probes: Iterable[str]) -> bool:
+        texts = [f"__kernel void {p}(__global {_PROBES[p][0]} *a) {{\n    {_PROBES[p][1]}\n}}\n" for p in probes]
         try:
-            self.build(text)
+            self.build("\n".join(texts))
         except self.cl.Error:
             return False
         return True

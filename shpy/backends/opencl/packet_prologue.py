@@ -28,7 +28,7 @@ from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
 from shpy.backends.opencl.prologue import SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
-__all__ = ["ELEMENTWISE", "IN_REGISTERS", "Abilities", "PacketPrologue"]
+__all__ = ["ELEMENTWISE", "IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]
 
 IN_REGISTERS: Final = 8
 """Local arrays of so many elements at most are chosen from by comparing; longer ones are memory."""
@@ -36,14 +36,25 @@ IN_REGISTERS: Final = 8
 ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
 """Operations that Clang has as `__builtin_elementwise_floor` and so on."""
 
+SIGNS: Final = {
+    4: "__builtin_ia32_movmskps(as_float4(mask))",
+    8: "__builtin_ia32_movmskps256(as_float8(mask))",
+    16: "__builtin_ia32_cvtd2mask512(mask)",
+}
+"""By lanes: the signs of a mask as the bits of a number, which x86 makes in one instruction, or in none."""
+
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """What a compiler has besides OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`."""
+    """What a compiler has besides OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`.
+
+    `signs`: the widths of which it has the functions of SIGNS.
+    """
 
     reduce: bool = False
     elementwise: bool = False
     shuffle: bool = False
+    signs: frozenset[int] = frozenset()
 
 
 _TEXTS: Final = {
@@ -158,6 +169,8 @@ class PacketPrologue(Prologue):
 
     def _any(self) -> str:
         head = f"// Whether a lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
+        if self.lanes in self.abilities.signs:
+            return f"{head}    return {SIGNS[self.lanes]} != 0;\n}}"
         if self.abilities.reduce:
             return f"{head}    return __builtin_reduce_or(mask) != 0;\n}}"
         lines, width, name = [], self.lanes // 2, "a"

@@ -90,6 +90,12 @@ S {name}(T v, int i) {
     return {choice};
 }"""
 
+_NEAREST: Final = """\
+// The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
+int sh_at(int i, int size) {
+    return __builtin_expect((uint)i < (uint)size, 1) ? i : clamp(i, 0, size - 1);
+}"""
+
 _FLAT: Final = {
     2: """\
 // The place of an element, the nearest one for an index that is out of range.
@@ -143,7 +149,10 @@ class Prologue:
         return type.size > 1 and op in _BY_COMPONENT
 
     def flat_index(self, rank: int) -> str:
-        """Ask for the function that finds an element of a table of two or three axes."""
+        """Ask for the function that finds an element of a table of one, two or three axes."""
+        if rank == 1:
+            self._texts.setdefault("sh_at", _NEAREST)
+            return "sh_at"
         self._texts.setdefault(f"sh_at{rank}", _FLAT[rank])
         return f"sh_at{rank}"
 

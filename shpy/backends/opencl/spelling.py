@@ -248,14 +248,9 @@ class Spelling(CLike):
     # Tables and the grid
 
     def table(self, name: str, type: Type, index: Expr) -> Expr:
-        """`noise[clamp(i, 0, noise_size - 1)]`."""
-        table = self.tables[name]
+        """`noise[sh_at(i, noise_size)]`."""
         size = Expr(self.size_names[name])
-        if table.rank == 1:
-            last = ex.infix("-", Level.ADD, size, Expr("1"))
-            index = ex.call("clamp", index, Expr("0"), last)
-        else:
-            index = ex.call(self.prologue.flat_index(table.rank), index, size)
+        index = ex.call(self.prologue.flat_index(self.tables[name].rank), index, size)
         return self.read(ex.name(self.table_names[name]), index, type)
 
     def table_size(self, name: str) -> Expr:
