@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import machine, peers, plot, record, report, rounds
-from benchmarks.kernels import mandelbrot
+from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
 
-WORKS: dict[str, Work] = {w.name: w for w in (mandelbrot.WORK,)}
+KERNELS = [module.WORK for module in (mandelbrot, nbody, polynomial, shader, spheres, blur)]
+WORKS: dict[str, Work] = {w.name: w for w in KERNELS}
 
 
 def chosen(text: str | None, known: Any, what: str) -> list[str]:

@@ -1,0 +1,133 @@
+"""A polynomial by Horner's rule: no branches, as much arithmetic as memory can feed.
+
+Every version takes x (n,) in [-1, 1] and gives a polynomial of degree 31 there, (n,).
+"""
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.work import Work
+
+COEFFICIENTS = np.random.default_rng(1).normal(size=32).astype(np.float32)
+"""That of the highest power first."""
+
+
+def numbers(size):
+    return (np.linspace(-1, 1, size * size, dtype=np.float32),)
+
+
+WORK = Work(
+    "polynomial",
+    "A polynomial of degree 31 at {size} x {size} numbers",
+    inputs=numbers,
+    size=2048,
+    quick=64,
+    within=2e-5,
+)
+
+
+@WORK.ours
+def ours(compiled, x):
+    @sh.program
+    def polynomial(x: sh.Attrib1f) -> sh.Attrib1f:
+        total = sh.Attrib1f(0)
+        for c in COEFFICIENTS:
+            total[:] = sh.mad(total, x, c)
+        return total
+
+    kernel = compiled(polynomial)
+    return lambda: kernel(x)
+
+
+@WORK.version("masks")
+def masks(x):
+    def run():
+        total = np.full_like(x, COEFFICIENTS[0])
+        for c in COEFFICIENTS[1:]:
+            total *= x
+            total += c
+        return total
+
+    return run
+
+
+@WORK.version("drjit")
+def drjit(x):
+    import drjit as dr
+    from drjit.llvm import Float
+
+    def run():
+        given, total = Float(x), Float(0)
+        for c in COEFFICIENTS:
+            total = dr.fma(total, given, float(c))
+        return np.asarray(total)
+
+    return run
+
+
+@WORK.version("taichi")
+def taichi(x):
+    import taichi as ti
+
+    @ti.kernel
+    def kernel(x: ti.types.ndarray(dtype=ti.f32, ndim=1), out: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+        for i in out:
+            total = 0.0
+            for k in ti.static(range(len(COEFFICIENTS))):
+                total = total * x[i] + float(COEFFICIENTS[k])
+            out[i] = total
+
+    def run():
+        out = np.empty_like(x)
+        kernel(x, out)
+        return out
+
+    return run
+
+
+@WORK.version("warp")
+def warp(x):
+    import warp as wp
+
+    held = wp.array(COEFFICIENTS, dtype=wp.float32, device="cpu")
+
+    @wp.kernel
+    def kernel(x: wp.array(dtype=float), c: wp.array(dtype=float), out: wp.array(dtype=float)):
+        i = wp.tid()
+        total = wp.float32(0.0)
+        for k in range(32):
+            total = total * x[i] + c[k]
+        out[i] = total
+
+    def run():
+        out = wp.empty(len(x), dtype=float, device="cpu")
+        wp.launch(kernel, len(x), [wp.array(x, dtype=float, device="cpu", copy=False), held], [out], device="cpu")
+        return out.numpy()
+
+    return run
+
+
+@WORK.version("numba")
+def numba(x):
+    from numba import njit, prange
+
+    @njit(parallel=True, fastmath=True)
+    def kernel(x):
+        out = np.empty_like(x)
+        for i in prange(len(x)):
+            total = np.float32(0)
+            for c in COEFFICIENTS:
+                total = total * x[i] + c
+            out[i] = total
+        return out
+
+    return lambda: kernel(x)
+
+
+@WORK.version("jax")
+def jax(x):
+    import jax
+    import jax.numpy as jnp
+
+    kernel = jax.jit(lambda x: jnp.polyval(jnp.asarray(COEFFICIENTS), x, unroll=len(COEFFICIENTS)))
+    return lambda: np.asarray(kernel(x))
