@@ -2,6 +2,7 @@
 
     python -m benchmarks                                  # everything: half an hour on two cores
     python -m benchmarks --only mandelbrot,nbody --peers numba,drjit --rounds 9
+    python -m benchmarks --only primary,secondary --mesh bunny.obj
     python -m benchmarks --quick                          # small sizes, few rounds: does it work?
     python -m benchmarks --json bench.json --plot bench.png --markdown bench.md
     python -m benchmarks record                           # seconds of recording and printing alone
@@ -14,16 +15,33 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import machine, peers, plot, record, report, rounds
+from benchmarks import frames, machine, peers, plot, rays, record, report, rounds
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
+from raytracer import Mesh
+from raytracer.meshes.shapes import knot
 
-KERNELS = [module.WORK for module in (mandelbrot, nbody, polynomial, shader, spheres, blur)]
-WORKS: dict[str, Work] = {w.name: w for w in KERNELS}
+KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
+WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
+"""Their names."""
+
+
+def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
+    """The works of these names; those with triangles have the mesh's."""
+    known = KERNELS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
+    return [known[name] for name in names]
+
+
+def mesh_of(path: Path | None, quick: bool) -> Mesh:
+    """The mesh in a file; a knot of 70,400 triangles if there is none, of 1,440 if it is to be quick."""
+    if path is not None:
+        return Mesh.load(path)
+    return knot(segments=60, sides=12) if quick else knot(segments=880, sides=40)
 
 
 def chosen(text: str | None, known: Any, what: str) -> list[str]:
@@ -43,6 +61,7 @@ def arguments(given: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
     parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
     parser.add_argument("--rounds", type=int, help="how often each is timed (default: 9, quick: 2)")
+    parser.add_argument("--mesh", type=Path, metavar="FILE", help="OBJ, PLY, STL or GLB for rays and frames")
     parser.add_argument("--size", type=int, help="a size other than a work's own")
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
@@ -57,24 +76,24 @@ def main(given: list[str] | None = None) -> int:
     if options.what == "record":
         return record.main()
     wanted = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
-    works = [WORKS[name] for name in chosen(options.only, WORKS, "work")]
+    subjects = works(chosen(options.only, WORKS, "work"), mesh_of(options.mesh, options.quick))
     targets = chosen(options.targets, TARGETS, "target")
     found, missing = peers.available(wanted)
     for name in found:
         peers.start(name)
     here = machine.describe(found)
     print(report.heading(here, missing), end="\n\n")
-    results = measure(works, [*targets, *found], options)
+    results = measure(subjects, [*targets, *found], options)
     print(report.means(results))
     write(options, here, missing, results)
     return 0 if all(m.right for m in results) else 1
 
 
-def measure(works: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:
+def measure(subjects: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:
     """Measure each work and print its table at once."""
     results = []
     count = options.rounds or (2 if options.quick else 9)
-    for work in works:
+    for work in subjects:
         size = options.size or (work.quick if options.quick else work.size)
         results.append(rounds.run(work, size, contenders, count, progress))
         progress("")

@@ -79,13 +79,14 @@ def _major(path: str) -> int:
 def start(name: str) -> None:
     """Do what a peer asks for before its first use: its documentation's choice of a processor, and no chatter."""
     if name == "taichi":
+        os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
         import taichi
 
         taichi.init(taichi.cpu, log_level=taichi.ERROR)
     elif name == "warp":
         import warp
 
-        warp.config.quiet = True
+        warp.config.log_level = warp.LOG_ERROR
         warp.init()
     elif name == "jax":
         import jax

@@ -70,9 +70,17 @@ class Work:
 
     def ours(self, function: Version) -> Version:
         """Decorate our version, which serves all targets: its first argument compiles a program."""
-        for name, options in TARGETS.items():
-            self.versions[name] = partial(function, partial(sh.Program.compile, **options))
-        return function
+        return self.ours_on(*TARGETS)(function)
+
+    def ours_on(self, *targets: str) -> Callable[[Version], Version]:
+        """Decorate our version for some targets."""
+
+        def keep(function: Version) -> Version:
+            for name in targets:
+                self.versions[name] = partial(function, partial(sh.Program.compile, **TARGETS[name]))
+            return function
+
+        return keep
 
 
 @dataclass(frozen=True)

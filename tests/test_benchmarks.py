@@ -12,17 +12,40 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks import __main__ as command
 from benchmarks import peers, record, report, rounds
 from benchmarks.work import TARGETS, Work, compare
+from raytracer.meshes.shapes import knot
 
 BY_HAND = ("masks", "compacted")
 
 
-@pytest.mark.parametrize("name", command.WORKS)
+@pytest.fixture(scope="module")
+def mesh():
+    return knot(segments=24, sides=6)
+
+
+@pytest.mark.parametrize("name", command.KERNELS)
 def test_every_backend_gives_the_answer_of_numpy(name):
-    work = command.WORKS[name]
+    work = command.KERNELS[name]
     contenders = [*TARGETS, *BY_HAND]
     measured = rounds.run(work, work.quick, contenders, rounds=0)
     assert measured.failed == {}
     assert list(measured.agreement) == [c for c in contenders if c in work.versions]
+    assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
+
+
+@pytest.mark.parametrize("name", ["primary", "secondary-any"])
+def test_rays_find_the_same_on_every_backend(name, mesh):
+    (work,) = command.works([name], mesh)
+    measured = rounds.run(work, 16, [*TARGETS], rounds=0)
+    assert measured.failed == {}
+    assert list(measured.agreement) == ["opencl", "opencl-1", "glsl"]
+    assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
+
+
+def test_frames_are_the_same_on_every_backend(mesh):
+    (work,) = command.works(["frame-1024"], mesh)
+    measured = rounds.run(work, 16, [*TARGETS], rounds=0)
+    assert measured.failed == {}
+    assert list(measured.agreement) == ["opencl", "glsl"]
     assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
 
 
@@ -89,7 +112,7 @@ def test_the_command_prints_and_writes(tmp_path, capsys):
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(SystemExit, match="no work nothing; there are mandelbrot"):
+    with pytest.raises(SystemExit, match="no work nothing; there are mandelbrot, nbody"):
         command.main(["--only", "nothing"])
 
 

@@ -1,0 +1,155 @@
+"""Whole frames: a mesh on a mirror under a point light, one bounce, shadows, against Mitsuba.
+
+    for work in works(mesh):
+        ...
+
+All draw the same picture, which is why the mesh is matt, flat and grey, the floor a perfect mirror without a colour of
+its own, the background black, and the light so far away that its falloff cannot be seen. Mitsuba's `path` integrator
+does more than that: it also follows light from one part of the mesh to another, which it cannot be told not to. A
+tracer of its own, written with its Python interface, does exactly what ours does. One ray a pixel: ours through the
+middle, Mitsuba's `path` anywhere in it, so pictures are compared by the means of squares of 8 pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from benchmarks.rays import mitsuba_eye_rays, mitsuba_mesh
+from benchmarks.work import Work
+from raytracer import Camera, Material, Mesh, PointLight, Scene
+from raytracer.meshes.shapes import floor
+from raytracer.renderer import Renderer
+
+NAMES = ("frame-256", "frame-1024")
+MATT = Material(color=(0.5, 0.5, 0.5), diffuse=1.0, specular=0.0)
+MIRROR = Material(color=(0.0, 0.0, 0.0), diffuse=0.0, specular=0.0, reflectivity=1.0)
+SQUARE = 8
+
+
+def works(mesh: Mesh) -> list[Work]:
+    """The two works of a mesh."""
+    return [_work(mesh, size) for size in (256, 1024)]
+
+
+def _work(mesh: Mesh, size: int) -> Work:
+    work = Work(
+        f"frame-{size}",
+        f"{mesh.name}, {len(mesh):,} triangles, on a mirror, one light, {{size}} x {{size}} pixels",
+        inputs=lambda size: (size,),
+        size=size,
+        quick=32 if size == 256 else 64,
+        within=0.06,
+        share=0.03,
+        note="`path` also follows light between the mesh's own parts; the tracer of its own does what ours does.",
+    )
+    slow = ("numpy",) if size == 256 else ()
+    work.ours_on("opencl", "glsl", *slow)(partial(_ours, mesh=mesh))
+    work.version("mitsuba")(partial(_mitsuba_path, mesh=mesh))
+    work.version("whitted")(partial(_mitsuba_whitted, mesh=mesh))
+    return work
+
+
+@cache
+def scene_of(mesh: Mesh, lights: int = 1) -> Scene:
+    """The mesh on its mirror, as ours."""
+    low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
+    middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    ground = floor(40 * radius, MIRROR).moved((float(middle[0]), float(low[1]) - 1e-3 * radius, float(middle[2])))
+    directions = [(math.sin(1 - 0.7 * k), 1.2, math.cos(1 - 0.7 * k)) for k in range(lights)]
+    places = [middle + 300 * radius * np.asarray(d) for d in directions]
+    point_lights = [PointLight((p[0], p[1], p[2]), (1.0 / lights,) * 3) for p in np.array(places).tolist()]
+    plain = replace(mesh, normals=None, colors=None, material=MATT)
+    camera = Camera.framing(low, high)
+    return Scene((plain, ground), point_lights, camera, background=(0, 0, 0), ambient=0.0)
+
+
+def squares(pixels: np.ndarray) -> np.ndarray:
+    """The means (h, w, 3) of squares of pixels."""
+    n = len(pixels) // SQUARE
+    return pixels.reshape(n, SQUARE, n, SQUARE, 3).mean(axis=(1, 3))
+
+
+def _ours(compiled: Any, size: int, mesh: Mesh) -> Any:
+    renderer = Renderer(scene_of(mesh), backend=compiled.keywords["backend"], bounces=1)
+    return lambda: squares(renderer.render((size, size)).pixels)
+
+
+@cache
+def _mitsuba_scene(mesh: Mesh) -> Any:
+    import mitsuba as mi
+
+    scene = scene_of(mesh)
+    plain, ground = scene.meshes
+    surfaces: list[Any] = [
+        {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(MATT.color)}}},
+        {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}},
+    ]
+    made = []
+    for part, surface in zip((plain, ground), surfaces, strict=True):
+        properties = mi.Properties()
+        properties["bsdf"] = mi.load_dict(surface)
+        properties["face_normals"] = True
+        made.append(mitsuba_mesh(part, properties))
+    camera, light = scene.camera, scene.lights[0]
+    assert camera is not None
+    assert isinstance(light, PointLight)
+    square = float(np.sum((np.asarray(light.position) - camera.target) ** 2))
+    return mi.load_dict({
+        "type": "scene",
+        "mesh": made[0],
+        "floor": made[1],
+        "light": {
+            "type": "point",
+            "position": list(light.position),
+            "intensity": {"type": "rgb", "value": [math.pi * square * c for c in light.color]},
+        },
+    })  # fmt: skip
+
+
+def _mitsuba_path(size: int, mesh: Mesh) -> Any:
+    import mitsuba as mi
+
+    scene, camera = _mitsuba_scene(mesh), scene_of(mesh).camera
+    assert camera is not None
+    places = [mi.ScalarPoint3f(*v) for v in (camera.position, camera.target)]
+    sensor = mi.load_dict({
+        "type": "perspective",
+        "fov": camera.fov,
+        "fov_axis": "smaller",
+        "to_world": mi.ScalarTransform4f().look_at(*places, mi.ScalarVector3f(*camera.up)),
+        "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+        "sampler": {"type": "independent"},
+    })  # fmt: skip
+    integrator = mi.load_dict({"type": "path", "max_depth": 3, "rr_depth": 100})
+    return lambda: squares(np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1))[..., :3])
+
+
+def _mitsuba_whitted(size: int, mesh: Mesh) -> Any:
+    import drjit as dr
+    import mitsuba as mi
+
+    scene = _mitsuba_scene(mesh)
+    light = scene_of(mesh).lights[0]
+    assert isinstance(light, PointLight)
+    mirror = scene.shapes()[1]
+    place = mi.Point3f(*light.position)
+
+    def run() -> np.ndarray:
+        seen = scene.ray_intersect(mitsuba_eye_rays(mesh, size), mi.RayFlags.Minimal, coherent=True)
+        mirrored = seen.is_valid() & (seen.shape == mi.ShapePtr(mirror))
+        ray = seen.spawn_ray(mi.reflect(-mitsuba_eye_rays(mesh, size).d, seen.n))
+        again = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=True, active=mirrored)
+        seen = dr.select(mirrored, again, seen)
+        toward = dr.normalize(place - seen.p)
+        cosine = dr.dot(seen.n, toward)
+        lit = seen.is_valid() & (seen.shape != mi.ShapePtr(mirror)) & (cosine > 0)
+        lit &= ~scene.ray_test(seen.spawn_ray_to(place), coherent=True, active=lit)
+        value = dr.select(lit, 0.5 * cosine, 0)
+        return squares(np.asarray(value).reshape(size, size, 1).repeat(3, axis=2))
+
+    return run

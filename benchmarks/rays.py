@@ -1,0 +1,189 @@
+"""Rays against the triangles of a mesh: coherent and incoherent ones, the closest hit and any hit.
+
+    for work in works(mesh):
+        ...
+
+Primary rays leave a camera that sees the whole mesh, one a pixel, and are made where they are traced. Secondary rays
+start where primary ones hit and leave in random directions on that side of the surface; they are given as arrays, which
+Mitsuba holds on its side already. The answer is the distance of the hit, infinite for none; or whether there is one.
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.work import Work
+from raytracer import Camera, Intersector, Mesh
+from raytracer.accel.choice import build
+from raytracer.kernels.walk import walk_through
+from raytracer.layout import triangle_rows
+
+NAMES = ("primary", "primary-any", "secondary", "secondary-any")
+CURES = "Rays that graze an edge may miss it."
+
+
+def works(mesh: Mesh) -> list[Work]:
+    """The four works of a mesh."""
+    return [_work(mesh, name) for name in NAMES]
+
+
+def _work(mesh: Mesh, name: str) -> Work:
+    primary, any_hit = name.startswith("primary"), name.endswith("any")
+    rays = "coherent rays from the eye" if primary else "rays from surfaces in random directions"
+    hit = "any hit" if any_hit else "the closest hit"
+    work = Work(
+        name,
+        f"{{size}} x {{size}} {rays}, {hit}, {len(mesh):,} triangles of {mesh.name}",
+        inputs=(lambda size: (size,)) if primary else (lambda size: secondary_rays(mesh, size)),
+        size=1024 if primary else 512,
+        quick=32,
+        within=1e-3,
+        share=1e-3,
+        note=CURES,
+    )
+    ours = _ours_primary if primary else _ours_given
+    work.ours_on("opencl", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
+    work.version("mitsuba")(partial(_mitsuba_primary if primary else _mitsuba_given, mesh=mesh, any_hit=any_hit))
+    work.version("embreex")(partial(_embreex, mesh=mesh, any_hit=any_hit))
+    return work
+
+
+def view(mesh: Mesh, size: int) -> Any:
+    """The camera's vectors."""
+    corners = mesh.corners.reshape(-1, 3)
+    return Camera.framing(corners.min(axis=0), corners.max(axis=0)).view(size, size)
+
+
+def primary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and unit directions (size * size, 3) of the rays from the eye."""
+    eye, corner, across, down = view(mesh, size)
+    row, column = np.mgrid[:size, :size].reshape(2, -1, 1) + 0.5
+    rays = corner + column * across + row * down
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.broadcast_to(eye, rays.shape).astype(np.float32), rays.astype(np.float32)
+
+
+@cache
+def secondary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and unit directions, one for each primary ray that hits."""
+    eye, ray = primary_rays(mesh, size)
+    backend = "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
+    found = Intersector(mesh, backend=backend).intersect(eye, ray)
+    hit = found.triangle >= 0
+    normal = mesh.face_normals[found.triangle[hit]]
+    normal *= np.where(np.sum(normal * ray[hit], axis=1) > 0, -1, 1)[:, None]
+    away = np.random.default_rng(1).normal(size=normal.shape)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    away *= np.where(np.sum(normal * away, axis=1) < 0, -1, 1)[:, None]
+    radius = np.linalg.norm(np.ptp(mesh.corners.reshape(-1, 3), axis=0))
+    start = eye[hit] + found.t[hit, None] * ray[hit] + 1e-4 * radius * normal
+    return start.astype(np.float32), away.astype(np.float32)
+
+
+@cache
+def _structure(mesh: Mesh) -> tuple[Any, np.ndarray]:
+    return build("bvh", mesh.corners), triangle_rows(mesh.corners, mesh.face_normals)
+
+
+def _answer(hit: Any, any_hit: bool) -> Any:
+    return sh.cond(hit.id >= 0, 1.0, 0.0) if any_hit else sh.cond(hit.id >= 0, hit.l, np.inf)
+
+
+def _ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
+    walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
+    eye, corner, across, down = (tuple(v) for v in view(mesh, size))
+
+    @sh.program
+    def primary() -> sh.Attrib1f:
+        row, column = sh.grid_index(2)
+        ray = sh.normalize(sh.Vector3f(*corner) + (column + 0.5) * across + (row + 0.5) * down)
+        return _answer(walk(ray, sh.Point3f(*eye), 0.0, sh.Attrib1f(1e30), any_hit), any_hit)
+
+    kernel = compiled(primary, loop_limit=None)
+    return lambda: kernel(shape=(size, size))
+
+
+def _ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
+    walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
+
+    @sh.program
+    def secondary(eye: sh.Point3f, ray: sh.Vector3f) -> sh.Attrib1f:
+        return _answer(walk(ray, eye, 0.0, sh.Attrib1f(1e30), any_hit), any_hit)
+
+    kernel = compiled(secondary, loop_limit=None)
+    return lambda: kernel(origins, directions)
+
+
+def mitsuba_mesh(mesh: Mesh, properties: Any = None) -> Any:
+    """The mesh as Mitsuba's, with flat faces."""
+    import mitsuba as mi
+
+    made = mi.Mesh(mesh.name, len(mesh.vertices), len(mesh.faces), props=properties or mi.Properties())
+    held = mi.traverse(made)
+    held["vertex_positions"] = np.float32(mesh.vertices).ravel()
+    held["faces"] = np.uint32(mesh.faces).ravel()
+    held.update()
+    return made
+
+
+@cache
+def _mitsuba_scene(mesh: Mesh) -> Any:
+    import mitsuba as mi
+
+    return mi.load_dict({"type": "scene", "mesh": mitsuba_mesh(mesh)})
+
+
+def _traced(scene: Any, ray: Any, coherent: bool, any_hit: bool) -> np.ndarray:
+    if any_hit:
+        return np.asarray(scene.ray_test(ray, coherent=coherent))
+    return np.asarray(scene.ray_intersect_preliminary(ray, coherent=coherent).t)
+
+
+def mitsuba_eye_rays(mesh: Mesh, size: int) -> Any:
+    """The rays from the eye, not computed yet."""
+    import drjit as dr
+    import mitsuba as mi
+
+    eye, corner, across, down = (mi.Vector3f(*v.tolist()) for v in view(mesh, size))
+    i = dr.arange(mi.UInt32, size * size)
+    row, column = mi.Float(i // size) + 0.5, mi.Float(i % size) + 0.5
+    return mi.Ray3f(mi.Point3f(eye), dr.normalize(corner + column * across + row * down))
+
+
+def _mitsuba_primary(size: int, mesh: Mesh, any_hit: bool) -> Any:
+    scene = _mitsuba_scene(mesh)
+    return lambda: _traced(scene, mitsuba_eye_rays(mesh, size), True, any_hit).reshape(size, size)
+
+
+def _mitsuba_given(origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
+    import drjit as dr
+    import mitsuba as mi
+
+    scene = _mitsuba_scene(mesh)
+    ray = mi.Ray3f(mi.Point3f(origins.T), mi.Vector3f(directions.T))
+    dr.eval(ray)
+    return lambda: _traced(scene, ray, False, any_hit)
+
+
+def _embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
+    """One thread, rays one by one, which is what its Python interface offers; primary rays are made beforehand."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    scene = EmbreeScene()
+    held = TriangleMesh(scene, np.float32(mesh.corners))
+    shape = (rays[0], rays[0]) if len(rays) == 1 else (-1,)
+    eye, ray = primary_rays(mesh, rays[0]) if len(rays) == 1 else rays
+
+    def run() -> np.ndarray:
+        assert held is not None  # the scene does not hold it itself
+        if any_hit:
+            return (scene.run(eye, ray, query="OCCLUDED") >= 0).reshape(shape)
+        distance = scene.run(eye, ray, query="DISTANCE")
+        return np.where(distance >= 1e36, np.inf, distance).reshape(shape)
+
+    return run
