@@ -16,6 +16,7 @@ from shpy import host
 from shpy.backends.base import Backend, Call, Executable, Options
 from shpy.backends.dump import dump
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
+from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Let, Status
 from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
@@ -51,7 +52,8 @@ class Kernel:
         dump("ir", recorded.module.name, lambda: str(recorded.module))
         found = _executables.get(key)
         if found is None:
-            found = backend.compile(recorded.module, options)
+            with uncollected():
+                found = backend.compile(recorded.module, options)
             while len(_executables) >= _KEPT:
                 _executables.pop(next(iter(_executables)))
             _executables[key] = found

@@ -10,6 +10,11 @@ def pytest_addoption(parser):
     parser.addoption("--update-snapshots", action="store_true", help="write the golden texts anew (never in CI)")
 
 
+def pytest_collection_modifyitems(items):
+    """What runs longest goes first, so that no worker is left alone with it at the end."""
+    items.sort(key=lambda item: "test_generated" not in item.nodeid)
+
+
 class Snapshots:
     """Golden texts under tests/snapshots: a missing or different one fails, unless they are being updated."""
 

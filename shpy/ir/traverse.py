@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import chain
 
 from shpy.ir.nodes import Break, Call, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import LANE_OPS
@@ -31,6 +32,9 @@ __all__ = [
     "walk",
 ]
 
+_LEAVES = (Let, Store)
+"""Nearly all statements."""
+
 
 def regions_of(statement: Stmt) -> tuple[Region, ...]:
     """The regions directly inside a statement: then, orelse; or body, continuing; or none."""
@@ -46,12 +50,14 @@ def walk(region: Region) -> Iterator[Stmt]:
     """Every statement in the region and in those nested in it, in program order."""
     pending: list[Iterator[Stmt]] = [iter(region)]
     while pending:
-        statement = next(pending[-1], None)
-        if statement is None:
+        for statement in pending[-1]:
+            yield statement
+            inner = () if isinstance(statement, _LEAVES) else regions_of(statement)
+            if inner:
+                pending.append(chain.from_iterable(inner))
+                break
+        else:
             pending.pop()
-            continue
-        yield statement
-        pending.extend(iter(r) for r in reversed(regions_of(statement)) if r)
 
 
 def map_regions(statement: Stmt, f: Callable[[Region], Region]) -> Stmt:

@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from types import FrameType
 
 from shpy.ir.nodes import Loc
@@ -50,6 +51,7 @@ def user_frame() -> FrameType | None:
     return None
 
 
+@lru_cache(maxsize=1024)
 def loc_in(file: str, line: int) -> Loc:
     """A line of a file of Python."""
     return Loc(_LIBRARY_SHOWN if file == _LIBRARY else file, line)

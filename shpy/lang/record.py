@@ -14,6 +14,7 @@ from typing import Any
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir import nodes
+from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Loc, Module, Port, Store
 from shpy.ir.verifier import verify
@@ -63,7 +64,7 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     check_source(function, is_value=is_value)
     types = _input_types(function, loc)
     title: str = name or str(getattr(plain_function(function), "__name__", "program"))
-    with recording("program" if title == "<lambda>" else title, loc) as made:
+    with uncollected(), recording("program" if title == "<lambda>" else title, loc) as made:
         hint = hints_of(function).get("return")
         layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
         return record_body(made, types, layout, lambda given: _called(function, given), return_loc(function))

@@ -98,11 +98,13 @@ class Rewriter:
     def statement(self, statement: Stmt) -> None:
         """Hand a statement to its hook, aliases applied."""
         use = self.alias.get
+        if isinstance(statement, Let):  # nearly always, and faster than a pattern
+            self.loc = statement.value.loc
+            args = statement.args
+            new = tuple([use(a, a) for a in args])
+            self.let(statement if new == args else Let(statement.value, statement.op, new, statement.attr))
+            return
         match statement:
-            case Let(value, op, args, attr):
-                self.loc = value.loc
-                new = tuple([use(a, a) for a in args])
-                self.let(statement if new == args else Let(value, op, new, attr))
             case Store(variable, stored, components, index, loc):
                 self.loc = loc
                 at = None if index is None else use(index, index)

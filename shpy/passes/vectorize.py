@@ -217,8 +217,8 @@ class _Vectorizer(ExitBuilder):
                 slot = self.array(variable) if variable in self.arrays else self.current(variable)
                 varying = varying or slot.id in self.slots.varying
                 s = replace(s, args=args, attr=slot.id)
-            case _:
-                s = replace(s, args=args)
+            case Let(value, op, old, attr) if args != old:
+                s = Let(value, op, args, attr)
         self.b.append(s)
         if varying:
             self.varying.add(s.value.id)

@@ -14,7 +14,7 @@ from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from property.programs import elements, programs
 from property.syntax import Block, Do, Exit, For, If, Program, While, source
 
-SHARD = 100
+SHARD = 25
 INPUTS = elements(16)
 
 quietly = settings(
@@ -38,24 +38,24 @@ def agree(shard: int, *, endless: bool) -> None:
     run()
 
 
-@pytest.mark.parametrize("shard", range(3))
+@pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int) -> None:
     agree(shard, endless=False)
 
 
-@pytest.mark.parametrize("shard", range(2))
+@pytest.mark.parametrize("shard", range(8))
 def test_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
     agree(shard, endless=True)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shard", range(1000, 1035))
+@pytest.mark.parametrize("shard", range(1000, 1140))
 def test_many_programs_agree(shard: int) -> None:
     agree(shard, endless=False)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shard", range(1000, 1015))
+@pytest.mark.parametrize("shard", range(1000, 1060))
 def test_many_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
     agree(shard, endless=True)
 
