@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import frames, machine, peers, plot, rays, record, report, rounds
+from benchmarks import frames, machine, peers, plot, rays, record, report, rounds, startup, studies
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
@@ -28,7 +28,9 @@ from raytracer.meshes.shapes import knot
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
-"""Their names."""
+"""The names of what is run side by side."""
+STUDIES = studies.STUDIES | {"compiling": startup.compiling, "starting": startup.starting}
+"""What is measured of ours alone, mostly."""
 
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
@@ -57,7 +59,7 @@ def arguments(given: list[str] | None) -> argparse.Namespace:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
     parser.add_argument("what", nargs="?", choices=["all", "record"], default="all", help="record: recording alone")
-    parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join(WORKS)}")
+    parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join((*WORKS, *STUDIES))}")
     parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
     parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
     parser.add_argument("--rounds", type=int, help="how often each is timed (default: 9, quick: 2)")
@@ -76,7 +78,9 @@ def main(given: list[str] | None = None) -> int:
     if options.what == "record":
         return record.main()
     wanted = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
-    subjects = works(chosen(options.only, WORKS, "work"), mesh_of(options.mesh, options.quick))
+    names = chosen(options.only, (*WORKS, *STUDIES), "work")
+    mesh = mesh_of(options.mesh, options.quick)
+    subjects = works([n for n in names if n in WORKS], mesh)
     targets = chosen(options.targets, TARGETS, "target")
     found, missing = peers.available(wanted)
     for name in found:
@@ -85,7 +89,13 @@ def main(given: list[str] | None = None) -> int:
     print(report.heading(here, missing), end="\n\n")
     results = measure(subjects, [*targets, *found], options)
     print(report.means(results))
-    write(options, here, missing, results)
+    tables = []
+    for name in (n for n in names if n in STUDIES):
+        progress(name)
+        tables.append(STUDIES[name](mesh, options.quick))
+        progress("")
+        print(tables[-1].markdown(), flush=True)
+    write(options, here, missing, results, tables)
     return 0 if all(m.right for m in results) else 1
 
 
@@ -107,15 +117,23 @@ def progress(text: str) -> None:
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
-def write(options: argparse.Namespace, here: dict[str, Any], missing: dict[str, str], results: list[Measured]) -> None:
+def write(
+    options: argparse.Namespace,
+    here: dict[str, Any],
+    missing: dict[str, str],
+    results: list[Measured],
+    tables: list[studies.Table],
+) -> None:
     """Write the files that were asked for."""
     if options.json:
         found = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
+        found["studies"] = [vars(table) for table in tables]
         options.json.write_text(json.dumps(found, indent=1) + "\n")
     if options.markdown:
         parts = [report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
-        options.markdown.write_text("\n".join([*parts, *(report.markdown(m) for m in results)]))
-    if options.plot:
+        parts += [*(report.markdown(m) for m in results), *(t.markdown() for t in tables)]
+        options.markdown.write_text("\n".join(parts))
+    if options.plot and results:
         plot.draw(results, options.plot)
 
 

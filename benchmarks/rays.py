@@ -3,9 +3,10 @@
     for work in works(mesh):
         ...
 
-Primary rays leave a camera that sees the whole mesh, one a pixel, and are made where they are traced. Secondary rays
-start where primary ones hit and leave in random directions on that side of the surface; they are given as arrays, which
-Mitsuba holds on its side already. The answer is the distance of the hit, infinite for none; or whether there is one.
+Primary rays leave a camera that sees the whole mesh, one a pixel; ours makes them in the kernel. Secondary rays start
+where primary ones hit and leave in random directions on that side of the surface; ours are given as arrays. Mitsuba and
+embreex hold both kinds as arrays of their own already. The answer is the distance of the hit, infinite for none; or
+whether there is one.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from raytracer.kernels.walk import walk_through
 from raytracer.layout import triangle_rows
 
 NAMES = ("primary", "primary-any", "secondary", "secondary-any")
-CURES = "Rays that graze an edge may miss it."
+EDGES = "Rays that graze an edge may miss it."
 
 
 def works(mesh: Mesh) -> list[Work]:
@@ -43,11 +44,11 @@ def _work(mesh: Mesh, name: str) -> Work:
         quick=32,
         within=1e-3,
         share=1e-3,
-        note=CURES,
+        note=EDGES,
     )
-    ours = _ours_primary if primary else _ours_given
+    ours = ours_primary if primary else ours_given
     work.ours_on("opencl", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
-    work.version("mitsuba")(partial(_mitsuba_primary if primary else _mitsuba_given, mesh=mesh, any_hit=any_hit))
+    work.version("mitsuba")(partial(mitsuba, mesh=mesh, any_hit=any_hit))
     work.version("embreex")(partial(_embreex, mesh=mesh, any_hit=any_hit))
     return work
 
@@ -84,6 +85,12 @@ def secondary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
     return start.astype(np.float32), away.astype(np.float32)
 
 
+def forget() -> None:
+    """Let go of meshes that were used."""
+    for kept in (secondary_rays, _structure, _mitsuba_scene):
+        kept.cache_clear()
+
+
 @cache
 def _structure(mesh: Mesh) -> tuple[Any, np.ndarray]:
     return build("bvh", mesh.corners), triangle_rows(mesh.corners, mesh.face_normals)
@@ -93,7 +100,8 @@ def _answer(hit: Any, any_hit: bool) -> Any:
     return sh.cond(hit.id >= 0, 1.0, 0.0) if any_hit else sh.cond(hit.id >= 0, hit.l, np.inf)
 
 
-def _ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
+def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
+    """What is timed: rays made in the kernel."""
     walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
     eye, corner, across, down = (tuple(v) for v in view(mesh, size))
 
@@ -107,7 +115,8 @@ def _ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
     return lambda: kernel(shape=(size, size))
 
 
-def _ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
+def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
+    """What is timed: rays given as arrays."""
     walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
 
     @sh.program
@@ -154,19 +163,16 @@ def mitsuba_eye_rays(mesh: Mesh, size: int) -> Any:
     return mi.Ray3f(mi.Point3f(eye), dr.normalize(corner + column * across + row * down))
 
 
-def _mitsuba_primary(size: int, mesh: Mesh, any_hit: bool) -> Any:
-    scene = _mitsuba_scene(mesh)
-    return lambda: _traced(scene, mitsuba_eye_rays(mesh, size), True, any_hit).reshape(size, size)
-
-
-def _mitsuba_given(origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
+def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
+    """All cores, and packets of 16 rays if they are coherent; rays are made beforehand."""
     import drjit as dr
     import mitsuba as mi
 
-    scene = _mitsuba_scene(mesh)
-    ray = mi.Ray3f(mi.Point3f(origins.T), mi.Vector3f(directions.T))
+    scene, primary = _mitsuba_scene(mesh), len(rays) == 1
+    ray = mitsuba_eye_rays(mesh, rays[0]) if primary else mi.Ray3f(*(a.T for a in rays))
+    shape = (rays[0], rays[0]) if primary else (-1,)
     dr.eval(ray)
-    return lambda: _traced(scene, ray, False, any_hit)
+    return lambda: _traced(scene, ray, primary, any_hit).reshape(shape)
 
 
 def _embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:

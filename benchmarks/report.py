@@ -21,8 +21,22 @@ OURS = {
     "glsl": "shpy, GLSL",
     "numpy": "shpy, numpy",
 }
-HEAD = ("", "median ms", "from", "to", "ratio", "from", "to", "first call s", "largest difference")
-SIDES = "<>>>>>>><"
+HEAD = (
+    "",
+    "median ms",
+    "from",
+    "to",
+    "best",
+    "CPU",
+    "ratio",
+    "from",
+    "to",
+    "of bests",
+    "of CPU",
+    "first s",
+    "difference",
+)
+SIDES = "<" + ">" * 11 + "<"
 
 
 def label(name: str) -> str:
@@ -42,11 +56,17 @@ def spread(values: Any) -> tuple[float, float, float]:
 
 
 def rows(measured: Measured) -> list[tuple[str, ...]]:
-    """A row for each contender: seconds, and how many times as long as the first of ours it took."""
+    """A row for each contender: milliseconds, and how many times as long as the first of ours it took.
+
+    Of both the median, the first and the third quartile; the best call; and the CPU time of all threads.
+    """
     base, found = base_of(measured), []
     for name, seconds in measured.seconds.items():
         times = [f"{1e3 * t:.2f}" for t in spread(seconds)]
         ratios = [f"{r:.2f}" for r in spread(measured.ratios(name, base))]
+        cpu, cpu_of_base = (float(np.median(measured.cpu[n])) for n in (name, base))
+        times += [f"{1e3 * measured.best[name]:.2f}", f"{1e3 * cpu:.2f}"]
+        ratios += [f"{measured.best[name] / measured.best[base]:.2f}", f"{cpu / cpu_of_base:.2f}"]
         found.append((label(name), *times, *ratios, f"{measured.first[name]:.2f}", measured.agreement[name].text))
     return found
 
@@ -69,23 +89,31 @@ def table(measured: Measured) -> str:
 
 def markdown(measured: Measured) -> str:
     """The rows as Markdown."""
-    head = ("", "ms, median", "quartiles", "ratio, median", "quartiles", "difference")
-    body = [(r[0], r[1], f"{r[2]} to {r[3]}", r[4], f"{r[5]} to {r[6]}", r[8]) for r in rows(measured)]
+    head = ("", "ms", "quartiles", "best", "CPU", "ratio", "quartiles", "of bests", "of CPU", "difference")
+    body = [
+        (r[0], r[1], f"{r[2]} to {r[3]}", r[4], r[5], r[6], f"{r[7]} to {r[8]}", *r[9:11], r[12])
+        for r in rows(measured)
+    ]
     lines = [f"### {measured.work.name}", "", title(measured) + ". " + measured.work.note, ""]
-    lines += ["| " + " | ".join(row) + " |" for row in (head, ("---", *["---:"] * 4, "---"), *body)]
+    lines += ["| " + " | ".join(row) + " |" for row in (head, ("---", *["---:"] * 8, "---"), *body)]
     lines += [f"\n{label(name)} failed: {why}" for name, why in measured.failed.items()]
     return "\n".join(lines).replace(". \n", ".\n") + "\n"
 
 
-def geometric_means(results: Iterable[Measured], base: str) -> dict[str, tuple[float, float, int]]:
-    """By contender: the geometric mean of its median ratios to `base`, the least of them, and how many works."""
-    found: dict[str, list[float]] = {}
-    for measured in results:
-        if base in measured.seconds:
-            for name in measured.seconds:
-                if name != base:
-                    found.setdefault(name, []).append(float(np.median(measured.ratios(name, base))))
-    return {n: (float(np.exp(np.mean(np.log(r)))), min(r), len(r)) for n, r in found.items()}
+def geometric_means(results: Iterable[Measured], base: str) -> dict[str, tuple[float, float, float, float, int]]:
+    """By contender, geometric means of its ratios to `base`: medians, best calls, CPU; the least median; how many."""
+    found: dict[str, list[tuple[float, float, float]]] = {}
+    for m in results:
+        for name in m.seconds if base in m.seconds else ():
+            if name != base:
+                cpu = np.median(m.cpu[name]) / np.median(m.cpu[base])
+                median = float(np.median(m.ratios(name, base)))
+                found.setdefault(name, []).append((median, m.best[name] / m.best[base], float(cpu)))
+    means = {}
+    for name, ratios in found.items():
+        median, best, cpu = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
+        means[name] = (median, best, cpu, min(r[0] for r in ratios), len(ratios))
+    return means
 
 
 def means(results: Sequence[Measured], bases: Sequence[str] = ("opencl", "numpy")) -> str:
@@ -93,11 +121,11 @@ def means(results: Sequence[Measured], bases: Sequence[str] = ("opencl", "numpy"
     lines = []
     for base in bases:
         found = geometric_means(results, base)
-        if not found:
-            continue
-        lines += [f"{label(base)} against:", "", "| | geometric mean | least | works |", "|---|---:|---:|---:|"]
-        lines += [f"| {label(n)} | {mean:.2f} | {least:.2f} | {count} |" for n, (mean, least, count) in found.items()]
-        lines.append("")
+        if found:
+            lines += [f"How many times as long as {label(base)} they take, geometric mean of the works:", ""]
+            lines += ["| | medians | best calls | CPU | least median | works |", "|---|---:|---:|---:|---:|---:|"]
+            lines += [f"| {label(n)} | {' | '.join(f'{x:.2f}' for x in m)} | {c} |" for n, (*m, c) in found.items()]
+            lines.append("")
     return "\n".join(lines)
 
 
@@ -122,6 +150,8 @@ def as_json(measured: Measured) -> dict[str, Any]:
         "title": title(measured),
         "size": measured.size,
         "seconds": measured.seconds,
+        "best": measured.best,
+        "cpu": measured.cpu,
         "first call": measured.first,
         "ratio to": base,
         "ratios": {name: spread(measured.ratios(name, base)) for name in measured.seconds},

@@ -5,7 +5,9 @@
 
 Each contender is warmed up first, which compiles what is compiled; its answer is then compared with the reference. A
 sample is the mean over as many calls as take `ENOUGH` seconds. Between contenders there is a pause, in which the
-threads of the one before, which look for work for a while, fall asleep.
+threads of the one before, which look for work for a while, fall asleep. On a machine that does other work too, threads
+wait for each other and medians tell about that work as well. The best single call of all rounds then tells more, and so
+does the time that all threads of the process spent computing, though threads that only look for work count there too.
 """
 
 from __future__ import annotations
@@ -27,11 +29,17 @@ PAUSE = 0.01
 
 @dataclass
 class Measured:
-    """What came of one work: seconds by contender, one for each round; how answers agree; who failed and why."""
+    """What came of one work.
+
+    `seconds` by contender, one for each round, and `cpu` seconds of all threads; `best` single call of all; how answers
+    agree; the `first` call, with all that is compiled for it; who failed and why.
+    """
 
     work: Work
     size: int
     seconds: dict[str, list[float]] = field(default_factory=dict)
+    cpu: dict[str, list[float]] = field(default_factory=dict)
+    best: dict[str, float] = field(default_factory=dict)
     agreement: dict[str, Agreement] = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
@@ -45,24 +53,12 @@ class Measured:
         """How many times as long `contender` took as `base`, one number a round."""
         return np.divide(self.seconds[contender], self.seconds[base])
 
-    def median(self, contender: str) -> float:
-        """Its seconds."""
-        return float(np.median(self.seconds[contender]))
-
 
 def once(run: Run) -> float:
     """Seconds of one call."""
     started = time.perf_counter()
     run()
     return time.perf_counter() - started
-
-
-def sample(run: Run, calls: int) -> float:
-    """Mean seconds of some calls in a row."""
-    started = time.perf_counter()
-    for _ in range(calls):
-        run()
-    return (time.perf_counter() - started) / calls
 
 
 def run(
@@ -88,11 +84,15 @@ def run(
         reference = answer if reference is None else reference
         measured.agreement[name] = compare(work, answer, reference)
         ready[name] = (timed, max(1, math.ceil(ENOUGH / max(min(once(timed), once(timed)), 1e-6))))
-        measured.seconds[name] = []
+        measured.seconds[name], measured.cpu[name] = [], []
     gc.collect()
     for number in range(rounds):
         say(f"{work.name}: round {number + 1} of {rounds}")
         for name, (timed, calls) in ready.items():
             time.sleep(PAUSE)
-            measured.seconds[name].append(sample(timed, calls))
+            busy = time.process_time()
+            found = [once(timed) for _ in range(calls)]
+            measured.cpu[name].append((time.process_time() - busy) / calls)
+            measured.seconds[name].append(sum(found) / calls)
+            measured.best[name] = min(measured.best.get(name, math.inf), *found)
     return measured

@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks import __main__ as command
-from benchmarks import peers, record, report, rounds
+from benchmarks import peers, record, report, rounds, startup
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 
@@ -135,3 +135,16 @@ def test_a_slow_run_is_a_failure(monkeypatch, capsys):
     assert record.main() == 1
     rows = capsys.readouterr().out.splitlines()
     assert [row.split("  ")[0] for row in rows[1:4]] == ["10 lines", "20 lines", "the ray tracer"]
+
+
+def test_studies_give_tables(mesh, capsys):
+    assert command.main(["--only", "accelerators,lights,starting", "--peers", "none", "--quick"]) == 0
+    printed = capsys.readouterr().out
+    assert "| knot | " in printed
+    assert "| numpy  | " in printed
+    for name in ("accelerators", "lights", "starting"):
+        assert f"### {name}" in printed
+
+
+def test_a_kernel_of_branches_is_as_long_as_it_says():
+    assert 2_500 < startup.statements(startup.branchy(800)) < 3_500

@@ -1,0 +1,123 @@
+"""How long until a kernel runs: recording, emitting and compiling, in new processes, cold and warm.
+
+    print(compiling(mesh, quick=False))
+
+Cold is a process that finds nothing kept from an earlier one, warm is one after it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import shpy as sh
+from benchmarks import record
+from benchmarks.studies import Table
+from raytracer import Mesh
+from shpy import SH_ELSE, SH_IF
+from shpy.backends.base import Options
+from shpy.backends.opencl.runtime import TARGET as OPENCL
+from shpy.passes.pipeline import prepare
+from shpy.passes.size import count_ops
+
+CHILD = "import sys; from benchmarks.startup import child; child(*sys.argv[1:])"
+RENDER = ["-m", "raytracer.cli", "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
+
+
+def branchy(lines: int) -> Any:
+    """A program of nearly 4 statements a line; every fifth line is a condition that differs from lane to lane."""
+
+    @sh.program
+    def work(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+        x, y = sh.Attrib1f(a), sh.Attrib1f(b)
+        for k in range(0, lines, 5):
+            with SH_IF(x > y):
+                x[:] = x * 0.5 + (k % 7)
+                y += b
+            with SH_ELSE():
+                y[:] = y * 0.25 - x
+            x[:] = x + a * y
+        return x + y
+
+    return work
+
+
+def _spheres() -> Any:
+    from benchmarks.kernels.spheres import picture
+
+    return sh.Program.from_ir(picture.ir)
+
+
+PROGRAMS: dict[str, Callable[[], Any]] = {
+    "spheres": _spheres,
+    "ray tracer": record.ray_tracer,
+    "branches": lambda: branchy(800),
+}
+
+
+def statements(program: Any) -> int:
+    """Of its IR, when the passes have made it shorter."""
+    return sum(count_ops(prepare(program.ir, Options(), OPENCL).module).values())
+
+
+def child(name: str, backend: str, lanes: str) -> None:
+    """Print seconds of recording, emitting and compiling, and the statements, as JSON: for a process of its own."""
+    sh.backends()  # opening the device is no part of it, and neither is the scene's accelerator
+    record.mixed()
+    wide: Any = int(lanes) if lanes.isdigit() else lanes
+    started = time.perf_counter()
+    program = PROGRAMS[name]()
+    recorded = time.perf_counter()
+    record.TEXTS[backend](program.ir)
+    emitted = time.perf_counter()
+    program.compile(backend, lanes=wide, loop_limit=None)
+    done = time.perf_counter()
+    print(json.dumps([recorded - started, emitted - recorded, done - emitted, statements(program)]))
+
+
+def _run(command: Sequence[str], cache: str) -> tuple[str, float]:
+    """What a new Python prints, and its seconds."""
+    paths = [p for p in (os.getcwd(), os.environ.get("PYTHONPATH")) if p]
+    environment = {**os.environ, "SHPY_CACHE_DIR": cache, "POCL_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(paths)}
+    started = time.perf_counter()
+    done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True, check=True)
+    return done.stdout, time.perf_counter() - started
+
+
+def _backends() -> list[str]:
+    return [b.name for b in sh.backends() if b.available]
+
+
+def compiling(mesh: Mesh, quick: bool) -> Table:
+    """Recording, emitting and compiling programs, each in a new process, cold and then warm."""
+    del mesh
+    rows = []
+    cases = [(name, backend, "auto") for name in PROGRAMS for backend in _backends()]
+    cases += [("branches", "opencl", "16"), ("branches", "opencl", "1")] if "opencl" in _backends() else []
+    for name, backend, lanes in [("spheres", "numpy", "auto")] if quick else cases:
+        with tempfile.TemporaryDirectory() as cache:
+            found = [json.loads(_run(["-c", CHILD, name, backend, lanes], cache)[0]) for _ in range(2)]
+        (recorded, emitted, cold, count), (*_, warm, _) = found
+        label = backend if lanes == "auto" else f"{backend}, {lanes} lanes"
+        rows.append([name, label, f"{count:,}", *(f"{t:.3f}" for t in (recorded, emitted, cold, warm))])
+    head = ["program", "target", "statements", "record", "emit", "compile, cold", "compile, warm"]
+    return Table("compiling", "Seconds; `compile` emits too, and waits for the driver's code.", head, rows)
+
+
+def starting(mesh: Mesh, quick: bool) -> Table:
+    """`raytracer render boxes` in a new process, cold and then warm."""
+    del mesh
+    rows = []
+    for backend in ["numpy"] if quick else _backends():
+        with tempfile.TemporaryDirectory() as cache:
+            command = [part.format(backend=backend, out=os.path.join(cache, "boxes.png")) for part in RENDER]
+            cold, *warm = [_run(command, cache)[1] for _ in range(2 if quick else 4)]
+        rows.append([backend, f"{cold:.2f}", f"{min(warm):.2f}"])
+    note = "Seconds of `raytracer render boxes --size 256x256` in a new process, Python's own start included."
+    return Table("starting", note, ["target", "cold", "warm"], rows)

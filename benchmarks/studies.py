@@ -1,0 +1,136 @@
+"""How time grows: with triangles, pixels, bounces and lights; and what it takes to build the accelerators.
+
+    print(STUDIES["lights"](mesh, quick=False))
+
+Each study gives a `Table`. Times are the best of three calls; ours run on OpenCL where there is a device, or else on
+numpy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import shpy as sh
+from benchmarks import frames, peers, rays
+from benchmarks.rounds import once
+from raytracer import Mesh, Scene
+from raytracer.accel.choice import build
+from raytracer.meshes.shapes import knot
+from raytracer.renderer import Renderer
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a heading; `note` says what they are."""
+
+    name: str
+    note: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def markdown(self) -> str:
+        """The table as Markdown, which a terminal shows well too."""
+        lines = [self.head, ["---", *["---:"] * (len(self.head) - 1)], *self.rows]
+        widths = [max(len(row[i]) for row in lines) for i in range(len(self.head))]
+        sides = "<" + ">" * (len(self.head) - 1)
+        text = [
+            "| " + " | ".join(f"{c:{s}{w}}" for c, s, w in zip(r, sides, widths, strict=True)) + " |" for r in lines
+        ]
+        return "\n".join([f"### {self.name}", "", self.note, "", *text, ""])
+
+
+def backend() -> str:
+    """OpenCL where there is a device, else numpy."""
+    return "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
+
+
+def best(run: Callable[[], Any], calls: int = 3) -> float:
+    """Seconds of the fastest of some calls, after one that does not count."""
+    run()
+    return min(once(run) for _ in range(calls))
+
+
+def rate(count: int, seconds: float) -> str:
+    """Millions a second."""
+    return f"{count / seconds / 1e6:.1f}"
+
+
+def triangles(mesh: Mesh, quick: bool) -> Table:
+    """Knots of 1,000 to 1,000,000 triangles: how long the hierarchy takes to build, and rays a second."""
+    del mesh
+    size = 32 if quick else 512
+    compiled = partial(sh.Program.compile, backend=backend())
+    with_mitsuba = not quick and not peers.available(["mitsuba"])[1]
+    rows = []
+    for segments, sides in [(50, 10)] if quick else [(50, 10), (160, 32), (500, 100), (1600, 320)]:
+        knotted = knot(segments=segments, sides=sides)
+        given = rays.secondary_rays(knotted, size)
+        runs = [rays.ours_primary(compiled, size, knotted, False), rays.ours_given(compiled, *given, knotted, False)]
+        if with_mitsuba:
+            peers.start("mitsuba")
+            runs += [rays.mitsuba(size, mesh=knotted, any_hit=False), rays.mitsuba(*given, mesh=knotted, any_hit=False)]
+        counts = [size * size, len(given[0])] * 2
+        rates = [rate(n, best(run)) for n, run in zip(counts, runs, strict=False)]
+        rows.append([f"{len(knotted):,}", *rates])
+        rays.forget()
+    head = ["triangles", "primary", "secondary", "Mitsuba, primary", "Mitsuba, secondary"][: len(rows[0])]
+    return Table(
+        "triangles", f"Million rays a second, closest hit, {size} x {size} pixels, on {backend()}.", head, rows
+    )
+
+
+def accelerators(mesh: Mesh, quick: bool) -> Table:
+    """Seconds to build the grid and the hierarchy of boxes, in numpy."""
+    sizes = [(50, 10)] if quick else [(50, 10), (160, 32), (500, 70), (500, 100), (1600, 320)]
+    meshes = [mesh, *(knot(segments=a, sides=b) for a, b in sizes)]
+    rows = []
+    for m in meshes:
+        seconds = [min(once(partial(build, name, m.corners)) for _ in range(2)) for name in ("grid", "bvh")]
+        rows.append([m.name, f"{len(m):,}", *(f"{s:.2f}" for s in seconds)])
+    return Table("accelerators", "Seconds to build, in numpy.", ["mesh", "triangles", "grid", "BVH"], rows)
+
+
+def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, int, int]]) -> Table:
+    rows = []
+    for case, scene, size, bounces in cases:
+        renderer = Renderer(scene, backend=backend(), bounces=bounces)
+        seconds = best(partial(renderer.render, (size, size)))
+        shot = int(renderer.render((size, size)).stats.rays)
+        rows.append([str(case), f"{1e3 * seconds:.1f}", f"{shot:,}", rate(shot, seconds)])
+    return Table(name, f"{note} On {backend()}.", [what, "ms", "rays", "million rays/s"], rows)
+
+
+def pixels(mesh: Mesh, quick: bool) -> Table:
+    """Frames of 64 x 64 to 2048 x 2048 pixels."""
+    scene = frames.scene_of(mesh)
+    sizes = [16, 32] if quick else [64, 128, 256, 512, 1024, 2048]
+    cases = [(n, scene, n, 1) for n in sizes]
+    return _frames("pixels", f"{mesh.name} on a mirror, one light, one bounce.", "pixels along a side", cases)
+
+
+def bounces(mesh: Mesh, quick: bool) -> Table:
+    """Up to 16 bounces between mirrors."""
+    del mesh
+    size = 32 if quick else 512
+    scene = Scene.builtin("mirror-box")
+    cases = [(n, scene, size, n) for n in ((0, 1) if quick else (0, 1, 2, 4, 8, 16))]
+    return _frames("bounces", f"The scene mirror-box, {size} x {size} pixels.", "bounces", cases)
+
+
+def lights(mesh: Mesh, quick: bool) -> Table:
+    """1 to 8 lights."""
+    size = 32 if quick else 512
+    cases = [(n, frames.scene_of(mesh, n), size, 1) for n in ((1, 2) if quick else (1, 2, 4, 8))]
+    return _frames("lights", f"{mesh.name} on a mirror, {size} x {size} pixels, one bounce.", "lights", cases)
+
+
+STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {
+    "triangles": triangles,
+    "accelerators": accelerators,
+    "pixels": pixels,
+    "bounces": bounces,
+    "lights": lights,
+}
