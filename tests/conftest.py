@@ -3,6 +3,9 @@ from pathlib import Path
 
 import pytest
 
+# To have a driver write out each of thousands of kernels takes longer than to compile them; test_store.py has its own.
+os.environ.setdefault("SHPY_CACHE_DIR", "")
+
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
 
