@@ -8,6 +8,9 @@
 array([2., 4., 6.], dtype=float32)
 """
 
+import importlib
+from typing import Any
+
 from shpy.backends.registry import BackendInfo, backends, default_backend
 from shpy.errors import (
     BackendUnavailable,
@@ -222,6 +225,8 @@ from shpy.lang.types import (
 from shpy.program import Program, Step, parse, program
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
+_LATER = ("accuracy", "testing")
+
 __all__ = [
     "SH_BREAK",
     "SH_CONTINUE",
@@ -420,3 +425,10 @@ __all__ = [
     "vec3",
     "vec4",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """`sh.testing` and `sh.accuracy` are loaded when they are asked for."""
+    if name in _LATER:
+        return importlib.import_module(f"shpy.{name}")
+    raise AttributeError(f"module 'shpy' has no attribute {name!r}")

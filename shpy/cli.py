@@ -1,10 +1,11 @@
-"""The command `shpy`: says what is installed here, and what is missing with the command that mends it.
+"""The command `shpy`: what is installed here, and whether a program gives the same on every backend.
 
 Stage: above all others. Takes the words of the command line, prints, gives the exit status.
 
     shpy --version
-    shpy doctor                  # status 0 where numpy works, which needs nothing else
-    shpy doctor --all            # status 0 only where every backend works
+    shpy doctor                                   # status 0 where numpy works, which needs nothing else
+    shpy doctor --all                             # status 0 only where every backend works
+    shpy diff a.ir --backends numpy,opencl        # status 1 with the first statement at which two of them part
 """
 
 from __future__ import annotations
@@ -12,12 +13,17 @@ from __future__ import annotations
 import argparse
 import platform
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, metadata, version
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import shpy as sh
+from shpy.ir.nodes import Let
+from shpy.ir.traverse import walk
 
 DISTRIBUTION = "shpy-dsl"
 _BUNDLES = ("all", "dev")
@@ -33,8 +39,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the command that mends it")
     command.add_argument("--all", action="store_true", help="exit with status 1 unless every backend works")
+    command.set_defaults(run=lambda options: doctor(every=options.all))
+    _add_diff(commands)
     options = parser.parse_args(arguments)
-    return doctor(every=options.all)
+    status: int = options.run(options)
+    return status
+
+
+def _add_diff(commands: Any) -> None:
+    command = commands.add_parser("diff", help="whether an IR text gives the same on every backend, and where it parts")
+    command.add_argument("ir", type=Path, help="a file with the text of a program's IR, or - for standard input")
+    command.add_argument(
+        "--backends", help="numpy,opencl,glsl,interpreter or a width: opencl-4 (default: each there is)"
+    )
+    command.add_argument("--ulp", type=float, default=0, help="how far apart results may be (default: the same bits)")
+    command.add_argument("--count", type=int, default=64, help="elements to run (default: 64)")
+    command.add_argument("--seed", type=int, default=0, help="of the inputs (default: 0)")
+    command.add_argument("--precision", default="f32", help="the working precision (default: f32)")
+    command.set_defaults(run=diff)
+
+
+def diff(options: argparse.Namespace) -> int:
+    """Print whether a program in the form of IR text agrees on the backends; 0 if so, 1 if not, 2 for a bad text."""
+    from shpy import testing
+
+    try:
+        text = sys.stdin.read() if str(options.ir) == "-" else options.ir.read_text()
+        program = sh.Program.from_ir(sh.parse(text))
+        names = options.backends.split(",") if options.backends else None
+        rank = _rank(program)
+        shape = (max(1, round(options.count ** (1 / rank))),) * rank
+        # Beyond one axis, inputs are the same for every element: their place is what tells those apart.
+        inputs = testing.inputs(program, options.count if rank == 1 else 1, options.seed)
+        settings = {"ulp": options.ulp, "shape": shape, "precision": options.precision}
+        print(testing.assert_equivalent(program, *inputs, backends=names, **settings))
+    except AssertionError as difference:
+        print(difference)
+        return 1
+    except (OSError, UnicodeDecodeError, sh.ShpyError) as error:
+        print(f"shpy diff: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _rank(program: sh.Program) -> int:
+    """How many axes a program asks to be run over."""
+    lets = (s for f in program.ir.functions for s in walk(f.body) if isinstance(s, Let))
+    return next((s.value.type.size for s in lets if s.op in ("grid_index", "grid_shape")), 1)
 
 
 def doctor(every: bool = False) -> int:

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from testing.faults import op, with_fault
 
 import shpy as sh
 from shpy import cli
@@ -85,3 +86,44 @@ def test_what_is_not_understood_shows_the_usage(arguments, capsys):
         cli.main(arguments)
     assert end.value.code == 2
     assert "usage: shpy" in capsys.readouterr().err
+
+
+IR = """module scaled
+input x: Attrib1f
+output y: Attrib1f
+table line: f[?]
+
+function scaled(%x.0: f) -> ($y.0: f) {
+  %1: i = const 1
+  %2: f = table line[%1]
+  %3: f = mul %x.0, %2
+  store $y.0 = %3
+}
+"""
+
+
+def test_diff_says_that_backends_agree(tmp_path, capsys):
+    (tmp_path / "a.ir").write_text(IR)
+    assert cli.main(["diff", str(tmp_path / "a.ir"), "--backends", "numpy,interpreter", "--count", "30"]) == 0
+    assert capsys.readouterr().out == "numpy, interpreter agree on 30 elements\n"
+
+
+def test_diff_names_the_statement_at_which_backends_part(tmp_path, capsys, monkeypatch):
+    with_fault(monkeypatch, "opencl", op("mul", "add"))
+    (tmp_path / "a.ir").write_text(IR)
+    assert cli.main(["diff", str(tmp_path / "a.ir"), "--backends", "numpy,opencl-4"]) == 1
+    said = capsys.readouterr().out
+    assert "scaled: numpy and opencl-4 differ in " in said
+    assert "mul(x, %2)" in said
+
+
+@pytest.mark.parametrize("text", ["module", IR.replace("mul", "mull"), IR.replace("%3: f", "%3: f2")])
+def test_diff_refuses_a_text_that_is_no_program(tmp_path, capsys, text):
+    (tmp_path / "a.ir").write_text(text)
+    assert cli.main(["diff", str(tmp_path / "a.ir")]) == 2
+    assert capsys.readouterr().err.startswith("shpy diff: ")
+
+
+def test_diff_refuses_a_file_that_is_not_there(capsys):
+    assert cli.main(["diff", "nowhere.ir"]) == 2
+    assert "nowhere.ir" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from backends.running import DenormalWatch, differs, flushes_denormals, kernel, leaves
+from backends.running import DenormalWatch, differs, flushes_denormals, kernel
 
 import shpy as sh
 from shpy import host
@@ -26,6 +26,7 @@ from shpy.ir.ops import Tolerance
 from shpy.ir.types import Base
 from shpy.lang.record import InputType
 from shpy.lang.structure import leaves as leaves_of
+from shpy.testing.arrays import flat_leaves
 
 EXACT = Tolerance()
 COUNT = 48
@@ -80,7 +81,7 @@ class Case:
         if self.meaning is not None and backend in INTERPRETED:
             thinned = {name: array[::THIN] for name, array in self.arrays.items()}
             result = kernel(self.program, backend, **self.options).run(**thinned)
-            return Outcome(leaves(result.outputs), result.written)
+            return Outcome(flat_leaves(result.outputs), result.written)
         compiled = kernel(self.program, backend, **self.options)
         out = None
         if self.outs:
@@ -90,8 +91,8 @@ class Case:
             result = compiled.run(**self.arrays, shape=self.shape, out=out)
         except sh.LoopLimitExceeded as error:
             line = error.loc.line if error.loc else None
-            return Outcome(leaves(error.result.outputs), error.result.written, error.count, line)
-        return Outcome(leaves(result.outputs), result.written)
+            return Outcome(flat_leaves(error.result.outputs), error.result.written, error.count, line)
+        return Outcome(flat_leaves(result.outputs), result.written)
 
     @functools.cached_property
     def reference(self) -> Outcome:

@@ -1,6 +1,6 @@
 """Conformance cases of control flow: every form inside every other, with every exit in the inner one.
 
-Each case is a small program as syntax (tests/property/syntax.py), so that what it must give is known without
+Each case is a small program as syntax (shpy/testing/generated/syntax.py), so that what it must give is known without
 recording it.
 """
 
@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from backends.conformance import Case
 from property.evaluate import WRITTEN, Evaluator
-from property.syntax import (
+
+from shpy.testing.generated.source import record
+from shpy.testing.generated.syntax import (
     Apply,
     Assign,
     B,
@@ -30,13 +32,12 @@ from property.syntax import (
     If,
     Lanes,
     Name,
-    Program,
     Read,
     Stmt,
+    Tree,
     Variable,
     While,
     Write,
-    record,
 )
 
 A, N, X = Name(F, "a"), Name(I, "n"), Name(F, "x")
@@ -151,7 +152,7 @@ def case(
     """The case of a body over `a` and `n` that computes x, s and an array."""
     start = (Declare("x", A), Declare("s", number(0)))
     results = (X, Name(I, "s"), Read(F, "own", (number(1),)))
-    program = Program(INPUTS, (Variable("own", F, 3),), (), functions, (*start, *body), results, limit)
+    program = Tree(INPUTS, (Variable("own", F, 3),), (), functions, (*start, *body), results, limit)
     n = np.arange(64, dtype=np.int32)
     inputs = {"a": np.where(n % 3 == 0, np.float32(7.5), np.float32(0)), "n": n}
     options = {} if limit is None else {"loop_limit": limit}
@@ -160,7 +161,7 @@ def case(
     )
 
 
-def evaluated(program: Program, a: Any, n: Any) -> tuple[Any, ...]:
+def evaluated(program: Tree, a: Any, n: Any) -> tuple[Any, ...]:
     """What its syntax says, zeros for elements that were discarded or stopped."""
     found = [Evaluator(program).run([x, y]) for x, y in zip(a, n, strict=True)]
     blank = [0] * len(program.results)

@@ -13,17 +13,19 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from shpy.backends.base import Array, Backend, Call, Device, Options
+from shpy.backends.base import Array, Backend, Options
 from shpy.backends.numpy.runtime import NumpyBackend, NumpyExecutable
 from shpy.backends.registry import backend as backend_named
 from shpy.ir.interpreter import Interpreter
-from shpy.ir.nodes import Function, Let, Loc, Module
+from shpy.ir.nodes import Function, Let, Module
 from shpy.ir.parser import parse
-from shpy.ir.traverse import limited_loops, rewrite
+from shpy.ir.traverse import rewrite
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel, Result
 from shpy.passes.lower import lower
 from shpy.passes.pipeline import Target, prepare
+from shpy.testing.arrays import differing, is_denormal
+from shpy.testing.reference import Interpreted, Reference
 
 TARGETS = ("numpy", "opencl", "glsl")
 BACKENDS = ("interpreter", "prepared", *TARGETS)
@@ -32,36 +34,6 @@ TILES = {"numpy-5": 5}
 """Other widths, with lanes that are left over: as many elements together in OpenCL and in a tile of numpy."""
 WIDTHS = (*TILES, *PACKETS)
 TINY = {np.dtype(t): np.finfo(t).tiny for t in (np.float16, np.float32, np.float64)}
-
-
-class Interpreted:
-    """An Executable that interprets a module, element after element."""
-
-    notes: tuple[str, ...] = ()
-
-    def __init__(self, interpreter: Interpreter, loops: tuple[Loc | None, ...]) -> None:
-        self.interpreter = interpreter
-        self.source = str(interpreter.module)
-        self.loops = loops
-
-    def run(self, call: Call) -> Array:
-        outputs, statuses = self.interpreter.run_grid(call.inputs, call.shape, call.params, call.tables)
-        for there, computed in zip(call.outputs, outputs, strict=True):
-            there[statuses == 1] = computed[statuses == 1]
-        return statuses
-
-
-class Reference:
-    """The reference interpreter as a backend: it runs modules as they were recorded."""
-
-    name = "interpreter"
-
-    def devices(self) -> list[Device]:
-        return [Device("reference interpreter", "1")]
-
-    def compile(self, module: Module, options: Options) -> Interpreted:
-        loops = tuple(loop.loc for loop in limited_loops(module))
-        return Interpreted(Interpreter(module, options.precision, options.loop_limit), loops)
 
 
 class Prepared(Reference):
@@ -108,29 +80,15 @@ def run(program: sh.Program, backend: str, *arrays: Any, out: Any = None, shape:
     return kernel(program, backend, **options).run(*arrays, out=out, shape=shape)
 
 
-def leaves(outputs: Any) -> list[Array]:
-    """The arrays of an output, whatever its structure."""
-    if isinstance(outputs, tuple | list):
-        return [leaf for part in outputs for leaf in leaves(part)]
-    if isinstance(outputs, dict):
-        return [leaf for part in outputs.values() for leaf in leaves(part)]
-    if not isinstance(outputs, np.ndarray | np.generic):
-        return [leaf for part in vars(outputs).values() for leaf in leaves(part)]
-    return [np.asarray(outputs)]
-
-
 def differs(found: Array, expected: Array, ulp: float = 0, absolute: float = 0) -> Array:
     """Where two arrays differ: in any bit but those of a NaN, or by more than the bound."""
-    if found.dtype.kind != "f":
-        return np.asarray(found != expected)
-    with np.errstate(all="ignore"):
-        equal = (found == expected) & (np.signbit(found) == np.signbit(expected))
-        equal |= np.isnan(found) & np.isnan(expected)
-        if ulp or absolute:
+    wrong = differing(found, expected)
+    if found.dtype.kind == "f" and (ulp or absolute):
+        with np.errstate(all="ignore"):
             unit = np.spacing(np.maximum(np.abs(expected), TINY[expected.dtype])).astype(np.float64)
             distance = np.abs(found.astype(np.float64) - expected.astype(np.float64))
-            equal |= distance <= np.maximum(ulp * unit, absolute)
-    return np.asarray(~equal)
+            wrong &= ~(distance <= np.maximum(ulp * unit, absolute))
+    return wrong
 
 
 @functools.cache
@@ -163,12 +121,6 @@ class DenormalWatch:
             inputs, *rest, trace=lambda loc, name, value: found.append(is_denormal(value))
         )
         return any(found) or any(map(is_denormal, outputs))
-
-
-def is_denormal(value: Any) -> bool:
-    """Whether one component is a denormal, or the least number that is none: a device may flush before it rounds."""
-    array = np.asarray(value)
-    return array.dtype.kind == "f" and bool(((array != 0) & (np.abs(array) <= TINY[array.dtype])).any())
 
 
 def _named(function: Function) -> Function:

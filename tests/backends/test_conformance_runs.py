@@ -6,10 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from backends.running import BACKENDS, TARGETS, flushes_denormals, kernel, leaves
+from backends.running import BACKENDS, TARGETS, flushes_denormals, kernel
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
+from shpy.testing.arrays import flat_leaves
 
 X = np.array([-3, -1, 0.5, 2, 40], np.float32)
 everywhere = pytest.mark.parametrize("backend", BACKENDS)
@@ -155,7 +156,7 @@ def test_a_loop_beyond_its_limit_is_told_with_its_line_and_its_result(backend: s
     assert (error.loc.file, error.loc.line) == (__file__, line)
     assert error.result.written.tolist() == [True, True, False, True, True]
     assert error.result.count == 4
-    assert [a.tolist() for a in leaves(error.result.outputs)] == [[0, 0, 0, 8, 0], [-3, -1, 0, 10, 40]]
+    assert [a.tolist() for a in flat_leaves(error.result.outputs)] == [[0, 0, 0, 8, 0], [-3, -1, 0, 10, 40]]
     n, x = kernel(climb, backend, loop_limit=10)(X)
     assert n.tolist() == [0, 0, 10, 8, 0]
     assert x.tolist() == [-3, -1, 10.5, 10, 40]

@@ -10,13 +10,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from backends.running import DenormalWatch, differs, flushes_denormals, kernel, leaves
+from backends.running import DenormalWatch, differs, flushes_denormals, kernel
 from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
-from property.syntax import TABLES, Program, record, source
 
 import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
+from shpy.testing.arrays import flat_leaves
+from shpy.testing.generated.source import TABLES, record, source
+from shpy.testing.generated.syntax import Tree
 
 LIMIT = 1_048_576
 
@@ -25,7 +27,7 @@ LIMIT = 1_048_576
 class Expected:
     """What a program must compute for `inputs`: its outputs, and how each element ends."""
 
-    program: Program
+    program: Tree
     inputs: list[Array]
 
     @cached_property
@@ -81,7 +83,7 @@ class Expected:
         return kernel(self.recorded, who, loop_limit=self.options.loop_limit).source
 
 
-def check(program: Program, inputs: list[Array], backends: tuple[str, ...]) -> None:
+def check(program: Tree, inputs: list[Array], backends: tuple[str, ...]) -> None:
     """The text of the IR read back, and what each backend gives."""
     expected = Expected(program, inputs)
     module = expected.recorded.ir
@@ -98,7 +100,7 @@ def ran(expected: Expected, backend: str) -> tuple[list[Array], Array]:
         result = compiled.run(*expected.inputs)
     except sh.LoopLimitExceeded as error:
         result, stopped = error.result, error.count
-    outputs = leaves(result.outputs)
+    outputs = flat_leaves(result.outputs)
     ends = np.where(result.written, WRITTEN, DISCARDED)
     if stopped:
         # Which of the elements not written were stopped is not said; their number is.

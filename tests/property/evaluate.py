@@ -8,8 +8,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from property.syntax import (
-    TABLES,
+
+from shpy.ir import meaning
+from shpy.ir.constants import DTYPES
+from shpy.ir.ops import OPS
+from shpy.testing.generated.source import TABLES
+from shpy.testing.generated.syntax import (
     Apply,
     Assign,
     Block,
@@ -27,18 +31,14 @@ from property.syntax import (
     If,
     Lanes,
     Name,
-    Program,
     Read,
     Splat,
     Stmt,
     Swizzle,
+    Tree,
     While,
     Write,
 )
-
-from shpy.ir import meaning
-from shpy.ir.constants import DTYPES
-from shpy.ir.ops import OPS
 
 DISCARDED, WRITTEN, STOPPED = 0, 1, 2
 
@@ -54,7 +54,7 @@ class Leave(Exception):
 class Evaluator:
     """One element. `scope` holds numpy scalars, (size,) arrays, and (length[, size]) arrays."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Tree) -> None:
         self.program = program
         self.functions: dict[str, Function] = {f.name: f for f in program.functions}
 

@@ -11,8 +11,11 @@ from backends.running import BACKENDS
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from property.agreement import check
 from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
-from property.programs import elements, programs
-from property.syntax import Block, Do, Exit, For, If, Program, While, source
+
+from shpy.testing.generated.inputs import elements
+from shpy.testing.generated.source import source
+from shpy.testing.generated.strategy import trees
+from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
 
 SHARD = 25
 INPUTS = elements(16)
@@ -31,8 +34,8 @@ def agree(shard: int, *, endless: bool) -> None:
 
     @seed(shard)
     @quietly
-    @given(programs(endless=endless))
-    def run(program: Program) -> None:
+    @given(trees(endless=endless))
+    def run(program: Tree) -> None:
         check(program, INPUTS, BACKENDS)
 
     run()
@@ -86,8 +89,8 @@ def test_the_strategy_makes_what_matters() -> None:
 
     @seed(1)
     @settings(quietly, max_examples=200, phases=[Phase.generate], verbosity=Verbosity.quiet)
-    @given(programs(endless=True))
-    def look(program: Program) -> None:
+    @given(trees(endless=True))
+    def look(program: Tree) -> None:
         nonlocal parted
         nests.update(forms(program.body))
         for function in program.functions:

@@ -1,8 +1,9 @@
-"""Small programs as data: what they say in the language, as source text that a person can run.
+"""Writes a tree in the language, as text that a person can run, and records it.
 
-    Program(inputs=(Variable("a", F),), body=(Assign("x", Apply(F, "add", (Name(F, "a"), Const(F, (1.0,))))),), ...)
+Stage: test. Takes a `Tree`, gives its source text, or a `Generated` program.
 
-`source(program)` writes it in the language, `record(program)` runs that text; `evaluate.py` says what it must compute.
+    print(source(tree))
+    record(tree).compile("numpy")
 """
 
 from __future__ import annotations
@@ -10,218 +11,40 @@ from __future__ import annotations
 import itertools
 import linecache
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
-from shpy.ir.types import Base, Type, vec
-
-F, F2, F3, I, I2, U, B, B3 = (  # noqa: E741 - the language's names
-    vec("f"), vec("f", 2), vec("f", 3), vec("i"), vec("i", 2), vec("u"), vec("b"), vec("b", 3),
-)  # fmt: skip
-
-# Expressions, each with its type.
-
-
-@dataclass(frozen=True)
-class Const:
-    type: Type
-    values: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Name:
-    """A variable, input or loop index."""
-
-    type: Type
-    name: str
-
-
-@dataclass(frozen=True)
-class Apply:
-    """A row of the op table; `floordiv` and `floormod` of floats too. A scalar among vectors is a Splat."""
-
-    type: Type
-    op: str
-    args: tuple[Expr, ...]
-
-
-@dataclass(frozen=True)
-class Splat:
-    """A scalar where a vector is wanted: the language broadcasts it, so it is not written."""
-
-    type: Type
-    scalar: Expr
-
-
-@dataclass(frozen=True)
-class Convert:
-    type: Type
-    value: Expr
-
-
-@dataclass(frozen=True)
-class Construct:
-    type: Type
-    parts: tuple[Expr, ...]
-
-
-@dataclass(frozen=True)
-class Swizzle:
-    type: Type
-    value: Expr
-    picked: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Component:
-    """`v[i]` with an i that is known at run time: clamped."""
-
-    type: Type
-    value: Expr
-    index: Expr
-
-
-@dataclass(frozen=True)
-class Read:
-    """An element of an Array or a Table, the nearest one where the index is out of range."""
-
-    type: Type
-    name: str
-    index: tuple[Expr, ...]
-
-
-Expr = Const | Name | Apply | Splat | Convert | Construct | Swizzle | Component | Read
-
-# Statements
-
-
-@dataclass(frozen=True)
-class Declare:
-    """A variable of the block: `x = sh.Attrib1f(value)`."""
-
-    name: str
-    value: Expr
-
-
-@dataclass(frozen=True)
-class Assign:
-    """`x[:] = value`, `x.xy = value`, or with `op` `x += value`."""
-
-    name: str
-    value: Expr
-    picked: tuple[int, ...] | None = None
-    op: str | None = None
-
-
-@dataclass(frozen=True)
-class Write:
-    """`array[index] = value`, dropped where the index is out of range."""
-
-    name: str
-    index: Expr
-    value: Expr
-
-
-@dataclass(frozen=True)
-class Call:
-    """`x[:] = f(a, b)`, or a bare call; `args` are Names for the parameters that f stores into."""
-
-    function: str
-    args: tuple[Expr, ...]
-    result: str | None = None
-
-
-@dataclass(frozen=True)
-class Lanes:
-    """`x[:] = value` where `condition`, chosen by any_lane or all_lanes."""
-
-    how: str
-    condition: Expr
-    name: str
-    value: Expr
-
-
-@dataclass(frozen=True)
-class If:
-    """Branches (condition, block), then the block of SH_ELSE or None."""
-
-    branches: tuple[tuple[Expr, Block], ...]
-    orelse: Block | None = None
-
-
-@dataclass(frozen=True)
-class While:
-    condition: Expr
-    body: Block
-
-
-@dataclass(frozen=True)
-class Do:
-    """`late`: the condition is a lambda, evaluated at the test."""
-
-    body: Block
-    until: Expr
-    late: bool = False
-
-
-@dataclass(frozen=True)
-class For:
-    """`bounds`: one to three, as for range; the last may be a negative constant."""
-
-    index: str
-    bounds: tuple[Expr, ...]
-    body: Block
-
-
-@dataclass(frozen=True)
-class Exit:
-    """break, continue, return or discard, under a condition or not."""
-
-    kind: str
-    condition: Expr | None = None
-
-
-Stmt = Declare | Assign | Write | Call | Lanes | If | While | Do | For | Exit
-Block = tuple[Stmt, ...]
-
-
-@dataclass(frozen=True)
-class Variable:
-    name: str
-    type: Type
-    length: int | None = None
-
-
-@dataclass(frozen=True)
-class Function:
-    """A subroutine: `stored` names the parameters that it stores into. It returns `results` (none or one)."""
-
-    name: str
-    params: tuple[Variable, ...]
-    stored: frozenset[str]
-    body: Block
-    results: tuple[Expr, ...]
-
-
-@dataclass(frozen=True)
-class Program:
-    """`arrays` are one element's own, `tables` data; every return gives the values that `results` then have."""
-
-    inputs: tuple[Variable, ...]
-    arrays: tuple[Variable, ...]
-    tables: tuple[tuple[str, Type, int], ...]
-    functions: tuple[Function, ...]
-    body: Block
-    results: tuple[Expr, ...]
-    loop_limit: int | None = None
-
-    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        """What hypothesis prints when it has found a program that fails."""
-        printer.text(f"the program\n\n{source(self)}")
-
+from shpy.ir.types import Base, Type
+from shpy.program import Program
+from shpy.testing.generated.syntax import (
+    Apply,
+    Assign,
+    Block,
+    Call,
+    Component,
+    Const,
+    Construct,
+    Convert,
+    Declare,
+    Do,
+    Exit,
+    Expr,
+    For,
+    If,
+    Lanes,
+    Name,
+    Read,
+    Splat,
+    Stmt,
+    Swizzle,
+    Tree,
+    While,
+    Write,
+)
+
+__all__ = ["TABLES", "Generated", "class_of", "record", "source"]
 
 SYMBOLS = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "floordiv": "//", "floormod": "%", "and": "&", "or": "|",
@@ -255,8 +78,9 @@ def text(e: Expr) -> str:
             return text(scalar)
         case Apply(_, op, args) if op in SYMBOLS:
             right = args[1]
-            bare = isinstance(right, Const) and right.type.size == 1 and not isinstance(args[0], Const)
-            written = number(right.type.base, right.values[0]) if bare and op not in ("shl", "shr") else text(right)
+            written = text(right)
+            if isinstance(right, Const) and right.type.size == 1 and not isinstance(args[0], Const):
+                written = written if op in ("shl", "shr") else number(right.type.base, right.values[0])
             return f"({text(args[0])} {SYMBOLS[op]} {written})"
         case Apply(_, op, args) if op in PREFIX:
             return f"({PREFIX[op]}{text(args[0])})"
@@ -274,28 +98,29 @@ def text(e: Expr) -> str:
             return f"{name}[{', '.join(map(text, index))}]"
 
 
-class Writer:
+class _Writer:
     """Writes a program's source text."""
 
-    def __init__(self, program: Program) -> None:
-        self.program = program
+    def __init__(self, tree: Tree) -> None:
+        self.tree = tree
         self.lines: list[str] = []
         self.results: tuple[Expr, ...] = ()
 
     def source(self) -> str:
-        for function in self.program.functions:
+        """The whole text."""
+        for function in self.tree.functions:
             self.results = function.results
             self.line(0, "@sh.subroutine")
             self.line(0, f"def {function.name}({', '.join(p.name for p in function.params)}):")
             self.block(1, function.body)
             self.line(1, self.returned("return", ""))
             self.lines += ["", ""]
-        self.results = self.program.results
+        self.results = self.tree.results
         self.line(0, "@sh.program")
-        self.line(0, f"def generated({', '.join(f'{i.name}: {class_of(i.type)}' for i in self.program.inputs)}):")
-        for array in self.program.arrays:
+        self.line(0, f"def generated({', '.join(f'{i.name}: {class_of(i.type)}' for i in self.tree.inputs)}):")
+        for array in self.tree.arrays:
             self.line(1, f"{array.name} = sh.Array({class_of(array.type)}, {array.length})")
-        self.block(1, self.program.body)
+        self.block(1, self.tree.body)
         self.line(1, self.returned("return", ""))
         return "\n".join(self.lines) + "\n"
 
@@ -365,9 +190,9 @@ class Writer:
                 self.block(depth + 1, body)
 
 
-def source(program: Program) -> str:
+def source(tree: Tree) -> str:
     """The program in the language."""
-    return Writer(program).source()
+    return _Writer(tree).source()
 
 
 _files: Iterator[int] = itertools.count()
@@ -376,14 +201,27 @@ TABLES = {
     "grid": sh.Table(np.arange(12).reshape(2, 3, 2) / 4, sh.Attrib2f, name="grid"),
     "counts": sh.Table(np.array([2**31 - 1, -(2**24) - 1, 0, 7]), sh.Attrib1i, name="counts"),
 }
+"""The data that generated programs read."""
 
 
-def record(program: Program) -> sh.Program:
+class Generated(Program):
+    """A generated program: `tree` is its syntax, `text` its source, which hypothesis prints where it fails."""
+
+    tree: Tree
+    text: str
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """What hypothesis prints when it has found a program that fails."""
+        printer.text(f"the program\n\n{self.text}")
+
+
+def record(tree: Tree) -> Generated:
     """Run the text. Python finds its lines, so that errors and the emitted text can name them."""
-    written = source(program)
+    written = source(tree)
     file = f"<generated {next(_files)}>"
     linecache.cache[file] = (len(written), None, written.splitlines(True), file)
     names = {"sh": sh, "np": np, **TABLES, **{n: getattr(sh, n) for n in sh.__all__ if n.startswith("SH_")}}
     exec(compile(written, file, "exec"), names)
-    recorded: sh.Program = names["generated"]
-    return recorded
+    made = Generated(names["generated"]._recorded)
+    made.tree, made.text = tree, written
+    return made

@@ -1,0 +1,12 @@
+"""What the options of pytest, `--shpy-backends` and `--shpy-ulp`, say; without them, every backend and every bit.
+
+Stage: test. `plugin.py` sets these, `assert_equivalent` reads them.
+"""
+
+from __future__ import annotations
+
+backends: tuple[str, ...] | None = None
+"""The backends to compare where a test names none; None for each that is available."""
+
+ulp: float = 0.0
+"""The least distance in ULP that every comparison allows."""

@@ -1,0 +1,247 @@
+"""The first statement at which two backends part.
+
+Stage: test. Takes a program, its inputs and backends; runs the program that watches itself (`watch.py`) on two of them
+and searches by halves for the first event of which they hold different views. Gives a `Divergence`, or None.
+
+    found = first_divergence(program, x, backends=("numpy", "opencl-16"))
+    print(found)          # line, variable, both values, the turns of the loops, the statements before it
+
+Times: about log2(events) + 12 runs of the program on each of the two backends.
+"""
+
+from __future__ import annotations
+
+import linecache
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shpy.accuracy.units import steps
+from shpy.errors import ShpyTypeError
+from shpy.ir.nodes import Loc
+from shpy.lang.location import here
+from shpy.program import Program
+from shpy.testing.arrays import bits_differ, is_denormal
+from shpy.testing.observers import Seen, Setting, observer, sites_of
+from shpy.testing.reference import INTERPRETER, split_options, targets
+from shpy.testing.runs import Run, parted, run
+
+__all__ = ["Divergence", "Row", "first_divergence"]
+
+_BEFORE, _AFTER = 6, 2
+"""Events that are shown before and after the one at which the two part."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One event in both traces: what each computed there; None where one was elsewhere, or had ended."""
+
+    loc: Loc | None
+    name: str | None
+    text: str
+    turns: tuple[int, ...]
+    first: Any
+    second: Any
+    same: bool
+
+    def __str__(self) -> str:
+        turn = f" [turn {', '.join(map(str, reversed(self.turns)))}]" if self.turns else ""
+        what = f"{self.name} = {self.text}" if self.name and not self.text.startswith("store ") else self.text
+        values = (_spoken(self.first), _spoken(self.second))
+        return f"{_place(self.loc)}{turn}  {what:<34}  {values[0]:<24} {values[1]}"
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Where two backends part: `loc`, the variable's `name`, the statement as `text`, the `turns` of the loops around.
+
+    `turns` counts from 1, the innermost loop first. `first` and `second` are what the backends named in `backends`
+    computed there; where they are at different statements, what each is at is told by `rows`, and `path` is true.
+    `operands` are the first backend's, by name, which agree on both. `denormal`: one of these numbers is a denormal
+    and the two differ by flushing it to zero. `rows` are both traces side by side around the place.
+    """
+
+    program: str
+    backends: tuple[str, str]
+    element: tuple[int, ...]
+    inputs: dict[str, Any]
+    loc: Loc | None
+    name: str | None
+    text: str
+    turns: tuple[int, ...]
+    first: Any
+    second: Any
+    ulp: float | None
+    path: bool
+    denormal: bool
+    operands: dict[str, Any]
+    rows: tuple[Row, ...]
+    loops: tuple[Loc | None, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """The user's line, as its file has it; empty where there is no file."""
+        return linecache.getline(self.loc.file, self.loc.line).strip() if self.loc else ""
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        one, two = self.backends
+        yield f"{self.program}: {one} and {two} part at {_place(self.loc)}, element {_index(self.element)}"
+        if self.source:
+            yield f"    {self.source}"
+        for turn, loop in zip(self.turns, self.loops, strict=False):
+            yield f"  in turn {turn} of the loop at {_place(loop)}"
+        if self.path:
+            yield f"  {one} goes on with {self.text}, {two} elsewhere: a condition before it, or an exit, differs"
+        else:
+            yield f"  {f'{self.name} = ' if self.name else ''}{self.text}"
+            yield f"    {one:<12} {_exactly(self.first)}"
+            yield f"    {two:<12} {_exactly(self.second)}{_apart(self.ulp)}"
+        for name, value in self.operands.items():
+            yield f"    with {name} = {_exactly(value)}"
+        if self.denormal:
+            yield "  a denormal: one of the two flushes it to zero, as its device does"
+        yield f"  inputs: {', '.join(f'{n} = {_spoken(v)}' for n, v in self.inputs.items()) or 'none'}"
+        yield f"  the two traces ({one}, {two}):"
+        for row in self.rows:
+            yield f"   {'  ' if row.same else '→ '}{row}"
+
+
+def _place(loc: Loc | None) -> str:
+    return "an unknown line" if loc is None else str(loc)
+
+
+def _index(element: tuple[int, ...]) -> str:
+    return ", ".join(map(str, element)) or "the only one"
+
+
+def _spoken(value: Any) -> str:
+    return "·" if value is None else str(value.tolist() if isinstance(value, np.ndarray | np.generic) else value)
+
+
+def _exactly(value: Any) -> str:
+    """The number, and for floats its exact form."""
+    array = np.asarray(value)
+    if array.dtype.kind != "f":
+        return _spoken(value)
+    return f"{_spoken(value)}  ({', '.join(float(v).hex() for v in array.ravel())})"
+
+
+def _apart(ulp: float | None) -> str:
+    return "" if ulp is None else f"   {ulp:.0f} ULP apart" if np.isfinite(ulp) else "   one of them no number"
+
+
+def first_divergence(
+    program: Program,
+    *inputs: Any,
+    backends: Iterable[str] | None = None,
+    element: int | None = None,
+    shape: Any = None,
+    **named: Any,
+) -> Divergence | None:
+    """The first event at which a backend parts from another, bit by bit; None where their outputs are the same.
+
+    `backends` are names as in `testing.targets` ("numpy", "opencl-4", "interpreter"), each that is available with all
+    its lane widths if none are given; those after the first are compared with the first, until one differs. `element`
+    is the place in C order of the element to look at, the first one that differs if it is not given. `inputs` come by
+    position or by name; other names are options of `Program.compile`. NaNs are all the same.
+
+    Where one of the two gives what the reference interpreter gives, the interpreter stands for it. A statement that
+    parts only while nobody watches it (a contraction, a lane width's own text) cannot be found: then this gives None
+    although the outputs differ.
+    """
+    given, options = split_options(named, program)
+    names = targets(backends)
+    if len(names) < 2:
+        raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "glsl")')
+    setting = Setting(program, inputs, given, shape, options)
+    first = run(setting, names[0])
+    for name in names[1:]:
+        second = run(setting, name)
+        places = np.flatnonzero(parted(first, second))
+        if element is not None:
+            places = places[places == element]
+        if places.size:
+            found = search(setting, (names[0], name), int(places[0]), (first, second))
+            if found is not None:
+                return found
+    return None
+
+
+def search(
+    setting: Setting, names: tuple[str, str], element: int, runs: tuple[Run, Run] | None = None
+) -> Divergence | None:
+    """The first event of an element at which two backends part, by halves; None if they agree while watched."""
+    if runs is not None:
+        names = _judged(setting, names, element, runs)
+    sides = tuple(observer(setting, name, element) for name in names)
+    count = max(side.count for side in sides)
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        one, two = (side.trail(middle) for side in sides)
+        low, high = (low, middle) if one != two else (middle + 1, high)
+    if low >= count:
+        return None
+    events = range(max(0, low - _BEFORE), min(count, low + _AFTER + 1))
+    looking = [side.look(sites_of(sides, events)) for side in sides]
+    seen = {event: (looking[0].seen(event), looking[1].seen(event)) for event in events}
+    rows = tuple(row for pair in seen.values() for row in _rows(*pair))
+    return _divergence(setting, names, element, seen[low], rows)
+
+
+def _judged(setting: Setting, names: tuple[str, str], element: int, runs: tuple[Run, Run]) -> tuple[str, str]:
+    """The pair with the interpreter for the one that is right, if exactly one is."""
+    if INTERPRETER in names:
+        return names
+    truth = run(setting, INTERPRETER, only={element})
+    wrong = [bool(parted(truth, one)[element]) for one in runs]
+    return names if wrong[0] == wrong[1] else (INTERPRETER, names[wrong[1]])
+
+
+def _rows(one: Seen, two: Seen) -> Iterator[Row]:
+    if one.site is not None and two.site is not None and one.site.number == two.site.number:
+        same = not bits_differ(one.value, two.value)
+        yield Row(one.site.loc, one.site.name, one.site.text, one.turns, one.value, two.value, same)
+        return
+    if one.site is not None:
+        yield Row(one.site.loc, one.site.name, one.site.text, one.turns, one.value, None, False)
+    if two.site is not None:
+        yield Row(two.site.loc, two.site.name, two.site.text, two.turns, None, two.value, False)
+
+
+def _divergence(
+    setting: Setting, names: tuple[str, str], element: int, seen: tuple[Seen, Seen], rows: tuple[Row, ...]
+) -> Divergence:
+    one, two = seen
+    path = one.site is None or two.site is None or one.site.number != two.site.number
+    there = one if one.site is not None else two
+    site = there.site
+    assert site is not None
+    operands = {name: value for (name, _, _), value in zip(site.operands, there.operands, strict=True)}
+    ulp, flushed = None, False
+    if not path and np.asarray(one.value).dtype.kind == "f":
+        ulp = float(np.max(steps(np.atleast_1d(one.value), np.atleast_1d(two.value))))
+        flushed = any(map(is_denormal, (one.value, two.value, *operands.values())))
+    return Divergence(
+        program=setting.program.name,
+        backends=names,
+        element=setting.index(element),
+        inputs=setting.element(element),
+        loc=site.loc,
+        name=site.name,
+        text=site.text,
+        turns=there.turns,
+        loops=site.loops,
+        first=one.value,
+        second=two.value,
+        ulp=ulp,
+        path=path,
+        denormal=flushed,
+        operands=operands,
+        rows=rows,
+    )

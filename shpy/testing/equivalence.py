@@ -1,0 +1,174 @@
+"""Whether a program gives the same on every backend, and if not, where and why.
+
+Stage: test. Takes a program and its inputs, runs it on every backend and lane width, gives an `Agreement` or raises
+AssertionError with the element, its inputs, what each backend made of it, and the first statement at which they part.
+
+    assert_equivalent(program, x)                          # every bit, but for NaNs
+    assert_equivalent(program, x, ulp=4, math="relaxed")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from shpy.accuracy.units import steps
+from shpy.errors import ShpyTypeError
+from shpy.lang.location import here
+from shpy.program import Program
+from shpy.testing import defaults
+from shpy.testing.arrays import Array, differing
+from shpy.testing.denormals import meets_denormals
+from shpy.testing.divergence import search
+from shpy.testing.observers import Setting
+from shpy.testing.reference import INTERPRETER, split_options, targets
+from shpy.testing.runs import Run, run
+
+__all__ = ["Agreement", "assert_equivalent"]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What agreed: the `backends`, the number of `elements`, and how many parted by flushed denormals alone."""
+
+    backends: tuple[str, ...]
+    elements: int
+    flushed: dict[str, int]
+
+    def __str__(self) -> str:
+        noted = [f"; {n} on {name} by flushed denormals alone" for name, n in self.flushed.items() if n]
+        return f"{', '.join(self.backends)} agree on {self.elements} elements{''.join(noted)}"
+
+
+@dataclass(frozen=True)
+class Bound:
+    """How far apart two results may be: `ulp` numbers, or atol + rtol * |first|; 0 of each asks for the same bits."""
+
+    ulp: float
+    atol: float
+    rtol: float
+
+    def exceeded(self, a: Array, b: Array) -> Array:
+        """Where two arrays are further apart."""
+        wrong = differing(a, b)
+        if a.dtype.kind == "f" and (self.ulp or self.atol or self.rtol):
+            with np.errstate(all="ignore"):
+                away = np.abs(a.astype(np.float64) - b.astype(np.float64))
+                near = away <= self.atol + self.rtol * np.abs(a.astype(np.float64))
+            wrong &= ~((steps(a, b) <= self.ulp) | near)
+        return wrong
+
+
+def assert_equivalent(
+    program: Program,
+    *inputs: Any,
+    backends: Iterable[str] | None = None,
+    ulp: float = 0,
+    atol: float = 0,
+    rtol: float = 0,
+    shape: Any = None,
+    **named: Any,
+) -> Agreement:
+    """Run on every available backend and lane width, and compare each with the first, element by element.
+
+    `backends` are names as in `testing.targets`: "numpy", "opencl" (each width), "opencl-4", "glsl", "interpreter".
+    Results may be `ulp` numbers apart, or atol + rtol * |the first's|; all 0 asks for the same bits, NaNs aside.
+    Elements end alike: written, discarded, or stopped by a loop's limit. On a device that says that it flushes
+    denormals, elements that meet one on their way are counted, not compared.
+
+    `inputs` come by position or by name; other names (`precision`, `loop_limit`, …) are options of `Program.compile`.
+    Raises AssertionError, which names the element, its inputs, each backend's value and distance, and the first
+    statement at which the two part.
+    """
+    given, options = split_options(named, program)
+    names = targets(backends if backends is not None else defaults.backends)
+    if len(names) < 2:
+        raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "opencl")')
+    comparison = _Comparison(
+        Setting(program, inputs, given, shape, options), names, Bound(max(ulp, defaults.ulp), atol, rtol)
+    )
+    return comparison.check()
+
+
+class _Comparison:
+    """The runs of one program on all targets."""
+
+    def __init__(self, setting: Setting, names: list[str], bound: Bound) -> None:
+        self.setting = setting
+        self.names = names
+        self.bound = bound
+        self.runs = [run(setting, name) for name in names]
+
+    def check(self) -> Agreement:
+        """Raise AssertionError at the first run that differs from the first one."""
+        flushed: dict[str, int] = {}
+        for other in self.runs[1:]:
+            wrong = self.wrong(self.runs[0], other)
+            if wrong.any() and (other.flushes or self.runs[0].flushes):
+                flushed[other.target] = int(np.count_nonzero(wrong & self.denormal))
+                wrong &= ~self.denormal
+            if wrong.any():
+                raise AssertionError("\n".join(self.told(other, wrong)))
+            if other.stopped != self.runs[0].stopped and not flushed.get(other.target):
+                raise AssertionError(
+                    f"{self.setting.program.name}: a loop's limit stopped {self.runs[0].stopped} elements on "
+                    f"{self.names[0]}, {other.stopped} on {other.target}"
+                )
+        return Agreement(tuple(self.names), self.runs[0].written.size, flushed)
+
+    @cached_property
+    def denormal(self) -> Array:
+        return meets_denormals(self.setting)
+
+    def wrong(self, a: Run, b: Run) -> Array:
+        """The elements that differ."""
+        found = np.asarray(a.written != b.written)
+        for one, two in zip(a.outputs, b.outputs, strict=True):
+            found |= self.bound.exceeded(one, two).any(axis=1)
+        return found
+
+    def told(self, other: Run, wrong: Array) -> Iterator[str]:
+        """What there is to say of a failure."""
+        element, s = int(np.flatnonzero(wrong)[0]), self.setting
+        place = ", ".join(map(str, s.index(element))) or "the only one"
+        yield (
+            f"{s.program.name}: {self.names[0]} and {other.target} differ in {np.count_nonzero(wrong)} of {wrong.size} "
+            f"elements, first in element {place}"
+        )
+        for name, value in s.element(element).items():
+            yield f"  {name} = {_exact(value)}"
+        yield from self.values(element)
+        names = (self.names[0], other.target)
+        found = search(s, names, element, (self.runs[0], other))
+        if found is None:
+            yield "  watched statement by statement they agree: what parts them is how the text as a whole is compiled"
+        else:
+            yield f"the first statement at which they part:\n{found}"
+
+    def values(self, element: int) -> Iterator[str]:
+        """Each target's outputs, and how far they are from the first's."""
+        truth = run(self.setting, INTERPRETER, only={element}) if INTERPRETER not in self.names else None
+        for leaf, name in enumerate(self.setting.program.outputs):
+            yield f"  output {name}:"
+            for one in [*self.runs, *([truth] if truth else [])]:
+                value = one.outputs[leaf][element]
+                said = _exact(value) if one.written[element] else "not written"
+                yield f"    {one.target:<12} {said}{self.distance(one, leaf, element)}"
+
+    def distance(self, one: Run, leaf: int, element: int) -> str:
+        first = self.runs[0]
+        a, b = first.outputs[leaf][element], one.outputs[leaf][element]
+        if one is first or a.dtype.kind != "f" or not (first.written[element] and one.written[element]):
+            return ""
+        return f"   {np.max(steps(a, b)):.0f} ULP from {first.target}"
+
+
+def _exact(value: Any) -> str:
+    array = np.asarray(value).ravel()
+    said = ", ".join(map(str, array.tolist()))
+    exact = f"  ({', '.join(float(v).hex() for v in array)})" if array.dtype.kind == "f" else ""
+    return f"{said}{exact}"

@@ -1,0 +1,253 @@
+"""Draws statements and blocks: nested loops and branches that end, with every exit.
+
+Stage: test. Loops have counters, or few turns; programs shrink to few statements, few turns and plain numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from hypothesis import strategies as st
+
+from shpy.ir.types import Type
+from shpy.testing.generated.expressions import TYPES, Expressions
+from shpy.testing.generated.syntax import (
+    Apply,
+    Assign,
+    B,
+    Block,
+    Call,
+    Const,
+    Declare,
+    Do,
+    Exit,
+    Expr,
+    For,
+    I,
+    If,
+    Lanes,
+    Name,
+    Stmt,
+    While,
+    Write,
+)
+
+__all__ = ["Statements", "flat"]
+
+MAX_TURNS = 4
+
+
+class Statements(Expressions):
+    """Statements, drawn where they stand."""
+
+    def block(self, least: int = 1, goes_on: bool = False) -> Block:
+        """Statements; what they declare is gone behind them. `goes_on`: something follows, so no exit ends them."""
+        names, stored = dict(self.names), list(self.stored)
+        made: list[Stmt] = []
+        for _ in range(self.draw(st.integers(least, 5))):
+            if self.budget > 0:
+                self.budget -= 1
+                made.append(self.statement())
+        if self.depth and not goes_on and self.chance(25):
+            made.append(Exit(self.exit_kind()))
+        self.names, self.stored = names, stored
+        return tuple(made)
+
+    def statement(self) -> Stmt:
+        """One statement."""
+        ways: list[Callable[[], Stmt]] = [self.assign, self.assign, self.declare, self.lanes]
+        if self.arrays:
+            ways.append(self.write)
+        if self.depth < 4:
+            ways += [self.branch, self.branch, self.count_loop, self.count_loop, self.while_loop, self.do_loop]
+        if self.functions:
+            ways.append(self.call)
+        if self.depth:
+            ways += [self.leave, self.leave, self.leave]
+        return self.pick(ways)()  # type: ignore[no-any-return]
+
+    def target(self) -> tuple[str, Type]:
+        """A variable that may be stored into, and its type."""
+        name = self.pick(self.stored)
+        return name, self.names[name]
+
+    def assign(self) -> Stmt:
+        """A store into a variable, or some of its components."""
+        name, type = self.target()
+        if type.size > 1 and self.chance(40):
+            picked = tuple(self.draw(st.permutations(range(type.size)))[: self.draw(st.integers(1, type.size))])
+            part = type.sized(len(picked))
+            return Assign(name, self.expr(part), picked, "add" if self.chance(30) else None)
+        op = self.pick(("add", "mul", "sub")) if not type.is_bool and self.chance(40) else None
+        return Assign(name, self.expr(type), None, op)
+
+    def declare(self) -> Stmt:
+        """A new variable of the block."""
+        value = self.expr(self.pick(TYPES))
+        name = self.fresh("t")
+        self.names[name] = value.type
+        self.stored.append(name)
+        return Declare(name, value)
+
+    def write(self) -> Stmt:
+        """A store into an array."""
+        array = self.pick(self.arrays)
+        return Write(array.name, self.index(1), self.expr(array.type))
+
+    def lanes(self) -> Stmt:
+        """A store chosen by what other lanes do."""
+        name, type = self.pick([(n, self.names[n]) for n in self.stored if self.names[n].size == 1])
+        return Lanes(self.pick(("any_lane", "all_lanes")), self.expr(B), name, self.expr(type))
+
+    def exit_kind(self) -> str:
+        """How a block may be left here."""
+        kinds = [
+            "return",
+            *["break", "continue"] * bool(self.loops),
+            "return",
+            *["break", "continue"] * bool(self.loops),
+            "discard",
+        ]
+        kind = str(self.pick(kinds))
+        if kind == "continue":
+            self.loops[-1] = True
+        return kind
+
+    def leave(self) -> Stmt:
+        """An exit under a condition."""
+        return Exit(self.exit_kind(), self.expr(B))
+
+    @contextmanager
+    def inside(self) -> Any:
+        """What is drawn meanwhile is one block deeper."""
+        self.depth += 1
+        yield
+        self.depth -= 1
+
+    def branch(self) -> Stmt:
+        """An If with one or two conditions."""
+        branches = []
+        for _ in range(1 + (self.chance(30))):
+            condition = self.expr(B)
+            with self.inside():
+                branches.append((condition, self.block()))
+        with self.inside():
+            orelse = self.block() if self.chance(50) else None
+        return If(tuple(branches), orelse)
+
+    def looped(self, first: Block = (), goes_on: bool = False) -> tuple[Block, bool]:
+        """A loop's body, and whether a continue may skip some of it."""
+        self.loops.append(False)
+        with self.inside():
+            body = first + self.block(goes_on=goes_on)
+        return body, self.loops.pop()
+
+    def counter(self) -> tuple[Stmt, Stmt, Expr]:
+        """What keeps a loop from running on: a counter, its step, whether it has room."""
+        name = self.fresh("k")
+        self.names[name] = I
+        counter = Name(I, name)
+        turns = Const(I, (self.draw(st.integers(1, MAX_TURNS)),))
+        return (
+            Declare(name, Const(I, (0,))),
+            Assign(name, Const(I, (1,)), None, "add"),
+            Apply(B, "lt", (counter, turns)),
+        )
+
+    def while_loop(self) -> Stmt:
+        """A loop that tests first."""
+        start, step, room = self.counter()
+        condition = Apply(B, "and", (room, self.expr(B))) if not (self.endless and self.chance(50)) else self.expr(B)
+        body, _ = self.looped((step,))
+        return self.together(start, While(condition, body))
+
+    def do_loop(self) -> Stmt:
+        """A loop that tests last."""
+        start, step, room = self.counter()
+        if self.endless:
+            # A break among the first statements would be the loop's test, behind which its turns are counted.
+            step = If(((room, (step,)),))
+        body, continues = self.looped((step,), goes_on=True)
+        full = Apply(B, "not", (room,))
+        until = Apply(B, "or", (full, self.expr(B))) if not (self.endless and self.chance(50)) else self.expr(B)
+        return self.together(start, Do(body, until, late=continues or self.chance(30)))
+
+    def count_loop(self) -> Stmt:
+        """A counted loop, upwards or downwards."""
+        index = self.fresh("i")
+        stop: Expr = Const(I, (self.draw(st.integers(0, MAX_TURNS)),))
+        if self.chance(40):
+            stop = Apply(I, "and", (self.expr(I), Const(I, (3,))))
+        bounds: tuple[Expr, ...] = (stop,)
+        if self.chance(40):
+            first = Const(I, (self.draw(st.integers(-2, 5)),))
+            bounds = (first, stop)
+            if self.chance(60):
+                bounds = (first, stop, Const(I, (self.pick((1, 2, -1, -2, 3)),)))
+        names = dict(self.names)
+        self.names[index] = I
+        body, _ = self.looped()
+        self.names = names
+        return For(index, bounds, body)
+
+    @staticmethod
+    def together(start: Stmt, loop: Stmt) -> Stmt:
+        """A statement of two: a branch that is always taken would hide names, so the counter stands before it."""
+        return Sequence((start, loop))  # type: ignore[return-value]
+
+    def call(self) -> Stmt:
+        """A call of a subroutine, with arguments that fit."""
+        function = self.pick(self.functions)
+        args: list[Expr] = []
+        taken: set[str] = set()
+        for param in function.params:
+            if param.length is not None:
+                args.append(Name(param.type, self.arrays[0].name))
+            elif param.name in function.stored:
+                fitting = [n for n in self.stored if self.names[n] is param.type and n not in taken]
+                if not fitting:
+                    return self.assign()
+                name = str(self.pick(fitting))
+                args.append(Name(param.type, name))
+                taken.add(name)
+            else:
+                args.append(self.const(param.type) if self.chance(20) else self.value_argument(param.type, taken))
+        fitting = [n for n in self.stored if function.results and self.names[n] is function.results[0].type]
+        result = self.pick(fitting) if fitting and not self.chance(20) else None
+        return Call(function.name, tuple(args), result)
+
+    def value_argument(self, type: Type, taken: set[str]) -> Expr:
+        """An argument that is read only: an expression of its own, for a variable would be passed by reference."""
+        del taken
+        value = self.expr(type, 1)
+        return value if isinstance(value, Apply) else Apply(type, "add", (value, self.const(type)))
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Statements that were made as one."""
+
+    statements: Block
+
+
+def flat(block: Block) -> Block:
+    """The block with its sequences spliced in."""
+    made: list[Stmt] = []
+    for s in block:
+        match s:
+            case Sequence(statements):
+                made += flat(statements)
+            case If(branches, orelse):
+                made.append(If(tuple((c, flat(b)) for c, b in branches), None if orelse is None else flat(orelse)))
+            case While(condition, body):
+                made.append(While(condition, flat(body)))
+            case Do(body, until, late):
+                made.append(Do(flat(body), until, late))
+            case For(index, bounds, body):
+                made.append(For(index, bounds, flat(body)))
+            case _:
+                made.append(s)
+    return tuple(made)

@@ -1,0 +1,246 @@
+"""Who watches a program run: a backend, asked again for each event, or the interpreter, which notes them all at once.
+
+Stage: test. Takes a program, its inputs and one element; gives what was seen of each event of that element.
+
+    one = observer(setting, "opencl-4", element=3)
+    one.count, one.trail(17), one.site(17)       # events in all; the hash up to event 17; which statement it was
+    one.look({12, 13}).seen(17)                  # its value, operands and turns, for the sites that are looked at
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from shpy.errors import LoopLimitExceeded
+from shpy.host import bind, common_shape, dtypes_at, streams, tables
+from shpy.ir.constants import DTYPES
+from shpy.ir.interpreter import Interpreter
+from shpy.ir.nodes import Module
+from shpy.ir.types import Base, Type
+from shpy.kernel import Kernel
+from shpy.lang.structure import Group, Leaf
+from shpy.lang.values import CLASSES
+from shpy.passes.promote import promote
+from shpy.program import Program
+from shpy.testing.reference import INTERPRETER, kernel
+from shpy.testing.watch import OPERANDS, Site, Watched, watch
+
+__all__ = ["Observer", "Seen", "Setting", "observer"]
+
+_LAST = 2**32 - 2
+"""A target that no event reaches."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen of an event; `site` None where the element had ended by then."""
+
+    site: Site | None
+    turns: tuple[int, ...] = ()
+    value: Any = None
+    operands: tuple[Any, ...] = ()
+
+
+@dataclass
+class Setting:
+    """A program and what it is run on. `options` are those of `Program.compile`."""
+
+    program: Program
+    inputs: tuple[Any, ...]
+    named: Mapping[str, Any]
+    shape: Any
+    options: Mapping[str, Any]
+    watches: dict[frozenset[int], Watched] = field(default_factory=dict)
+
+    @property
+    def precision(self) -> Any:
+        """The working precision."""
+        return self.options.get("precision", "f32")
+
+    @cached_property
+    def module(self) -> Module:
+        """What is watched: the program with as few variables as can be, so that a line is few events."""
+        return promote(self.program.ir)
+
+    def watch(self, looked: frozenset[int]) -> Watched:
+        """The module that watches itself, made once for each set of sites that are looked at."""
+        if looked not in self.watches:
+            limit = self.options.get("loop_limit", 1_048_576)
+            self.watches[looked] = watch(self.module, limit, looked, wide=self.precision == "f64")
+        return self.watches[looked]
+
+    @cached_property
+    def element_shape(self) -> tuple[int, ...]:
+        """The element shape S of the run."""
+        return common_shape(self._streams, self.shape)
+
+    @cached_property
+    def _given(self) -> dict[str, Any]:
+        return bind(self.program._recorded.inputs, self.inputs, self.named, self.program.name)
+
+    @cached_property
+    def _streams(self) -> list[Any]:
+        return streams(self.program._recorded.inputs, self._given, dtypes_at(self.precision))
+
+    def element(self, n: int) -> dict[str, Any]:
+        """The inputs of the n-th element in C order, by name."""
+        flat = [s.flat(self.element_shape) for s in self._streams]
+        return {s.name: a[n if len(a) > 1 else 0] for s, a in zip(self._streams, flat, strict=True)}
+
+    def data(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The params and tables, as the interpreter takes them."""
+        recorded, dtypes = self.program._recorded, dtypes_at(self.precision)
+        found = tables(recorded.inputs, self._given, recorded.tables)
+        params = {n: np.asarray(p.exact, dtypes[p.base]) for n, p in recorded.params.items()}
+        return params, {n: t.data(dtypes[t.type.base]) for n, t in found.items()}
+
+    def index(self, n: int) -> tuple[int, ...]:
+        """The place of the n-th element along numpy's axes."""
+        return tuple(int(i) for i in np.unravel_index(n, self.element_shape)) if self.element_shape else ()
+
+
+class Observer(Protocol):
+    """One side of a comparison, for one element."""
+
+    @property
+    def count(self) -> int:
+        """How many events the element has."""
+
+    def trail(self, event: int) -> int:
+        """The hash of every event up to this one."""
+
+    def site(self, event: int) -> int:
+        """The number of the statement that the event is; 0 if the element had ended."""
+
+    def look(self, sites: frozenset[int]) -> Observer:
+        """An observer that sees these sites in full."""
+
+    def seen(self, event: int) -> Seen:
+        """The event in full, if its site is looked at."""
+
+
+def observer(setting: Setting, target: str, element: int) -> Observer:
+    """What watches this element on this target."""
+    return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
+
+
+def _seen(watched: Watched, found: Mapping[str, Any]) -> Seen:
+    if not found["site"]:
+        return Seen(None)
+    site = watched.sites[int(found["site"]) - 1]
+    kept = [_kept(found, f"operand{n}", type) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
+    turns = tuple(int(t) for t in found["turns"][: len(site.loops)])
+    return Seen(site, turns, _kept(found, "value", site.type), tuple(kept))
+
+
+def _kept(found: Mapping[str, Any], place: str, type: Type) -> Any:
+    """A value out of the slot of its family, in its own type."""
+    family = {Base.D: "d", Base.F: "f", Base.H: "f"}.get(type.base, "u")
+    array = found[f"{place}_{family}"][: type.size]
+    if type.base is Base.I:
+        array = array.view(np.int32)
+    elif type.base is not Base.F:
+        array = array.astype(DTYPES[type.base])
+    return array if type.size > 1 else array[0]
+
+
+class _Backend:
+    """A backend: one run of all elements for each question, so that they share packets as they do in earnest."""
+
+    def __init__(self, setting: Setting, target: str, element: int, looked: frozenset[int] = frozenset()) -> None:
+        self.setting = setting
+        self.target = target
+        self.element = element
+        self.watched = setting.watch(looked)
+        options = {**setting.options, "loop_limit": None}
+        self.kernel: Kernel = kernel(_runnable(setting.program, self.watched), target, **options)
+
+    @cached_property
+    def count(self) -> int:
+        return int(self._run(_LAST)["count"])
+
+    def trail(self, event: int) -> int:
+        return int(self._run(event)["trail"])
+
+    def site(self, event: int) -> int:
+        return int(self._run(event)["site"])
+
+    def look(self, sites: frozenset[int]) -> _Backend:
+        return _Backend(self.setting, self.target, self.element, sites)
+
+    def seen(self, event: int) -> Seen:
+        return _seen(self.watched, self._run(event))
+
+    def _run(self, target: int) -> dict[str, Any]:
+        """The added outputs of the element, by name."""
+        s = self.setting
+        try:
+            outputs = self.kernel(*s.inputs, shape=s.shape, **s.named, target=np.uint32(target))
+        except LoopLimitExceeded as error:
+            outputs = error.result.outputs
+        added = self.watched.outputs
+        index = s.index(self.element)
+        return {n: np.asarray(a)[index] for (n, _), a in zip(added, outputs[-len(added) :], strict=True)}
+
+
+class _Interpreter:
+    """The interpreter: one run that notes every event, and one more with the sites that are looked at."""
+
+    def __init__(self, setting: Setting, element: int, looked: frozenset[int] = frozenset()) -> None:
+        self.setting = setting
+        self.element = element
+        self.watched = setting.watch(looked)
+        self.interpreter = Interpreter(self.watched.module, setting.precision, None)
+        self.events: list[tuple[int, int]] = []
+        self._run(_LAST, self._note)
+
+    def _note(self, loc: Any, name: str, value: Any) -> None:
+        if name.startswith("@"):
+            self.events.append((int(name[1:]), int(value)))
+
+    @property
+    def count(self) -> int:
+        return len(self.events)
+
+    def trail(self, event: int) -> int:
+        return self.events[min(event, self.count - 1)][1] if self.events else 0
+
+    def site(self, event: int) -> int:
+        return self.events[event][0] if event < self.count else 0
+
+    def look(self, sites: frozenset[int]) -> _Interpreter:
+        return _Interpreter(self.setting, self.element, sites)
+
+    def seen(self, event: int) -> Seen:
+        return _seen(self.watched, self._run(event))
+
+    def _run(self, target: int, trace: Any = None) -> dict[str, Any]:
+        s = self.setting
+        given = [*s.element(self.element).values(), np.uint32(target)]
+        index = s.index(self.element)
+        outputs, _ = self.interpreter.run_element(given, *s.data(), index, s.element_shape, trace=trace)
+        added = self.watched.outputs
+        return {n: a for (n, _), a in zip(added, outputs[-len(added) :], strict=True)}
+
+
+def _runnable(program: Program, watched: Watched) -> Program:
+    """The module that watches itself, with the tables and params of the program."""
+    module = watched.module
+    kinds = {cls.__name__: cls for cls in CLASSES.values()}
+    parts = tuple(
+        Leaf(kinds.get(port.kind) or CLASSES["Attrib", slot.type.size, slot.type.base])
+        for port, slot in zip(module.outputs, module.entry.outputs, strict=True)
+    )
+    layout = Group("tuple", tuple(map(str, range(len(parts)))), parts)
+    inputs: dict[str, Any] = {**program._recorded.inputs, "target": Leaf(CLASSES["Attrib", 1, Base.U])}
+    return Program(replace(program._recorded, module=module, inputs=inputs, output=layout))
+
+
+def sites_of(sides: Iterable[Observer], events: Iterable[int]) -> frozenset[int]:
+    """The sites of these events, as any of the observers has them."""
+    return frozenset(side.site(event) for event in events for side in sides) - {0}

@@ -1,0 +1,130 @@
+"""The reference interpreter as a backend, and every way in which a program can be run here.
+
+Stage: test. `targets()` names them: "numpy", "opencl-1", "opencl-4", …, "glsl", "interpreter"; `kernel` compiles a
+program for one.
+
+    kernel(program, "opencl-16")(points)
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import numpy as np
+
+from shpy.backends.base import Array, Call, Device, Options
+from shpy.backends.registry import NAMES, backend, backends
+from shpy.errors import BackendUnavailable, ShpyTypeError
+from shpy.ir.interpreter import Interpreter
+from shpy.ir.nodes import Loc, Module
+from shpy.ir.traverse import limited_loops
+from shpy.kernel import Kernel
+from shpy.lang.location import here
+from shpy.program import Program
+
+__all__ = ["INTERPRETER", "Interpreted", "Reference", "kernel", "require", "split_options", "targets"]
+
+INTERPRETER = "interpreter"
+_WIDTHS = {"opencl": (1, 4, 8, 16)}
+"""How many elements a backend can run together."""
+
+
+class Interpreted:
+    """An Executable that interprets a module, element after element; `only` some of them, where it is given."""
+
+    notes: tuple[str, ...] = ()
+
+    def __init__(
+        self, interpreter: Interpreter, loops: tuple[Loc | None, ...], only: Collection[int] | None = None
+    ) -> None:
+        self.interpreter = interpreter
+        self.source = str(interpreter.module)
+        self.loops = loops
+        self.only = only
+
+    def run(self, call: Call) -> Array:
+        """Run it; elements that are left out are as if they were discarded."""
+        statuses = np.zeros(call.count, np.int32)
+        for n in range(call.count) if self.only is None else sorted(self.only):
+            index = tuple(int(i) for i in np.unravel_index(n, call.shape)) if call.shape else ()
+            given = [each[n if len(each) > 1 else 0] for each in call.inputs]
+            computed, statuses[n] = self.interpreter.run_element(given, call.params, call.tables, index, call.shape)
+            if statuses[n] == 1:
+                for there, value in zip(call.outputs, computed, strict=True):
+                    there[n] = value
+        return statuses
+
+
+class Reference:
+    """The reference interpreter as a backend: it runs modules as they were recorded."""
+
+    name = INTERPRETER
+
+    def __init__(self, only: Collection[int] | None = None) -> None:
+        self.only = only
+
+    def devices(self) -> list[Device]:
+        """The one there is."""
+        return [Device("reference interpreter", "1")]
+
+    def compile(self, module: Module, options: Options) -> Interpreted:
+        """Make the module's closures."""
+        loops = tuple(loop.loc for loop in limited_loops(module))
+        return Interpreted(Interpreter(module, options.precision, options.loop_limit), loops, self.only)
+
+
+def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
+    """Every way to run a program on the backends that are `wanted`: each of their widths.
+
+    None stands for every backend that is available; a name with a width, "opencl-4", for that one; "interpreter" for
+    the reference interpreter. Raises BackendUnavailable for what is not there.
+    """
+    if wanted is None:
+        wanted = [b.name for b in backends() if b.available]
+    names = [wanted] if isinstance(wanted, str) else list(wanted)
+    known = [INTERPRETER, *(t for name in NAMES for t in _widths(name))]
+    found: list[str] = []
+    for name in names:
+        if name not in known and name not in NAMES:
+            raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, (*NAMES, *known))))
+        found += [t for t in ([name] if name in known else _widths(name)) if t not in found]
+    return found
+
+
+def require(wanted: Iterable[str]) -> list[str]:
+    """These names of backends, each of which is there; raises BackendUnavailable for one that is not."""
+    names = [name.strip() for name in wanted if name.strip()]
+    for name in names:
+        backend(name).devices()
+    return names
+
+
+def _widths(name: str) -> list[str]:
+    return [f"{name}-{lanes}" for lanes in _WIDTHS[name]] if name in _WIDTHS else [name]
+
+
+_OPTIONS = frozenset(inspect.signature(Program.compile).parameters) - {"self", "backend", "lanes"}
+
+
+def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What of the keyword arguments are inputs of the program, and what are options of compiling it."""
+    inputs = {name: value for name, value in given.items() if name in program.inputs}
+    options = {name: value for name, value in given.items() if name not in inputs}
+    unknown = sorted(options.keys() - _OPTIONS)
+    if unknown:
+        raise ShpyTypeError(
+            f"{unknown[0]} is no input of {program.name}, and no option of compile",
+            loc=here(),
+            cure=", ".join([*program.inputs, *sorted(_OPTIONS)]),
+        )
+    return inputs, options
+
+
+def kernel(program: Program, target: str, only: Collection[int] | None = None, **options: Any) -> Kernel:
+    """The program compiled for one of `targets()`; `only` are the elements that the interpreter runs."""
+    if target == INTERPRETER:
+        return Kernel(program._recorded, Reference(only), Options(**options))
+    name, _, lanes = target.partition("-")
+    return program.compile(name, lanes=int(lanes) if lanes else "auto", **options)

@@ -1,0 +1,300 @@
+"""A program that watches itself: every statement that computes or stores becomes an event that can be asked for.
+
+Stage: test. Takes a recorded module, gives one with one more input, `target`, and more outputs. Events are counted as
+they happen; `trail` is a hash of every event up to `target`, so that two backends that agree on it have gone the same
+way so far, and a search by halves finds the first event at which they part. Nothing of the control flow changes:
+
+    %t.3: f = mul %a.1, %b.2          %t.3: f = mul %a.1, %b.2
+                               ->     $trail = cond($count <= target, hash($trail, site, bits of %t.3), $trail)
+                                      $site  = cond($count == target, site, $site)
+                                      $count = $count + 1
+
+For the sites that are `looked` at, the value, the operands and the turns of the loops around them are outputs as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Port, Region, Stmt, Store, Value, Variable
+from shpy.ir.traverse import defined, walk
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.exits import make_exits_explicit
+
+__all__ = ["OPERANDS", "Site", "Watched", "watch"]
+
+OPERANDS = 4
+"""How many operands of an event are kept, at most."""
+
+_SILENT = frozenset({"const", "param", "lane_mask", "table_size"})
+"""Operations that are no events: nothing can go wrong there that is not seen where they are used."""
+
+_U, _F, _D = vec(Base.U), vec(Base.F), vec(Base.D)
+_FAMILY = {Base.F: Base.F, Base.H: Base.F, Base.D: Base.D, Base.I: Base.U, Base.U: Base.U, Base.B: Base.U}
+"""The base in which values of a base are kept, exactly."""
+
+_TURNS = 4
+"""Loops around an event whose turns are kept, from the innermost outwards."""
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A statement that is watched: what it is called, what it says, the type of its value and of its operands."""
+
+    number: int
+    loc: Loc | None
+    name: str | None
+    text: str
+    type: Type
+    operands: tuple[tuple[str, int, Type], ...] = ()
+    """The name (or the number, `%7`), id and type of each operand."""
+    loops: tuple[Loc | None, ...] = ()
+    """The lines of the loops around it in its function, the innermost first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """The module that watches itself. `outputs` names the outputs that were added, with their types, in order."""
+
+    module: Module
+    sites: tuple[Site, ...]
+    outputs: tuple[tuple[str, Type], ...]
+
+
+def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), *, wide: bool = False) -> Watched:
+    """Watch every statement of the module; those of the sites in `looked` in full. `wide`: f is binary64.
+
+    Discards and loops that run out of turns become plain exits, so that what was seen until then is written: the
+    module is to be compiled without a limit of its own.
+    """
+    plan = _Plan(module, frozenset(looked), wide)
+    functions = tuple(f if f.pure else _Watcher(f, plan).run() for f in module.functions)
+    outputs = [(name, type) for name, type in plan.slots.items()]
+    made = replace(
+        module,
+        inputs=(*module.inputs, Port("target", "Attrib1u")),
+        outputs=(*module.outputs, *(Port(name, _kind(type)) for name, type in outputs)),
+        functions=functions,
+    )
+    made, status, _ = make_exits_explicit(made, loop_limit)
+    if status:
+        outputs.append(("status", vec(Base.I)))
+        made = replace(made, outputs=(*made.outputs, Port("status", "Attrib1i")))
+    return Watched(made, tuple(plan.sites), tuple(outputs))
+
+
+def _kind(type: Type) -> str:
+    return f"Attrib{type.size}{type.base.value}"
+
+
+@dataclass
+class _Plan:
+    """What all functions share: the sites so far, and the slots that are handed from one to the other."""
+
+    module: Module
+    looked: frozenset[int]
+    wide: bool
+    sites: list[Site] = field(default_factory=list)
+    slots: dict[str, Type] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.slots = {"count": _U, "trail": _U, "site": _U}
+        if self.looked:
+            self.slots["turns"] = vec(Base.U, _TURNS)
+            bases = sorted({_FAMILY[v.type.base] for f in self.module.functions for v in defined(f)})
+            places = ["value", *(f"operand{n}" for n in range(OPERANDS))]
+            self.slots |= {f"{place}_{base.value}": vec(base, 4) for place in places for base in bases}
+
+
+class _Watcher:
+    """Copies one function, with what watches it."""
+
+    def __init__(self, function: Function, plan: _Plan) -> None:
+        self.function = function
+        self.plan = plan
+        self.b = Builder(function=function)
+        self.values = {v.id: v for v in defined(function)}
+        self.stored_as = _stored_names(function)
+        self.turns: list[tuple[Variable, Loc | None]] = []
+
+    def run(self) -> Function:
+        b = self.b
+        if self.function is self.plan.module.entry:
+            self.slots = {name: b.output(type, name) for name, type in self.plan.slots.items()}
+        else:
+            self.slots = {name: b.reference(type, name) for name, type in self.plan.slots.items()}
+        self.target = b.input(_U, "target")
+        self.one, self.shift, self.factor = (b.const(_U, [n]) for n in (1, 15, 0x9E3779B1))
+        self.region(self.function.body)
+        return b.finish()
+
+    def region(self, region: Region) -> None:
+        for statement in region:
+            self.statement(statement)
+
+    def nested(self, region: Region) -> Region:
+        self.b.push()
+        self.region(region)
+        return self.b.pop()
+
+    def statement(self, s: Stmt) -> None:
+        match s:
+            case Let():
+                self.b.append(s)
+                if s.op not in _SILENT:
+                    self.event(self.site_of(s), s.value)
+            case Store():
+                self.b.append(s)
+                self.event(*self.after_store(s))
+            case Call(name, args, results):
+                handed = (*(slot.id for slot in self.slots.values()), self.target.id)
+                self.b.append(replace(s, args=args + handed))
+                for result in results:
+                    self.event(self.site(s.loc, result.name, f"call {name}", result.type), result)
+            case If(_, then, orelse):
+                then = self.nested(then)
+                self.b.append(replace(s, then=then, orelse=self.nested(orelse)))
+            case Loop():
+                self.loop(s)
+            case _:
+                self.b.append(s)
+
+    def loop(self, s: Loop) -> None:
+        b = self.b
+        turn = b.variable(_U, name="turn")
+        b.store(turn, b.const(_U, [0]))
+        self.turns.insert(0, (turn, s.loc))
+        b.push()
+        b.store(turn, b.let("add", b.load(turn), self.one))
+        self.region(s.body)
+        body = b.pop()
+        continuing = self.nested(s.continuing)
+        b.append(replace(s, body=body, continuing=continuing))
+        self.turns.pop(0)
+
+    # Events
+
+    def site_of(self, s: Let) -> Site:
+        name = s.value.name or self.stored_as.get(s.value.id)
+        operands = tuple((self.called(a), a, self.values[a].type) for a in s.args)
+        said = s.op
+        if s.op == "load" and isinstance(s.attr, int):
+            said, name = f"load {self.b.slot(s.attr).name or f'${s.attr}'}", name or self.b.slot(s.attr).name
+        elif isinstance(s.attr, str):
+            said = f"{s.op} {s.attr}"
+        elif s.op == "swizzle" and isinstance(s.attr, tuple):
+            said = "." + "".join("xyzw"[c] for c in s.attr)
+        listed = f"({', '.join(o[0] for o in operands)})" if operands else ""
+        return self.site(s.value.loc, name, said + listed, s.value.type, operands)
+
+    def called(self, value: int) -> str:
+        found = self.values[value].name or self.stored_as.get(value)
+        return found if found is not None else f"%{value}"
+
+    def site(
+        self, loc: Loc | None, name: str | None, text: str, type: Type, operands: tuple[tuple[str, int, Type], ...] = ()
+    ) -> Site:
+        around = tuple(loop for _, loop in self.turns)
+        made = Site(len(self.plan.sites) + 1, loc, name, text, type, operands[:OPERANDS], around)
+        self.plan.sites.append(made)
+        return made
+
+    def after_store(self, s: Store) -> tuple[Site, Value]:
+        """What the variable holds once it is stored into."""
+        slot = self.b.slot(s.variable)
+        place = slot.name or f"${slot.id}"
+        if s.components is not None:
+            place += "." + "".join("xyzw"[c] for c in s.components)
+        elif s.index is not None:
+            place += f"[{self.called(s.index)}]"
+        value = self.b.load(slot, s.index, loc=s.loc)
+        operands = ((self.called(s.value), s.value, self.values[s.value].type),)
+        return self.site(s.loc, slot.name, f"store {place}", slot.type, operands), value
+
+    def event(self, site: Site, value: Value) -> None:
+        b = self.b
+        b.loc = site.loc
+        count, target = b.load(self.slots["count"]), self.target
+        trail = old = b.load(self.slots["trail"])
+        number = b.const(_U, [site.number])
+        for word in (*self.words(value), number):
+            mixed = b.let("mul", b.let("xor", trail, word), self.factor)
+            name = f"@{site.number}" if word is number else None  # the interpreter's trace tells events by it
+            trail = b.let("xor", mixed, b.let("shr", mixed, self.shift), name=name)
+        within = b.let("le", count, target)
+        b.store(self.slots["trail"], b.let("cond", within, trail, old))
+        hit = b.let("eq", count, target)
+        self.keep(hit, "site", number)
+        if site.number in self.plan.looked:
+            self.look(hit, site, value)
+        b.store(self.slots["count"], b.let("add", count, self.one))
+        b.loc = None
+
+    def words(self, value: Value) -> list[Value]:
+        """The bits of each component, as u; of what is wider than binary32, of its rounded value and of the rest."""
+        b, base = self.b, value.type.base
+        found = [self.bits(value)]
+        if base in (Base.F, Base.D):
+            high = b.let("float_from_bits", found[0])
+            if base is Base.D:
+                high = b.let("convert", high, type=value.type)
+            rest = b.let("sub", value, high)
+            if base is Base.D or self.plan.wide:
+                found.append(self.bits(rest))
+        return [part for whole in found for part in self.parts(whole)]
+
+    def bits(self, value: Value) -> Value:
+        type = value.type
+        if type.is_float:
+            return self.b.let("bits_from_float", value)
+        return value if type.base is Base.U else self.b.let("convert", value, type=type.based(Base.U))
+
+    def parts(self, value: Value) -> list[Value]:
+        if value.type.size == 1:
+            return [value]
+        return [self.b.swizzle(value, [c]) for c in range(value.type.size)]
+
+    def keep(self, hit: Value, slot: str, value: Value) -> None:
+        """Store into a slot where the event is the one that is asked for."""
+        b, variable = self.b, self.slots[slot]
+        where = b.splat(hit, variable.type.size)
+        b.store(variable, b.let("cond", where, value, b.load(variable)))
+
+    def look(self, hit: Value, site: Site, value: Value) -> None:
+        """Keep the value, the operands and the turns."""
+        b = self.b
+        self.keep_padded(hit, "value", value)
+        for n, (_, id, _) in enumerate(site.operands):
+            self.keep_padded(hit, f"operand{n}", self.values[id])
+        if self.turns:
+            turns = [b.load(turn) for turn, _ in self.turns[:_TURNS]]
+            self.keep(hit, "turns", self.padded(turns, _U))
+
+    def keep_padded(self, hit: Value, place: str, value: Value) -> None:
+        base = _FAMILY[value.type.base]
+        exact = value
+        if value.type.base is not base:
+            exact = self.b.let("convert", value, type=value.type.based(base))
+        self.keep(hit, f"{place}_{base.value}", self.padded([exact], vec(base)))
+
+    def padded(self, parts: list[Value], scalar: Type) -> Value:
+        """A vector of four of these parts and zeros."""
+        room = 4 - sum(p.type.size for p in parts)
+        if not room and len(parts) == 1:
+            return parts[0]
+        zeros = [self.b.const(scalar, [0])] * room
+        return self.b.let("construct", *parts, *zeros, type=scalar.sized(4))
+
+
+def _stored_names(function: Function) -> Mapping[int, str]:
+    """The variable into which a value is stored first: what a value without a name is to the user."""
+    slots = {
+        v.id: v.name for v in (*function.inputs, *function.outputs, *function.variables) if isinstance(v, Variable)
+    }
+    found: dict[int, str] = {}
+    for s in walk(function.body):
+        if isinstance(s, Store) and s.components is None and slots[s.variable]:
+            found.setdefault(s.value, slots[s.variable] or "")
+    return found

@@ -1,0 +1,177 @@
+"""The first statement at which backends part: its line, variable, values, turns; ways that part; denormals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from testing.faults import op, with_fault
+
+import shpy as sh
+from shpy import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
+
+HERE = Path(__file__).read_text().splitlines()
+X = np.linspace(-4, 4, 17).astype(np.float32)
+
+
+def line_of(text: str) -> int:
+    """The line of this file that ends in the mark."""
+    return next(n for n, line in enumerate(HERE, 1) if line.endswith(f"# {text}"))
+
+
+@sh.subroutine
+def halve(z: sh.Attrib2f, x: sh.Attrib1f):
+    with SH_IF(x > 0):
+        z.y = sh.floor(z.x * 0.5)  # the subroutine's floor
+
+
+@sh.program
+def turning(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+    z = sh.Attrib2f(x, 1)
+    with SH_FOR(0, n) as i:
+        step = z * 1.5 + sh.Attrib1f(i)
+        z[:] = step
+        with SH_IF(i == 3):
+            low = sh.floor(z.x)  # the floor
+            z.x = low
+        SH_BREAK(z.x > 1000)
+    return z.x + z.y
+
+
+def test_agreement_is_none():
+    assert sh.testing.first_divergence(turning, X, 6) is None
+
+
+@pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
+def test_the_statement_is_named_with_line_values_and_turn(monkeypatch, faulty):
+    with_fault(monkeypatch, faulty, op("floor", "ceil"))
+    program = sh.Program(turning._recorded)
+    found = sh.testing.first_divergence(program, X, 6, backends=("interpreter", faulty))
+    assert found is not None
+    assert (found.loc.file, found.loc.line) == (__file__, line_of("the floor"))
+    assert found.source == "low = sh.floor(z.x)  # the floor"
+    assert found.name == "low"
+    assert found.text.startswith("floor(")
+    assert found.turns == (4,)
+    element = found.element[0]
+    steps = [step for step in turning.trace(x=X[element], n=6) if step.name == "low"]
+    assert found.first == steps[0].value
+    assert found.second == found.first + 1
+    assert found.ulp > 1
+    assert next(iter(found.operands.values())) == pytest.approx(found.first, abs=1)
+    assert not found.denormal
+    assert not found.path
+    assert found.inputs == {"x": X[element], "n": 6}
+
+
+def test_the_right_side_is_the_interpreter(monkeypatch):
+    with_fault(monkeypatch, "numpy", op("floor", "ceil"))
+    found = sh.testing.first_divergence(sh.Program(turning._recorded), X, 6, backends=("numpy", "glsl"))
+    assert found.backends == ("interpreter", "numpy")
+
+
+def test_both_traces_stand_side_by_side(monkeypatch):
+    with_fault(monkeypatch, "numpy", op("floor", "ceil"))
+    found = sh.testing.first_divergence(sh.Program(turning._recorded), X, 6, backends=("interpreter", "numpy"))
+    parting = [row.same for row in found.rows].index(False)
+    assert parting == 6
+    assert all(row.same and np.array_equal(row.first, row.second) for row in found.rows[:parting])
+    assert found.rows[parting].loc == found.loc
+    assert (found.rows[parting].first, found.rows[parting].second) == (found.first, found.second)
+    said = str(found)
+    assert f"turning: interpreter and numpy part at {__file__}:{line_of('the floor')}, element " in said
+    assert f"in turn 4 of the loop at {__file__}:" in said
+    assert "low = sh.floor(z.x)  # the floor" in said
+    assert "→" in said
+
+
+def test_a_statement_in_a_subroutine_is_found(monkeypatch):
+    with_fault(monkeypatch, "opencl", op("floor", "ceil"))
+
+    @sh.program
+    def calls(x: sh.Attrib1f) -> sh.Attrib1f:
+        z = sh.Attrib2f(x, 0)
+        halve(z, x)
+        return z.y
+
+    found = sh.testing.first_divergence(calls, X, backends=("interpreter", "opencl-1"))
+    assert found.loc.line == line_of("the subroutine's floor")
+
+
+def test_ways_that_part_are_told(monkeypatch):
+    """Bits agree up to the comparison, whose answer is the first thing that differs."""
+    with_fault(monkeypatch, "numpy", op("gt", "ge"))
+
+    @sh.program
+    def ways(x: sh.Attrib1f) -> sh.Attrib1f:
+        y = sh.Attrib1f(x)
+        with SH_WHILE(lambda: y > 1):  # the test
+            y -= 1
+        SH_DISCARD(y > 10)
+        return y
+
+    found = sh.testing.first_divergence(ways, X, backends=("interpreter", "numpy"))
+    assert found.loc.line == line_of("the test")
+    assert (found.first, found.second) == (False, True)
+    after = [row for row in found.rows if row.first is None or row.second is None]
+    assert after, "behind it the two are at different statements"
+
+
+def test_elements_that_end_otherwise_are_found(monkeypatch):
+    with_fault(monkeypatch, "numpy", op("gt", "ge"))
+
+    @sh.program
+    def ends(x: sh.Attrib1f) -> sh.Attrib1f:
+        SH_DISCARD(x > 1)
+        return x
+
+    found = sh.testing.first_divergence(ends, np.float32([0, 1, 2]), backends=("interpreter", "numpy"))
+    assert found.element == (1,)
+    assert (found.first, found.second) == (False, True)
+
+
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+def test_other_precisions(monkeypatch, precision):
+    with_fault(monkeypatch, "numpy", op("floor", "ceil"))
+    found = sh.testing.first_divergence(
+        sh.Program(turning._recorded), X, 6, backends=("interpreter", "numpy"), precision=precision
+    )
+    assert found.loc.line == line_of("the floor")
+    assert found.second == found.first + 1
+
+
+def test_the_last_bit_of_a_double_counts(monkeypatch):
+    with_fault(monkeypatch, "numpy", op("max", "min"))
+
+    @sh.program
+    def close(x: sh.Attrib1d) -> sh.Attrib1d:
+        return sh.max(x, 1.0)
+
+    found = sh.testing.first_divergence(close, np.nextafter(1, 2), backends=("interpreter", "numpy"))
+    assert found.ulp == 1
+    assert found.second == 1
+
+
+@sh.program
+def small(x: sh.Attrib1f) -> sh.Attrib1f:
+    y = x * 1e-20
+    z = y * 1e-20  # the denormal
+    return z * 1e30
+
+
+def test_a_flushed_denormal_is_told():
+    found = sh.testing.first_divergence(small, X, backends=("numpy", "glsl"))
+    assert found.loc.line == line_of("the denormal")
+    assert found.denormal
+    assert "a denormal: one of the two flushes it to zero" in str(found)
+
+
+def test_one_backend_is_not_enough():
+    with pytest.raises(sh.ShpyTypeError, match="two backends at least"):
+        sh.testing.first_divergence(small, X, backends=["numpy"])
+
+
+def test_a_backend_that_is_none_is_named():
+    with pytest.raises(sh.BackendUnavailable, match="there is no backend 'opencl-3'"):
+        sh.testing.first_divergence(small, X, backends=["numpy", "opencl-3"])

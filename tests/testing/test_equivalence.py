@@ -1,0 +1,228 @@
+"""assert_equivalent: what agrees, what a failure tells, bounds, denormals, ends, data; the strategy of programs."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, find, given, seed, settings
+from testing.faults import op, with_fault
+
+import shpy as sh
+from shpy import SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
+from shpy.testing.generated.source import source
+from shpy.testing.generated.strategy import trees
+from shpy.testing.generated.syntax import For, If
+
+X = np.linspace(-4, 4, 17).astype(np.float32)
+
+
+def rounded_program() -> sh.Program:
+    @sh.program
+    def rounded(x: sh.Attrib1f, y: sh.Attrib2f) -> tuple[sh.Attrib1f, sh.Attrib2f]:
+        whole = sh.floor(x)
+        return whole * 2, y + whole
+
+    return rounded
+
+
+def test_every_backend_and_lane_width_takes_part():
+    found = sh.testing.assert_equivalent(rounded_program(), X, [1, 2])
+    assert found.backends == ("numpy", "opencl-1", "opencl-4", "opencl-8", "opencl-16", "glsl")
+    assert found.elements == 17
+    assert str(found) == "numpy, opencl-1, opencl-4, opencl-8, opencl-16, glsl agree on 17 elements"
+
+
+@pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
+def test_a_failure_names_element_inputs_values_distance_and_statement(monkeypatch, faulty):
+    with_fault(monkeypatch, faulty, op("floor", "ceil"))
+    with pytest.raises(AssertionError) as failure:
+        sh.testing.assert_equivalent(rounded_program(), X, [1, 2])
+    said = str(failure.value)
+    other = "opencl-1" if faulty == "numpy" else faulty + "-1" * (faulty == "opencl")
+    assert f"rounded: numpy and {other} differ in 8 of 17 elements, first in element 1" in said
+    assert "  x = -3.5  (-0x1.c000000000000p+1)" in said
+    assert "  y = 1.0, 2.0  (0x1.0000000000000p+0, 0x1.0000000000000p+1)" in said
+    right, wrong = "-8.0  (-0x1.0000000000000p+3)", "-6.0  (-0x1.8000000000000p+2)"
+    for name in ("numpy", "opencl-16", "glsl", "interpreter"):
+        value = wrong if name.startswith(faulty) else right
+        assert f"    {name:<12} {value}" in said
+    assert "4194304 ULP from numpy" in said
+    assert "the first statement at which they part:\nrounded: interpreter and " in said
+    assert "whole = sh.floor(x)" in said
+
+
+def test_a_zero_of_the_other_sign_is_a_difference(monkeypatch):
+    with_fault(monkeypatch, "numpy", op("neg", "abs"))
+
+    @sh.program
+    def minus(x: sh.Attrib1f) -> sh.Attrib1f:
+        return -x
+
+    with pytest.raises(AssertionError, match="differ in 1 of 1 elements"):
+        sh.testing.assert_equivalent(minus, np.float32([0]))
+    sh.testing.assert_equivalent(minus, np.float32([0]), ulp=0.5)
+
+
+def test_results_may_be_as_far_apart_as_the_bounds_say(monkeypatch):
+    with_fault(monkeypatch, "numpy", op("max", "min"))
+
+    @sh.program
+    def close(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.max(x, y)
+
+    near = np.float32(1), np.float32(1 + 3 * 2**-23)
+    sh.testing.assert_equivalent(close, *near, ulp=3)
+    sh.testing.assert_equivalent(close, *near, atol=4e-7)
+    sh.testing.assert_equivalent(close, *near, rtol=4e-7)
+    for bound in ({"ulp": 2}, {"atol": 3e-7}, {"rtol": 3e-7}, {}):
+        with pytest.raises(AssertionError):
+            sh.testing.assert_equivalent(close, *near, **bound)
+
+
+def small_program() -> sh.Program:
+    @sh.program
+    def small(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * 1e-20 * 1e-20 * 1e30
+
+    return small
+
+
+def test_denormals_that_a_device_flushes_are_counted():
+    found = sh.testing.assert_equivalent(small_program(), X)
+    assert found.flushed["glsl"] == 16
+    assert "16 on glsl by flushed denormals alone" in str(found)
+
+
+def test_a_fault_is_not_excused_by_denormals_elsewhere(monkeypatch):
+    """Of the 8 elements at which the fault shows, one has a denormal besides."""
+    with_fault(monkeypatch, "glsl", op("floor", "ceil"))
+    beside = np.tile(np.float32([1, 2]), (17, 1))
+    beside[1, 0] = 1e-40
+    with pytest.raises(AssertionError, match="differ in 7 of 17 elements, first in element 3"):
+        sh.testing.assert_equivalent(rounded_program(), X, beside, backends=["numpy", "glsl"])
+
+
+def test_elements_must_end_alike(monkeypatch):
+    with_fault(monkeypatch, "opencl", op("gt", "ge"))
+
+    @sh.program
+    def ends(x: sh.Attrib1f) -> sh.Attrib1f:
+        SH_DISCARD(x > 1)
+        return x
+
+    with pytest.raises(AssertionError) as failure:
+        sh.testing.assert_equivalent(ends, X)
+    assert "    opencl-4     not written" in str(failure.value)
+    assert "    numpy        1.0" in str(failure.value)
+
+
+def test_loops_beyond_their_limit_agree():
+    @sh.program
+    def endless(n: sh.Attrib1i) -> sh.Attrib1i:
+        k = sh.Attrib1i(0)
+        with SH_WHILE(lambda: k < n):
+            k += 1
+        return k
+
+    sh.testing.assert_equivalent(endless, np.arange(20), loop_limit=10)
+
+
+def test_params_tables_grids_and_names():
+    gain = sh.Param(sh.Attrib1f, 2.0, name="gain")
+    table = sh.Table(np.arange(5, dtype=np.float32), sh.Attrib1f)
+
+    @sh.program
+    def picture(scale: sh.Attrib1f) -> sh.Attrib1f:
+        at = sh.grid_index(2)
+        total = sh.Attrib1f(0)
+        with SH_FOR(0, at.y) as i:
+            with SH_IF(i > at.x):
+                total += table[i] * gain
+        return total * scale
+
+    gain.value = 3
+    found = sh.testing.assert_equivalent(picture, scale=0.5, shape=(5, 7))
+    assert found.elements == 35
+
+
+def test_a_name_that_is_neither_input_nor_option():
+    with pytest.raises(sh.ShpyTypeError, match="speed is no input of rounded, and no option of compile"):
+        sh.testing.assert_equivalent(rounded_program(), X, [1, 2], speed=2)
+
+
+def test_generated_programs_are_recorded_and_agree():
+    seen = []
+
+    @seed(3)
+    @settings(max_examples=5, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @given(sh.testing.programs())
+    def run(program):
+        seen.append(program)
+        sh.testing.assert_equivalent(
+            program, *sh.testing.inputs(program, 8), backends=["numpy", "opencl-4", "interpreter"]
+        )
+
+    run()
+    assert len(seen) >= 5
+    assert all(isinstance(program, sh.Program) and "@sh.program" in program.text for program in seen)
+
+
+@pytest.mark.slow
+def test_a_failing_program_shrinks():
+    """What is left is hardly more than what makes it fail."""
+    found = find(
+        trees(),
+        lambda tree: any(isinstance(s, For) and any(isinstance(t, If) for t in s.body) for s in tree.body),
+        settings=settings(max_examples=500, deadline=None, database=None, suppress_health_check=list(HealthCheck)),
+        random=random.Random(1),
+    )
+    assert not found.functions
+    assert len(source(found).splitlines()) <= 20
+
+
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    d: sh.Vector3d
+
+
+def test_inputs_fit_any_program():
+    @sh.program
+    def every(r: Ray, m: sh.Matrix3f, n: sh.Attrib2u, b: sh.Attrib1b, t: sh.Table[sh.Attrib2f, 2]) -> sh.Attrib1f:
+        return sh.cond(b, r.o.x + m[0, 1], t[n.x & 3, 1].y)
+
+    r, m, n, b, t = sh.testing.inputs(every, 9)
+    assert (r.o.shape, r.d.dtype, m.shape, n.dtype, b.dtype, t.shape) == (
+        (9, 3),
+        np.float64,
+        (9, 3, 3),
+        np.uint32,
+        np.bool_,
+        (5, 5, 2),
+    )
+    sh.testing.assert_equivalent(every, r, m, n, b, t, backends=["numpy", "interpreter"])
+
+
+WITHOUT = """
+import sys
+for name in ("hypothesis", "pytest", "mpmath", "matplotlib"):
+    sys.modules[name] = None
+import shpy as sh
+print(sh.testing.assert_equivalent(sh.Program.from_ir(sh.parse(sys.argv[1])), [1.0]))
+try:
+    sh.testing.programs()
+except sh.ShpyError as error:
+    print(error)
+"""
+
+
+def test_hypothesis_is_optional():
+    text = str(small_program().ir)
+    done = subprocess.run([sys.executable, "-c", WITHOUT, text], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "agree on 1 elements" in done.stdout
+    assert "programs() needs hypothesis\n  write instead: pip install 'shpy-dsl[testing]'" in done.stdout
