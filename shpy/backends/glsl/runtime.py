@@ -1,15 +1,16 @@
-"""Builds shaders and runs them: one full-screen draw a band of elements, textures in, framebuffer out.
+"""Builds shaders and runs them: a draw for a band of elements, textures in, framebuffer out.
 
 Stage: compile, run. n elements fill a texture row by row, a row being the last axis where that has a fair length, so
-that elements that are near lie near. More than `BAND` elements take several draws; more outputs than the device has
-draw buffers take several programs, each of which computes its share of the outputs anew.
+that elements that are near lie near. What takes long is drawn in several strips (see `pace`), more than `BAND` elements
+with several framebuffers; more outputs than the device has draw buffers take several programs, each of which computes
+its share of the outputs anew.
 """
 
 from __future__ import annotations
 
 import re
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -18,12 +19,13 @@ from shpy.backends.base import Array, Call
 from shpy.backends.glsl.context import Context, check
 from shpy.backends.glsl.shader import FIRST, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader
 from shpy.backends.glsl.textures import Lent, Store, Target, read
+from shpy.backends.pace import Pace
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.types import Base, Type, vec
 
 BAND: Final = 1 << 22
-"""Elements of one draw at most: it holds little at a time, and no draw takes so long that a driver stops it."""
+"""Elements that are on the device at a time, at most."""
 
 _ROW: Final = 1024
 _ERROR: Final = re.compile(r"^(?:ERROR: )?0[:(](\d+)(?:\(\d+\)|\))?\s*:\s*(?:error\b)?[\s:]*(.*)$", re.MULTILINE)
@@ -32,12 +34,16 @@ _USER_LINE: Final = re.compile(r"// (.+):(\d+)$")
 
 @dataclass(slots=True, weakref_slot=True, eq=False)
 class Program:
-    """A linked program with its shader, the draw that runs it, and the texture unit of each sampler that it reads."""
+    """A linked program with its shader, the draw that runs it, and the texture unit of each sampler that it reads.
+
+    `pace` is how much of a call one draw does.
+    """
 
     shader: Shader
     program: Any
     vertices: Any
     units: dict[str, int]
+    pace: Pace = field(default_factory=Pace)
 
 
 class Runtime:
@@ -111,12 +117,19 @@ class Runtime:
         _set(program, RUNNING, True)
         target.framebuffer.use()
         rows, rest = divmod(count, width)
-        for across, first, height in ((width, 0, rows), (rest, rows, min(rest, 1))):
-            if height:
-                _set(program, LAST, (across - 1, first + height - 1))
-                gl.viewport = (0, first, across, height)
-                made.vertices.render(self.context.moderngl.TRIANGLES, 3)
+        for first, height in made.pace.parts(rows, width):
+            self._dispatch(made, width, first, height)
+        if rest:
+            self._dispatch(made, rest, rows, 1)
         return target
+
+    def _dispatch(self, made: Program, across: int, first: int, height: int) -> None:
+        """Run some rows, and wait for them."""
+        gl = self.context.gl
+        _set(made.program, LAST, (across - 1, first + height - 1))
+        gl.viewport = (0, first, across, height)
+        made.vertices.render(self.context.moderngl.TRIANGLES, 3)
+        gl.finish()
 
     def _bind(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> None:
         program, shader, units = made.program, made.shader, made.units

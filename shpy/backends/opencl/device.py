@@ -25,6 +25,7 @@ from shpy.backends import store
 from shpy.backends.base import Array, Device
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.pace import Pace
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.tabledata import TableData
 
@@ -164,12 +165,24 @@ class Machine:
             self._from_disk.add(text)
             store.save(self._key(text), bytes(self._programs[text].get_info(self.cl.program_info.BINARIES)[0]))
 
-    def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int = LOCAL_SIZE) -> None:
-        """Queue a kernel over columns and lines of work items, and as many idle ones as fill each line's last group."""
+    def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int) -> None:
+        """Queue a kernel over columns and lines of work items, and as many idle ones as fill each line's last group.
+
+        On a device with a watchdog in as many dispatches as `pace` says, where an item stands for `each` elements.
+        """
         columns, lines = items
         groups = max(1, -(-columns // group))
         kernel.set_args(*args)
-        self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, lines), (group, 1))
+        if not self.watched:
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, lines), (group, 1))
+            return
+        # Whole lines, or groups of the only one.
+        rows, width = (lines, columns) if lines > 1 else (groups, group)
+        for first, count in pace.parts(rows, width * each):
+            size = (groups * group, count) if lines > 1 else (count * group, 1)
+            start = (0, first) if lines > 1 else (first * group, 0)
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1), global_work_offset=start)
+            self.queue.finish()
 
     def take(self, size: int) -> Any:
         """A buffer of at least `size` bytes, to be given back."""
@@ -218,6 +231,14 @@ class Machine:
         if not self.device.type & self.cl.device_type.CPU:
             return 1
         return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
+
+    @cached_property
+    def watched(self) -> bool:
+        """Whether something may stop a dispatch that takes long, as it may on anything but a CPU.
+
+        There dispatches are not divided, as PoCL generates code once more for one that does not begin at 0.
+        """
+        return not self.device.type & self.cl.device_type.CPU
 
     @cached_property
     def abilities(self) -> Abilities:

@@ -11,7 +11,7 @@ of another width than the kernel's (float16 for f at f16, bools) are converted o
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +22,7 @@ from shpy.backends.opencl.packet_memory import COLUMNS
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
+from shpy.backends.pace import Pace
 from shpy.errors import CompileError, ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Module, Status
@@ -107,6 +108,7 @@ class OpenCLExecutable:
     prepared: Prepared
     compiled: Any
     remarks: tuple[str, ...] = ()
+    pace: Pace = field(default_factory=Pace)
 
     @property
     def source(self) -> str:
@@ -134,7 +136,7 @@ class OpenCLExecutable:
         zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
         args += [_argument(zeros[name]) for name in self.kernel.params]
         args += [empty for _ in entry.outputs]
-        machine.launch(self.compiled, args, (0, 1), self._group)
+        machine.launch(self.compiled, args, (0, 1), self._group, Pace(), self.kernel.lanes)
         machine.queue.finish()
         machine.give_back([empty])
 
@@ -169,7 +171,7 @@ class OpenCLExecutable:
         for output in entry.outputs:
             used.append(machine.take(call.count * output.type.size * np.dtype(_MEMORY[output.type.base]).itemsize))
             args.append(used[-1])
-        machine.launch(self.compiled, args, self._items(call.count, row), self._group)
+        machine.launch(self.compiled, args, self._items(call.count, row), self._group, self.pace, self.kernel.lanes)
         return self._collect(call, used[-len(entry.outputs) :])
 
     @property
