@@ -8,21 +8,26 @@ Stage: query. The same walk as the pictures', without their shading.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
+from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build, check
 from raytracer.errors import SceneError
-from raytracer.kernels.intersector import FAR
+from raytracer.kernels.triangle import FAR
 from raytracer.kernels.walk import Walk, walk_through
+from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layout import triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.scene import Scene
 
 Floats = NDArray[np.float64]
+_NEIGHBOURS, _GROUPS = 16, 64
 
 
 class Hits(NamedTuple):
@@ -48,6 +53,9 @@ class Intersector:
 
     `accel` is "bvh", "grid" or "brute", which differ in time alone; `backend` one of `sh.backends()`, None for the
     default. Raises SceneError for what is neither mesh nor scene, and for another accelerator.
+
+    On OpenCL rays that have little in common with their neighbours in the arrays walk through the hierarchy one by one,
+    others together; which it is to be is seen from a few of them. The hits are the same.
     """
 
     def __init__(
@@ -60,12 +68,17 @@ class Intersector:
         meshes = [mesh for mesh in meshes if len(mesh)]
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._walk: Walk | None = None
-        self._kernels: dict[str, Any] = {}
+        self._alone: Callable[[], Walk] | None = None
+        self._kernels: dict[tuple[str, bool], Any] = {}
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
             normals = np.concatenate([mesh.face_normals for mesh in meshes])
-            structure = build(accel, corners, precision)
-            self._walk = walk_through(structure, triangle_rows(corners, normals), backend or sh.default_backend())
+            structure, rows = build(accel, corners, precision), triangle_rows(corners, normals)
+            target = backend or sh.default_backend()
+            self._walk = walk_through(structure, rows, target)
+            if isinstance(structure, Bvh) and target == "opencl" and precision == "f32":
+                self._alone = partial(WideIntersector, structure, rows)
+                self._box = structure.low[0], structure.high[0]
 
     def intersect(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
@@ -79,7 +92,7 @@ class Intersector:
         if self._walk is None or not len(eye):
             n = len(eye)
             return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), *np.zeros((2, n), np.float32))
-        t, triangle, uv = self._kernel("intersect")(eye, ray, near, limit)
+        t, triangle, uv = self._kernel("intersect", eye, ray, near)(eye, ray, near, limit)
         distance = np.full_like(t, np.inf)
         np.divide(t, length, out=distance, where=triangle >= 0, casting="same_kind")
         return Hits(distance, triangle, uv[:, 0], uv[:, 1])
@@ -91,14 +104,34 @@ class Intersector:
         eye, ray, near, limit, _ = _checked(origins, directions, t_min, t_max)
         if self._walk is None or not len(eye):
             return np.zeros(len(eye), dtype=bool)
-        return np.asarray(self._kernel("occluded")(eye, ray, near, limit))
+        return np.asarray(self._kernel("occluded", eye, ray, near)(eye, ray, near, limit))
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str, eye: Floats, ray: Floats, near: Floats) -> Any:
+        """The kernel for these rays."""
         assert self._walk is not None
-        if name not in self._kernels:
-            program = {"intersect": _intersect, "occluded": _occluded}[name](self._walk)
-            self._kernels[name] = program.compile(**self._options)
-        return self._kernels[name]
+        alone = self._alone is not None and bool(np.all(near >= 0)) and not alike(eye, ray, *self._box)
+        if (name, alone) not in self._kernels:
+            walk = self._alone() if alone and self._alone is not None else self._walk
+            program = {"intersect": _intersect, "occluded": _occluded}[name](walk)
+            lanes: dict[str, Any] = {"lanes": 1} if alone else {}
+            self._kernels[name, alone] = program.compile(**self._options, **lanes)
+        return self._kernels[name, alone]
+
+
+def alike(eye: Floats, ray: Floats, low: NDArray[Any], high: NDArray[Any]) -> bool:
+    """Whether neighbouring rays (N, 3) go through much the same parts of a box.
+
+    Judged by some groups of neighbours: at the middle of the box and a little farther on, half of the groups keep
+    together to a tenth of the box's size. Packets and single rays are equally fast about there.
+    """
+    size = float(np.max(high - low))
+    first = np.linspace(0, max(len(ray) - _NEIGHBOURS, 0), _GROUPS, dtype=np.int64)
+    some = np.minimum(first[:, None] + np.arange(_NEIGHBOURS), len(ray) - 1)
+    eye, ray = eye[some], ray[some]
+    along = np.sum(((low + high) / 2 - eye) * ray, axis=-1, keepdims=True)
+    middle = eye + np.maximum(along, 0) * ray
+    apart = [np.ptp(points, axis=1).max(axis=-1) for points in (middle, middle + size / 2 * ray)]
+    return bool(np.median(np.maximum(*apart)) < size / 10)
 
 
 def _intersect(walk: Walk) -> Any:
@@ -126,16 +159,11 @@ def _checked(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Flo
     for what, array in (("origins", eye), ("directions", ray)):
         if array.ndim != 2 or array.shape[1] != 3:
             raise SceneError(f"{what} have the shape (N, 3), not {array.shape}")
-        if not np.all(np.isfinite(array)):
+        if not np.isfinite(array.sum()) and not np.all(np.isfinite(array)):
             raise SceneError(f"{what} contain NaN or infinity, first in ray {_first(~np.isfinite(array).all(axis=1))}")
     if len(eye) != len(ray):
         raise SceneError(f"there are {len(eye)} origins but {len(ray)} directions")
-    largest = np.abs(ray).max(axis=1, initial=0)
-    if np.any(largest == 0):
-        raise SceneError(f"a direction has length zero, first that of ray {_first(largest == 0)}")
-    scaled = ray / largest[:, None]
-    short = np.linalg.norm(scaled, axis=1)
-    length = short * largest
+    ray, length = _unit(ray)
     ends = []
     for what, values in (("t_min", t_min), ("t_max", t_max)):
         end = np.asarray(values, dtype=np.float64)
@@ -143,8 +171,22 @@ def _checked(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Flo
             raise SceneError(f"{what} is a number or has the shape ({len(eye)},), not {end.shape}")
         if np.any(np.isnan(end)):
             raise SceneError(f"{what} contains NaN")
-        ends.append(np.clip(np.broadcast_to(end, eye.shape[:1]) * length, -FAR, FAR))
-    return eye, scaled / short[:, None], ends[0], ends[1], length
+        ends.append(np.clip(end * length, -FAR, FAR) if np.any(end) else np.zeros(len(eye)))
+    return eye, ray, ends[0], ends[1], length
+
+
+def _unit(ray: Floats) -> tuple[Floats, Floats]:
+    """Directions of unit length, and the lengths that they had."""
+    square = np.einsum("ij,ij->i", ray, ray)
+    if len(ray) and 1e-200 < square.min() and square.max() < 1e200:
+        length = np.sqrt(square)
+        return ray / length[:, None], length
+    largest = np.abs(ray).max(axis=1, initial=0)
+    if np.any(largest == 0):
+        raise SceneError(f"a direction has length zero, first that of ray {_first(largest == 0)}")
+    scaled = ray / largest[:, None]
+    short = np.linalg.norm(scaled, axis=1)
+    return scaled / short[:, None], short * largest
 
 
 def _first(wrong: Any) -> int:

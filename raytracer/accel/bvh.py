@@ -25,8 +25,8 @@ Bounds = NDArray[np.floating]
 Ints = NDArray[np.int64]
 
 BINS = 16
-MAX_LEAF = 7
-"""Triangles of a leaf, at most: what fits below `COUNT_BITS`."""
+MAX_LEAF = 4
+"""Triangles of a leaf, at most: as many as a block of `accel.wide` holds."""
 COUNT_BITS = 3
 DESCENT = 3.0
 """What it costs to look into the two nodes below a cut, if trying a triangle costs 1."""

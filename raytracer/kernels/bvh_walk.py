@@ -6,8 +6,7 @@ Rays that run side by side may walk together: they go into a box if any of them 
 one number for all of them, its box and triangles are read once, and each ray takes part where it meets the box itself.
 Whether they do, and how many there are, makes no difference to what is hit: whatever the order, a ray tries all leaves
 whose boxes it meets no farther than its nearest hit, and of triangles at the same distance the one of the lowest number
-is hit. For this to hold to the bit, boxes are met with a margin for rounding (Ize 2013), and a triangle seen so nearly
-edge-on that rounding puts its distance well before its box is taken to be where the box begins.
+is hit. For this to hold to the bit, boxes are met with a margin for rounding (Ize 2013).
 """
 
 from __future__ import annotations
@@ -18,14 +17,11 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.intersector import FAR
-from raytracer.kernels.triangle import Hit, TriangleTest
+from raytracer.kernels.triangle import FAR, Hit, TriangleTest, farther, higher, lower
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 MARGIN = 8.0
 """Of where a ray meets a face, in units of the last place: three roundings there, as many in the test of triangles."""
-REACH = 2.0**-10
-"""How much farther than the nearest hit a box may be and be looked into, as a part of the distance."""
 
 
 class BvhIntersector:
@@ -63,13 +59,15 @@ class BvhIntersector:
         with SH_IF(near < limit), SH_DO():
             # All rays go on to a leaf, or to the end, before any tries triangles.
             leaf = sh.Attrib1i(0)
-            least = sh.Attrib1f(FAR)
+            inside = sh.Attrib1b(False)
             with SH_DO():
                 t0 = (self.boxes[2 * node].xyz - eye) * inverse
                 t1 = (self.boxes[2 * node + 1].xyz - eye) * inverse
-                enter = highest(near, lower(t0, t1))
+                near_side = lower(t0, t1)
+                far_side = higher(t0, t1)
+                enter = higher(higher(near, near_side.x), higher(near_side.y, near_side.z))
                 enter -= self.margin * abs(enter)
-                meets = enter <= lowest(reach, higher(t0, t1))
+                meets = enter <= lower(lower(reach, far_side.x), lower(far_side.y, far_side.z))
                 link = self.links[links + node]
                 node[:] = link.y
                 with SH_IF(self.vote(meets)):
@@ -77,45 +75,19 @@ class BvhIntersector:
                         node[:] = link.x
                     with SH_ELSE():
                         leaf[:] = -1 - link.x
-                        # Never so far that the box would have been out of reach of a hit there.
-                        least[:] = sh.cond(meets, enter - (REACH / 2) * abs(enter), FAR)
+                        inside[:] = meets
                 SH_UNTIL((node < 0) | (leaf > 0))
-            with SH_IF(least < FAR):
-                self.try_leaf(leaf, near, least, test, hit)
+            with SH_IF(inside):
+                self.try_leaf(leaf, near, test, hit)
                 reach[:] = farther(hit.l)
             SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))
         return hit
 
-    def try_leaf(self, leaf: Any, near: Any, least: Any, test: TriangleTest, hit: Hit) -> None:
-        """Try the triangles of a leaf, none of which the ray meets before the distance `least`."""
+    def try_leaf(self, leaf: Any, near: Any, test: TriangleTest, hit: Hit) -> None:
+        """Try the triangles of a leaf."""
         item = leaf >> COUNT_BITS
         end = item + (leaf & ((1 << COUNT_BITS) - 1))
         with SH_DO():
-            test(self.leaves, item, near, hit, numbers=self.items, least=least)
+            test(self.leaves, item, near, hit, numbers=self.items)
             item += 1
             SH_UNTIL(item >= end)
-
-
-def farther(distance: Any) -> Any:
-    """A little farther."""
-    return distance + REACH * abs(distance)
-
-
-def lower(a: Any, b: Any) -> Any:
-    """The lower of two numbers that are never NaN, which costs less than `min`."""
-    return sh.cond(a < b, a, b)
-
-
-def higher(a: Any, b: Any) -> Any:
-    """The higher of two numbers that are never NaN."""
-    return sh.cond(a < b, b, a)
-
-
-def highest(a: Any, v: Any) -> Any:
-    """The highest of a and the components of v."""
-    return higher(higher(a, v.x), higher(v.y, v.z))
-
-
-def lowest(a: Any, v: Any) -> Any:
-    """The lowest of a and the components of v."""
-    return lower(lower(a, v.x), lower(v.y, v.z))

@@ -15,11 +15,8 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.grid import Grid
-from raytracer.kernels.triangle import Hit, TriangleTest
+from raytracer.kernels.triangle import FAR, Hit, TriangleTest
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
-
-FAR = 3.0e38
-"""Farther than anything: as good as infinity, but `FAR * 0` is 0."""
 
 
 class GridIntersector:

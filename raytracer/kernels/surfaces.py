@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
-from raytracer.kernels.intersector import FAR
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import Hit
+from raytracer.kernels.triangle import FAR, Hit
 from raytracer.layout import Layout, Rows
 
 NEPSILON = 1e-5

@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.grid import Grid
-from raytracer.kernels.intersector import FAR
 from raytracer.kernels.surfaces import LightList, Surface, SurfaceTables
-from raytracer.kernels.triangle import Hit
+from raytracer.kernels.triangle import FAR, Hit
 from raytracer.kernels.walk import walk_through
 from raytracer.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL

@@ -7,6 +7,7 @@ from raytracer import Camera, DirectionalLight, Intersector, Material, Mesh, Poi
 from raytracer import intersector as queries
 from raytracer.accel.bvh import build_bvh
 from raytracer.kernels.bvh_walk import BvhIntersector
+from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layout import triangle_rows
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
@@ -87,10 +88,30 @@ def test_rays_may_walk_together_or_alone(name):
     for make in (queries._intersect, queries._occluded):
         alone, together = (make(BvhIntersector(structure, rows, together=t)) for t in (False, True))
         kernels = [alone.compile("numpy", loop_limit=None), together.compile("numpy", loop_limit=None)]
-        kernels += [together.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 4, 16)]
+        kernels += [together.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 4, 8, 16)]
+        kernels += [make(WideIntersector(structure, rows)).compile("opencl", lanes=1, loop_limit=None)]
         first, *others = (kernel(origins, directions, 0.0, limit) for kernel in kernels)
         for other in others:
             same(first, other)
+
+
+def test_rays_that_have_nothing_in_common_walk_alone():
+    mesh = MESHES["knot"]
+    origins, directions = rays(mesh, 1600)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    fan = [5, 0, 0] - np.linspace([0, -1, -1], [0, 1, 1], 1600) * 0.1
+    assert not queries.alike(origins, directions, low, high)
+    assert queries.alike(np.tile([5.0, 0, 0], (1600, 1)), -fan / np.linalg.norm(fan, axis=1)[:, None], low, high)
+    bvh = Intersector(mesh, accel="bvh", backend="opencl")
+    same(
+        bvh.intersect(origins, directions),
+        Intersector(mesh, accel="brute", backend="numpy").intersect(origins, directions),
+    )
+    assert list(bvh._kernels) == [("intersect", True)]
+    behind = bvh.intersect(origins, directions, -3.0)
+    assert list(bvh._kernels) == [("intersect", True), ("intersect", False)]
+    assert (behind.t < 0).any()
 
 
 def test_of_two_triangles_in_one_place_the_first_is_hit():

@@ -8,7 +8,14 @@ import pytest
 from oracle import closest
 
 from raytracer import Intersector, Renderer, Scene
-from raytracer.layout import Layout
+from raytracer import intersector as queries
+from raytracer.accel.bvh import build_bvh
+from raytracer.accel.grid import build_grid
+from raytracer.kernels.bvh_walk import BvhIntersector
+from raytracer.kernels.intersector import GridIntersector
+from raytracer.kernels.triangle import FAR
+from raytracer.kernels.wide_walk import WideIntersector
+from raytracer.layout import Layout, triangle_rows
 from raytracer.meshes.shapes import knot
 
 MODELS = Path(__file__).resolve().parents[3] / "shared" / "models"
@@ -64,3 +71,33 @@ def test_a_scene_of_seventy_thousand_triangles_is_laid_out_in_two_seconds():
     layout = Layout.of(scene)
     assert time.perf_counter() - started < 2.0
     assert layout.triangles.shape == (3 * 70_002, 4)
+
+
+def test_every_walk_through_a_real_mesh_hits_the_same(scene):
+    """From the eye, and on from what was hit, to the bit."""
+    mesh = scene.meshes[0]
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    rng = np.random.default_rng(6)
+    eye = np.tile((low + high) / 2 + np.multiply([0.3, 0.4, 1.5], (high - low).max()), (3000, 1))
+    ray = rng.uniform(low, high, (3000, 3)) - eye
+    structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners, mesh.face_normals)
+    walks = [BvhIntersector(structure, rows, together=True), WideIntersector(structure, rows)]
+    walks.append(GridIntersector(build_grid(mesh.corners.astype(np.float32)), rows))
+    together, alone, grid = (queries._intersect(walk) for walk in walks)
+    kernels = [together.compile("opencl", lanes=16, loop_limit=None), grid.compile("opencl", loop_limit=None)]
+    kernels += [alone.compile("opencl", lanes=1, loop_limit=None)]
+    if scene.name == "teapot":
+        kernels += [together.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 4, 8)]
+        kernels += [together.compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
+    for _ in range(2):
+        ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True)).astype(np.float32)
+        first, *others = (kernel(eye, ray, 0.0, FAR) for kernel in kernels)
+        assert (first.triangle >= 0).sum() > 400
+        for other in others:
+            for ours, theirs in zip(first, other, strict=True):
+                np.testing.assert_array_equal(ours, theirs)
+        hit = first.triangle >= 0
+        normal = mesh.face_normals[first.triangle[hit]]
+        normal *= -np.sign(np.sum(normal * ray[hit], axis=1, keepdims=True))
+        eye = eye[hit] + first.t[hit, None] * ray[hit] + 1e-4 * (high - low).max() * normal
+        ray = rng.normal(size=eye.shape)

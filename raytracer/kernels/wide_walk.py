@@ -1,0 +1,190 @@
+"""What one ray meets first: four boxes at a time, and four triangles at a time.
+
+Stage: kernel, for rays that have little in common with their neighbours. A vector of four holds what four boxes or
+triangles say to one ray, so a CPU's vectors are full though the ray walks alone. Boxes that the ray meets are put on a
+stack, the farthest first, and are looked into unless a hit has been found before them.
+
+What is computed of a triangle is what `TriangleTest` computes, to the bit, and so is the hit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.accel.bvh import Bvh
+from raytracer.accel.wide import BASES, BLOCKS_FROM, LEAF, NUMBERS, TAGS, WIDTH, widen
+from raytracer.kernels.bvh_walk import MARGIN
+from raytracer.kernels.triangle import FAR, REACH, Hit, farther, higher, highest, inverse_of, lower, lowest
+from shpy import SH_DO, SH_IF, SH_UNTIL, SH_WHILE
+
+ROWS_OF_A_NODE = 8
+ROWS_OF_A_BLOCK = 10
+NONE = 0xFFFFFFFF
+"""The key of a box that is not met: it comes after all others."""
+LEAST = 2.0**-126
+"""Farther than 0 by more than a tag adds to a key."""
+END = -(1 << 31) + 1
+"""The code at the bottom of the stack."""
+
+
+class WideIntersector:
+    """The tables of the wide form of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk.
+
+    It works at f32, on ranges that begin at 0 or beyond.
+    """
+
+    def __init__(self, bvh: Bvh, triangles: NDArray[Any]) -> None:
+        wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
+        self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
+        self.nodes = sh.Table(wide.nodes.reshape(-1, WIDTH), sh.Attrib4u, "nodes")
+        self.blocks = sh.Table(wide.blocks.reshape(-1, WIDTH), sh.Attrib4u, "blocks")
+        self.deepest = (WIDTH - 1) * wide.depth + 2
+        self.margin = MARGIN * float(np.finfo(np.float32).eps)
+
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        hit = Hit(limit)
+        node = NodeTest(ray, eye, near, self.margin)
+        block = BlockTest(ray, eye, near)
+        stack = Stack(self.deepest)
+        reach = farther(limit) + LEAST
+        code = sh.Attrib1i(0)
+        with SH_IF(near < limit), SH_DO():
+            with SH_WHILE(lambda: code >= 0):
+                keys, inner, leaves = node(self.nodes, ROWS_OF_A_NODE * code, reach)
+                for key in keys[:0:-1]:
+                    stack.push(key, code_of(key, inner, leaves), key != NONE)
+                code[:] = code_of(keys[0], inner, leaves)
+                with SH_IF(keys[0] == NONE):
+                    stack.pop(code, reach)
+            with SH_IF(code != END):
+                block(self.blocks, ROWS_OF_A_BLOCK * (code - BLOCKS_FROM), hit)
+                reach[:] = farther(hit.l) + LEAST
+                stack.pop(code, reach)
+            SH_UNTIL((code == END) | (any_hit & (hit.id >= 0)))
+        return hit
+
+
+def code_of(key: Any, inner: Any, leaves: Any) -> Any:
+    """The code of a box, by the tag in its key."""
+    return sh.cond((key & LEAF) != 0, leaves, inner) + sh.Attrib1i(key & (WIDTH - 1))
+
+
+class Stack:
+    """What is still to be looked into, each with the distance where it begins."""
+
+    def __init__(self, size: int) -> None:
+        codes = sh.Array(sh.Attrib1i, size)
+        begins = sh.Array(sh.Attrib1f, size)
+        top = sh.Attrib1i(1)
+        codes[0] = END
+        begins[0] = -FAR
+        self.codes, self.begins, self.top = codes, begins, top
+
+    def push(self, key: Any, code: Any, really: Any) -> None:
+        """Put a box on the stack, if it `really` is to be there: without a branch, which nobody could foresee."""
+        self.codes[self.top] = code
+        self.begins[self.top] = sh.float_from_bits(key)
+        self.top += sh.cond(really, 1, 0)
+
+    def pop(self, code: Any, reach: Any) -> None:
+        """Take off what begins beyond `reach`, and store the code of the first that does not."""
+        with SH_DO():
+            self.top -= 1
+            SH_UNTIL(self.begins[self.top] <= reach)
+        code[:] = self.codes[self.top]
+
+
+class NodeTest:
+    """What a ray needs to be tried against four boxes at a time.
+
+    Which side of a box a ray comes to first is known from the ray's sign, so `first` and `last` are rows of a node.
+    """
+
+    def __init__(self, ray: Any, eye: Any, near: Any, margin: float) -> None:
+        inverse = inverse_of(ray)
+        self.eye, self.near = eye, near
+        self.sooner = inverse * (1 - margin)
+        self.later = sh.clamp(inverse * (1 + margin), -FAR, FAR)
+        self.first = [sh.cond(inverse[axis] < 0, axis + 3, axis) for axis in range(3)]  # -0.0 goes down too
+        self.last = [2 * axis + 3 - first for axis, first in enumerate(self.first)]
+
+    def __call__(self, nodes: Any, row: Any, reach: Any) -> tuple[list[Any], Any, Any]:
+        """The keys of a node's boxes, nearest first, and the codes from which its children are counted.
+
+        A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
+        """
+        enter, leave = sh.Attrib4f(self.near), sh.Attrib4f(reach)
+        for axis in range(3):
+            side = sh.float_from_bits(nodes[row + self.first[axis]])
+            enter = higher((side - self.eye[axis]) * self.sooner[axis], enter)
+        for axis in range(3):
+            side = sh.float_from_bits(nodes[row + self.last[axis]])
+            leave = lower((side - self.eye[axis]) * self.later[axis], leave)
+        tagged = (sh.bits_from_float(enter) & (NONE - 2 * LEAF + 1)) | nodes[row + TAGS]
+        bases = sh.Attrib4i(nodes[row + BASES])
+        return sorted_keys(sh.cond(enter <= leave, tagged, sh.Attrib4u(NONE))), bases.x, bases.y
+
+
+def sorted_keys(keys: Any) -> list[Any]:
+    """The four components in ascending order: a sorting network, as far as it goes on vectors."""
+    low, high = sh.min(keys, keys.yxwz), sh.max(keys, keys.yxwz)
+    second, third = sh.max(low, low.zwxy).x, sh.min(high, high.zwxy).x
+    least, greatest = sh.min(low, low.zwxy).x, sh.max(high, high.zwxy).x
+    return [sh.Attrib1u(key) for key in (least, sh.min(second, third), sh.max(second, third), greatest)]
+
+
+class BlockTest:
+    """`TriangleTest` for four triangles at a time: the ray's largest component is z here, by the choice of rows."""
+
+    def __init__(self, ray: Any, eye: Any, near: Any) -> None:
+        size = abs(ray)
+        by_x = (size.x >= size.y) & (size.x >= size.z)
+        by_y = size.y >= size.z
+        largest = sh.cond(by_x, 0, sh.cond(by_y, 1, 2))
+        self.rows = (sh.cond(by_x, 1, 0), sh.cond(by_x | by_y, 2, 1), largest)
+
+        def turned(v: Any) -> tuple[Any, Any, Any]:
+            x = sh.cond(by_x, v.y, v.x)
+            y = sh.cond(by_x | by_y, v.z, v.y)
+            return x, y, sh.cond(by_x, v.x, sh.cond(by_y, v.y, v.z))
+
+        self.near = near
+        self.eye = turned(eye)
+        self.inverse = turned(inverse_of(ray))
+        x, y, self.pace = turned(ray)
+        self.slope = (x / self.pace, y / self.pace)
+
+    def __call__(self, blocks: Any, row: Any, hit: Hit) -> None:
+        """Store a block's triangle in `hit` if the ray meets it; see `TriangleTest`."""
+        a, b, c = ([self.side(blocks, row + 3 * k, axis) for axis in range(3)] for k in range(3))
+        (ax, ay), (bx, by), (cx, cy) = map(self.project, (a, b, c))
+        wa = bx * cy - by * cx
+        wb = cx * ay - cy * ax
+        wc = ax * by - ay * bx
+        whole = wa + wb + wc
+        one_side = (lowest(wa, wb, wc) >= 0) | (highest(wa, wb, wc) <= 0)
+        t = (wa * a[2] + wb * b[2] + wc * c[2]) / (whole * self.pace)
+        met = one_side & (whole != 0) & (t >= self.near) & (t <= hit.l)
+        with SH_IF(met.x | met.y | met.z | met.w):
+            begins = highest(*(lowest(*(corner[k] * self.inverse[k] for corner in (a, b, c))) for k in range(3)))
+            t = higher(t, begins - (REACH / 2) * abs(begins))
+            numbers = sh.Attrib4i(blocks[row + NUMBERS])
+            for k in range(WIDTH):
+                nearer = (t[k] < hit.l) | ((t[k] == hit.l) & (numbers[k] < hit.id))
+                with SH_IF(met[k] & nearer):
+                    hit.l[:] = t[k]
+                    hit.uv[:] = sh.TexCoord2f(wb[k], wc[k]) / whole[k]
+                    hit.id[:] = numbers[k]
+
+    def side(self, blocks: Any, row: Any, axis: int) -> Any:
+        """A coordinate of a corner of each triangle, relative to the ray's origin."""
+        return sh.float_from_bits(blocks[row + self.rows[axis]]) - self.eye[axis]
+
+    def project(self, p: Any) -> Any:
+        """A point relative to the ray's origin, seen along the ray."""
+        return p[0] - self.slope[0] * p[2], p[1] - self.slope[1] * p[2]
