@@ -258,3 +258,48 @@ def test_programs_of_one_text_are_built_once() -> None:
     first, second = backend.compile(doubled(), Options()), backend.compile(doubled(), Options())
     assert first.source == second.source
     assert machine_of(None).build(first.source) is machine_of(None).build(second.source)
+
+
+@pytest.mark.parametrize("lanes", [1, 16])
+def test_large_arrays_are_used_where_they_lie(lanes: int) -> None:
+    @sh.program
+    def twice(a: sh.Attrib4f, b: sh.Attrib1f) -> sh.Attrib4f:
+        return 2 * a + b
+
+    kernel, count = twice.compile("opencl", lanes=lanes), 20_001
+    memory = np.zeros(4 * count + 40, np.float32)
+    for start in (0, 1, 2, 4, 16):  # aligned to an element or not
+        a = memory[start : start + 4 * count].reshape(count, 4)
+        a[:] = np.arange(4 * count).reshape(count, 4)
+        b = np.arange(count, dtype=np.float32)
+        a.flags.writeable = b.flags.writeable = False
+        out = np.full(4 * count + 40, -1, np.float32)
+        given = out[start : start + 4 * count].reshape(count, 4)
+        result = kernel.run(a, b, out=given)
+        assert result.outputs is given
+        assert np.array_equal(given, 2 * a + b[:, None])
+        assert (np.delete(out, np.s_[start : start + 4 * count]) == -1).all()
+        assert np.array_equal(kernel(a, b), given)
+
+
+def test_a_large_output_may_be_the_input() -> None:
+    @sh.program
+    def mirrored(a: sh.Attrib1f, t: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
+        return a + t[29_999 - sh.grid_index(1)]
+
+    a = np.arange(30_000, dtype=np.float32)
+    mirrored.compile("opencl").run(a, a.copy(), out=a)
+    assert (a == 29_999).all()
+
+
+def test_large_outputs_keep_what_discarded_elements_held() -> None:
+    @sh.program
+    def even(a: sh.Attrib1i) -> sh.Attrib1i:
+        SH_DISCARD(a % 2 == 1)
+        return -a
+
+    a = np.arange(40_000, dtype=np.int32)
+    out = np.full(40_000, 7, np.int32)
+    result = even.compile("opencl").run(a, out=out)
+    assert result.count == 20_000
+    assert np.array_equal(out, np.where(a % 2, 7, -a))

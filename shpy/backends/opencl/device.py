@@ -46,6 +46,8 @@ _PROBES = {
 """What a compiler may have besides OpenCL C: the type of `a`, and statements that need it."""
 _POOLED_BYTES = 1 << 28
 """Buffers that are kept for the next run, in bytes a device."""
+_WORTH_LENDING = 1 << 16
+"""Smaller arrays are copied in less time than it takes to make a buffer of their memory."""
 
 
 def _pyopencl() -> Any:
@@ -198,6 +200,32 @@ class Machine:
             if self._pooled + buffer.size <= _POOLED_BYTES:
                 self._pooled += buffer.size
                 self._free[buffer.size].append(buffer)
+
+    @cached_property
+    def shares_memory(self) -> bool:
+        """Whether the device works in the host's memory, so that arrays need not be copied to be used."""
+        return bool(self.device.type & self.cl.device_type.CPU and self.device.host_unified_memory)
+
+    def lend(self, array: Array, size: int, *, write: bool = False) -> Any:
+        """A buffer that is the array's own memory; None if it has to be copied.
+
+        `size`: the components of an element, to whose size a kernel may expect memory to be aligned.
+        """
+        aligned = array.itemsize * (4 if size == 3 else size)
+        place = array.__array_interface__["data"][0]
+        if not self.shares_memory or array.nbytes < _WORTH_LENDING or place % aligned:
+            return None
+        flags = self.cl.mem_flags
+        access = flags.READ_WRITE if write else flags.READ_ONLY
+        return self.cl.Buffer(self.context, access | flags.USE_HOST_PTR, hostbuf=array)
+
+    def finish(self, lent: list[Any]) -> None:
+        """Wait until all is done and what was written to lent arrays can be seen in them."""
+        for buffer in lent:
+            access = self.cl.map_flags.READ
+            mapped, _ = self.cl.enqueue_map_buffer(self.queue, buffer, access, 0, (buffer.size,), np.uint8)
+            mapped.base.release(self.queue)
+        self.queue.finish()
 
     def upload(self, array: Array) -> Any:
         """A buffer that holds the array."""

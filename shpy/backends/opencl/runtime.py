@@ -1,8 +1,9 @@
 """The OpenCL backend: builds a printed kernel and runs it over arrays.
 
 Stage: compile and run. `compile` prepares and prints a module, builds it and lets the driver generate its code; `run`
-brings inputs, tables and params to the device, launches one work item an element, and brings the outputs back. Arrays
-of another width than the kernel's (float16 for f at f16, bools) are converted on the host.
+brings inputs, tables and params to the device, launches one work item an element, and brings the outputs back. A
+processor's kernels work on the arrays themselves. Arrays of another width than the kernel's (float16 for f at f16,
+bools) are converted on the host.
 
     executable = OpenCLBackend().compile(module, Options())
     status = executable.run(call)
@@ -141,7 +142,7 @@ class OpenCLExecutable:
         machine.give_back([empty])
 
     def run(self, call: Call) -> Array | None:
-        """Run it; gives the status of each element, or None where nothing can end an element early."""
+        """Run it; gives the status of each element, or None where every element was written."""
         with self.machine.lock:
             used: list[Any] = []
             try:
@@ -155,10 +156,17 @@ class OpenCLExecutable:
         types = {p.name: p.type for p in self.prepared.module.params}
         row = self._row_length(call)
         args: list[Any] = [np.uint64(call.count), *self._row(row), *self._shape(call.shape)]
+        lent: list[Any] = []
         for i in self.kernel.inputs:
-            array = np.ascontiguousarray(call.inputs[i], dtype=_MEMORY[entry.inputs[i].type.base])
-            used.append(machine.upload(array))
-            args += [used[-1], np.int32(len(array) == call.count)]
+            type = entry.inputs[i].type
+            array = np.ascontiguousarray(call.inputs[i], dtype=_MEMORY[type.base])
+            buffer = machine.lend(array, type.size)
+            if buffer is None:
+                buffer = machine.upload(array)
+                used.append(buffer)
+            else:
+                lent.append((buffer, array))
+            args += [buffer, np.int32(len(array) == call.count)]
         for table in self.kernel.tables:
             data = call.tables[table.name]
             shape = np.array(data.array.shape[: table.rank], np.int32)
@@ -168,11 +176,28 @@ class OpenCLExecutable:
         args += [
             _argument(np.asarray(call.params[name], _held(types[name])), types[name]) for name in self.kernel.params
         ]
-        for output in entry.outputs:
-            used.append(machine.take(call.count * output.type.size * np.dtype(_MEMORY[output.type.base]).itemsize))
-            args.append(used[-1])
+        outputs = self._outputs(call, used)
+        args += [buffer for buffer, _ in outputs]
         machine.launch(self.compiled, args, self._items(call.count, row), self._group, self.pace, self.kernel.lanes)
-        return self._collect(call, used[-len(entry.outputs) :])
+        machine.finish([buffer for buffer, is_lent in outputs if is_lent])
+        return self._collect(call, outputs)
+
+    def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool]]:
+        """A buffer for each output, and whether it is the caller's array; that of the status comes last."""
+        found = []
+        for k, output in enumerate(self.prepared.module.entry.outputs):
+            dtype, size = np.dtype(_MEMORY[output.type.base]), output.type.size
+            buffer = None
+            if not self.prepared.status:  # then every element is written
+                out = call.outputs[k]
+                if out.dtype == dtype and out.flags.c_contiguous:
+                    buffer = self.machine.lend(out, size, write=True)
+            is_lent = buffer is not None
+            if not is_lent:
+                buffer = self.machine.take(call.count * size * dtype.itemsize)
+                used.append(buffer)
+            found.append((buffer, is_lent))
+        return found
 
     @property
     def _group(self) -> int:
@@ -197,14 +222,19 @@ class OpenCLExecutable:
     def _shape(self, shape: tuple[int, ...]) -> list[Any]:
         return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []
 
-    def _collect(self, call: Call, buffers: list[Any]) -> Array | None:
+    def _collect(self, call: Call, outputs: list[tuple[Any, bool]]) -> Array | None:
         status: Array | None = None
         if self.prepared.status:
             status = np.empty(call.count, np.int32)
-            self.machine.download(status, buffers[-1])
-        written = None if status is None or (status == Status.WRITTEN).all() else status == Status.WRITTEN
-        for out, slot, buffer in zip(call.outputs, self.prepared.module.entry.outputs, buffers, strict=False):
+            self.machine.download(status, outputs[-1][0])
+            if status.min() == status.max() == Status.WRITTEN:
+                status = None
+        written = None if status is None else status == Status.WRITTEN
+        slots = self.prepared.module.entry.outputs
+        for out, slot, (buffer, is_lent) in zip(call.outputs, slots, outputs, strict=False):
             dtype = np.dtype(_MEMORY[slot.type.base])
+            if is_lent:
+                continue
             if written is None and out.dtype == dtype and out.flags.c_contiguous:
                 self.machine.download(out, buffer)
                 continue
