@@ -155,7 +155,7 @@ def shift_left(a: Array, n: Array) -> Array:
 
 def shift_right(a: Array, n: Array) -> Array:
     """a >> (n mod 32), arithmetic for i, logical for u."""
-    return np.asarray(np.right_shift(a, (n & n.dtype.type(31)).astype(a.dtype)))
+    return np.asarray(np.right_shift(a, (n & n.dtype.type(31)).astype(a.dtype, copy=False)))
 
 
 def popcount(a: Array) -> Array:
@@ -178,9 +178,12 @@ def dot(a: Array, b: Array) -> Array:
     """The sum of products, from the first component on."""
     if a.ndim == 0 or a.shape == ():
         return a * b
-    total = a[0] * b[0]
-    for x, y in zip(a[1:], b[1:], strict=True):
-        total = total + x * y
+    products = a * b
+    if len(products) == 1:
+        return np.asarray(products[0])
+    total = products[0] + products[1]
+    for product in products[2:]:
+        total += product
     return np.asarray(total)
 
 
@@ -234,6 +237,8 @@ def convert(x: Array, dtype: type[np.generic]) -> Array:
     target: np.dtype[Any] = np.dtype(dtype)
     if x.dtype.kind == "f" and target.kind in "iu":
         limits = np.iinfo(target)
+        if x.size and float(x.min()) > limits.min - 1.0 and float(x.max()) < limits.max + 1.0:  # and no NaN
+            return x.astype(target)
         whole = np.trunc(np.where(x != x, 0, x).astype(np.float64))
         return np.asarray(np.clip(whole, limits.min, limits.max).astype(target))
     if target.kind == "b":

@@ -102,7 +102,7 @@ def select(mask: Array, a: Any, b: Any) -> Array:
     dtype = np.result_type(a, b)
     bits = np.dtype(f"i{dtype.itemsize}")
     x, y = np.asarray(a, dtype).view(bits), np.asarray(b, dtype).view(bits)
-    chosen: Array = np.negative(mask.view(np.int8), dtype=bits) & (x ^ y)
+    chosen: Array = (x ^ y) * mask
     chosen ^= y
     return np.asarray(chosen.view(dtype))
 
@@ -188,22 +188,33 @@ class TableView:
         self._extents = extents
         self._vectors = array.ndim > rank
         self._rows = np.ascontiguousarray(array).reshape(-1, *array.shape[rank:])
+        self._columns = self._rows[..., None] if self._vectors else self._rows
         self.size: Array = np.array(extents, np.int32).reshape(() if rank == 1 else (rank, 1))[()]
         """Its shape, as a uniform."""
 
     def at(self, index: Array) -> Array:
         """The element at a uniform index, clamped on every axis."""
         flat = 0
-        for i, extent in zip(np.atleast_1d(index).reshape(-1).tolist(), self._extents, strict=True):
+        for i, extent in zip(np.ravel(index).tolist(), self._extents, strict=True):
             flat = flat * extent + min(max(i, 0), extent - 1)
-        element: Array = self._rows[flat]
-        return element[:, None] if self._vectors else element
+        element: Array = self._columns[flat]
+        return element
 
     def gather(self, index: Array) -> Array:
         """The elements at the lanes' indices, clamped on every axis."""
         if index.ndim == 0:
             return self.at(index)  # a function may be called with what is the same for every lane
         if len(self._extents) > 1:
-            index = np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
+            index = self._flat(index)
         found = self._rows.take(index, axis=0, mode="clip")
         return np.ascontiguousarray(found.T) if self._vectors else found
+
+    def _flat(self, index: Array) -> Array:
+        """The number of the element in memory, from its clamped index on each axis."""
+        if len(self._rows) >= 2**31:
+            return np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
+        flat: Array = np.clip(index[0], 0, self._extents[0] - 1)
+        for axis, extent in zip(index[1:], self._extents[1:], strict=True):
+            flat *= flat.dtype.type(extent)
+            flat += np.clip(axis, 0, extent - 1)
+        return flat
