@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from shpy import algebra
-from shpy.backends.base import Options, Precision
+from shpy.backends.base import Math, Options, Precision
 from shpy.backends.registry import backend as backend_named
 from shpy.backends.registry import default_backend
 from shpy.errors import BackendUnavailable, ShpyTypeError
@@ -38,6 +38,7 @@ from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
 
 _PRECISIONS = ("f16", "f32", "f64")
+_MODES = ("strict", "relaxed", "fast")
 _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16)
 
 
@@ -110,16 +111,19 @@ class Program:
         *,
         device: int | None = None,
         precision: Precision = "f32",
+        math: Math = "strict",
         lanes: int | Literal["auto"] = "auto",
         loop_limit: int | None = 1_048_576,
     ) -> Kernel:
         """Compile for a backend ("numpy", "opencl", "glsl"; None: the default); kernels are kept and given again.
 
-        `precision` is the working float's, `loop_limit` the turns that a loop without a known bound may take. `lanes`
-        is how many elements OpenCL runs together: 4, 8 or 16; 1; or "auto", as many as a CPU's vectors hold.
+        `precision` is the working float's, `loop_limit` the turns that a loop without a known bound may take. `math`
+        is "strict", the same bits on every backend; "relaxed", the target's own functions within OpenCL's bounds; or
+        "fast", whatever is fastest, where NaN and infinity may vanish. `lanes` is how many elements OpenCL runs
+        together: 4, 8 or 16; 1; or "auto", as many as a CPU's vectors hold.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
         """
-        options = self._options(device, precision, lanes, loop_limit)
+        options = self._options(device, precision, math, lanes, loop_limit)
         name = backend if backend is not None else default_backend()
         kernel = self._kernels.get((name, options))
         if kernel is None:
@@ -130,9 +134,11 @@ class Program:
             kernel = self._kernels[name, options] = Kernel(self._recorded, target, options)
         return kernel
 
-    def _options(self, device: int | None, precision: Any, lanes: Any, loop_limit: Any) -> Options:
+    def _options(self, device: int | None, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:
         if precision not in _PRECISIONS:
             raise ShpyTypeError(f"precision={precision!r}", loc=here(), cure='precision="f32", "f64" or "f16"')
+        if math not in _MODES:
+            raise ShpyTypeError(f"math={math!r}", loc=here(), cure='math="strict", "relaxed" or "fast"')
         if lanes not in _LANES:
             raise ShpyTypeError(f"lanes={lanes!r}", loc=here(), cure='lanes="auto", 1, 4, 8 or 16')
         limited = isinstance(loop_limit, int) and not isinstance(loop_limit, bool) and 0 < loop_limit < 2**31
@@ -140,7 +146,7 @@ class Program:
             raise ShpyTypeError(
                 f"loop_limit={loop_limit!r}", loc=here(), cure="a number of turns, or None for no limit"
             )
-        return Options(precision, loop_limit, device, lanes)
+        return Options(precision, loop_limit, device, lanes, math)
 
     def trace(self, **inputs: Any) -> list[Step]:
         """Run one element in the reference interpreter; gives each step that has a name or stores into one."""

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.tabledata import TableData
+from shpy.passes.pipeline import Math
 
-__all__ = ["Array", "Backend", "Call", "Device", "Executable", "Options", "Precision", "TableData"]
+__all__ = ["Array", "Backend", "Call", "Device", "Executable", "Math", "Options", "Precision", "TableData"]
 
 Array = NDArray[Any]
 Precision = Literal["f16", "f32", "f64"]
@@ -25,12 +26,14 @@ class Options:
     """How to compile. `loop_limit` None lets every loop run on; `device` is an index into `Backend.devices()`.
 
     `lanes` is how many elements a target that runs packets runs together; the others take only "auto" and 1.
+    `math` says how exact functions are: see docs/numerics.md.
     """
 
     precision: Precision = "f32"
     loop_limit: int | None = 1_048_576
     device: int | None = None
     lanes: int | Literal["auto"] = "auto"
+    math: Math = "strict"
 
 
 @dataclass(frozen=True, slots=True)

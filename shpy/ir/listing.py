@@ -3,7 +3,7 @@
 Stage: represent. Takes `ops.OPS`, gives text.
 
 >>> print(table_of_operations().splitlines()[0])
-| operation | types | exact meaning | may be off by, at f32 |
+| operation | types | exact meaning | strict | relaxed |
 """
 
 from __future__ import annotations
@@ -15,19 +15,15 @@ __all__ = ["table_of_operations"]
 
 def table_of_operations() -> str:
     """One row an operation, in the order of the table."""
-    rows = [("operation", "types", "exact meaning", "may be off by, at f32"), ("---",) * 4]
-    rows += [(_name(op), f"`{op.signature}`", op.doc, _bounds(op)) for op in OPS.values()]
+    rows = [("operation", "types", "exact meaning", "strict", "relaxed"), ("---",) * 5]
+    rows += [
+        (_name(op), f"`{op.signature}`", op.doc, _spoken(op.tolerance), _spoken(op.relaxed)) for op in OPS.values()
+    ]
     return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in rows)
 
 
 def _name(op: Op) -> str:
     return f"`{op.name}` (`{op.symbol}`)" if op.symbol else f"`{op.name}`"
-
-
-def _bounds(op: Op) -> str:
-    bounds = [_spoken(op.tolerance)]
-    bounds += [f"{target}: {_spoken(bound)}" for target, bound in (op.targets or {}).items() if bound != op.tolerance]
-    return "; ".join(bounds)
 
 
 def _spoken(bound: Tolerance) -> str:

@@ -1,4 +1,4 @@
-"""What the composite operations mean, written as plain operations: the library that `lower` calls.
+"""What composite operations and transcendentals mean, written as plain operations: the library that `lower` calls.
 
 Stage: improve. `definition("reflect", (f3, f3))` gives the pure function
 
@@ -6,124 +6,21 @@ Stage: improve. `definition("reflect", (f3, f3))` gives the pure function
 
 The order of operations is exactly that of `ir/meaning.py`, so that every target gives the same bits. Definitions may
 use other composites; `lower` lowers those in turn. A definition's parameter names are those of the emitted function.
+Transcendentals are those of `strict`, which is imported when the first one is asked for.
 """
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from shpy.ir.builder import Builder
-from shpy.ir.nodes import Function, Let, Module, Value
+from shpy.ir.nodes import Function, Module
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
+from shpy.passes.terms import Term, define, where
 
-__all__ = ["DEFINITIONS", "INLINE", "Library", "Term", "definition"]
-
-
-class _Definition(Builder):
-    """Builds a definition; `names` are those of its values."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.pure = True
-        self.names: dict[int, str] = {}
-
-    def finish(self) -> Function:
-        made = super().finish()
-        return replace(made, body=tuple(self._named(s) if isinstance(s, Let) else s for s in made.body))
-
-    def _named(self, let: Let) -> Let:
-        return replace(let, value=replace(let.value, name=self.names.get(let.value.id)))
-
-
-class Term:
-    """A value that is written with Python's operators; numbers and scalars broadcast to the other operand's type."""
-
-    def __init__(self, builder: _Definition, value: Value) -> None:
-        self.builder = builder
-        self.value = value
-
-    @property
-    def type(self) -> Type:
-        """The value's type."""
-        return self.value.type
-
-    def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
-        """The operation `name` applied to this and the others."""
-        terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
-        return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
-
-    def named(self, name: str) -> Term:
-        """The same, called so in the emitted text."""
-        self.builder.names[self.value.id] = name
-        return self
-
-    def constant(self, number: float) -> Term:
-        """A constant of this term's type."""
-        scalar = Term(self.builder, self.builder.const(self.type.scalar, [number]))
-        return scalar.wide(self.type.size)
-
-    def wide(self, size: int) -> Term:
-        """A scalar as a vector of `size` components; a vector as it is."""
-        return Term(self.builder, self.builder.splat(self.value, size)) if self.type.size < size else self
-
-    def _binary(self, name: str, other: Term | float) -> Term:
-        if not isinstance(other, Term):
-            return self.op(name, other)
-        size = max(self.type.size, other.type.size)
-        return self.wide(size).op(name, other.wide(size))
-
-    def __getitem__(self, component: int) -> Term:
-        if self.type.size == 1:
-            return self
-        return Term(self.builder, self.builder.swizzle(self.value, (component,)))
-
-    def pick(self, *components: int) -> Term:
-        """A swizzle."""
-        return Term(self.builder, self.builder.swizzle(self.value, components))
-
-    def __add__(self, other: Term | float) -> Term:
-        return self._binary("add", other)
-
-    def __sub__(self, other: Term | float) -> Term:
-        return self._binary("sub", other)
-
-    def __mul__(self, other: Term | float) -> Term:
-        return self._binary("mul", other)
-
-    def __truediv__(self, other: Term | float) -> Term:
-        return self._binary("div", other)
-
-    def __radd__(self, other: float) -> Term:
-        return self.constant(other) + self
-
-    def __rsub__(self, other: float) -> Term:
-        return self.constant(other) - self
-
-    def __rmul__(self, other: float) -> Term:
-        return self.constant(other) * self
-
-    def __rtruediv__(self, other: float) -> Term:
-        return self.constant(other) / self
-
-    def __neg__(self) -> Term:
-        return self.op("neg")
-
-    def __lt__(self, other: Term | float) -> Term:
-        return self._binary("lt", other)
-
-    def __gt__(self, other: Term | float) -> Term:
-        return self._binary("gt", other)
-
-    def __and__(self, other: Term) -> Term:
-        return self._binary("and", other)
-
-
-def where(c: Term, a: Term, b: Term) -> Term:
-    """A where c holds, else b; c is one bool or one a component."""
-    return c.wide(a.type.size).op("cond", a, b)
+__all__ = ["DEFINITIONS", "INLINE", "Library", "definition"]
 
 
 def _mad(a: Term, b: Term, c: Term) -> Term:
@@ -254,15 +151,15 @@ INLINE = frozenset({"mad", "rsqrt", "fract", "clamp", "step"})
 
 @cache
 def definition(name: str, types: tuple[Type, ...]) -> Function:
-    """The pure function that does `name` for arguments of these types; it is named by the first one's size."""
-    meaning = DEFINITIONS.get(name) or _ROUNDINGS[name]
-    suffix = "d" if types[0].base is Base.D and name in DEFINITIONS else ""
-    builder = _Definition(f"{name}{types[0].size}{suffix}")
-    names = inspect.signature(meaning).parameters
-    terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
-    result = meaning(*terms)
-    builder.store(builder.output(result.type, "result"), result.value)
-    return builder.finish()
+    """The pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`."""
+    first = types[0]
+    if name in TRANSCENDENTALS:
+        from shpy.passes.strict import FUNCTIONS
+
+        base = "_d" if first.base is Base.D else ""
+        return define(f"{name}_strict{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
+    suffix = "d" if first.base is Base.D and name in DEFINITIONS else ""
+    return define(f"{name}{first.size}{suffix}", DEFINITIONS.get(name) or _ROUNDINGS[name], types)
 
 
 class Library:

@@ -1,9 +1,10 @@
-"""Replace composite operations by the plain ones that they mean.
+"""Replace composite operations and transcendentals by the plain ones that they mean.
 
-Stage: improve, after the precision is fixed. What a target does not do natively with exactly the table's meaning
-becomes a call of a pure function of the library, or stands in place when it is short:
+Stage: improve, after the precision is fixed. What a target does not do natively with exactly the table's meaning, or
+closely enough for the mode, becomes a call of a pure function of the library, or stands in place when it is short:
 
     %d = dot %a, %b : f         ->   %d = call dot3 %a, %b : f       (and the function dot3 before all others)
+    %s = sin %a : f             ->   %s = call sin_strict %a : f     (the same bits on every target)
     %m = mad %a, %b, %c : f     ->   %p = mul %a, %b : f
                                      %m = add %p, %c : f
 
@@ -15,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from shpy.ir.nodes import Function, Let, Module, Store, Value
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.passes.library import DEFINITIONS, INLINE, Library, definition
 from shpy.passes.rewriter import Rewriter, each_function
 
@@ -22,7 +24,7 @@ __all__ = ["lower"]
 
 
 def lower(module: Module, native: frozenset[str] = frozenset()) -> Module:
-    """The module without composite operations, but for those in `native`."""
+    """The module without composite operations and transcendentals, but for those in `native`."""
     library = Library(module)
     lowered = each_function(module, lambda f, functions: _Lower(f, functions, native, library).run())
     return library.added(lowered)
@@ -38,7 +40,7 @@ class _Lower(Rewriter):
 
     def let(self, let: Let) -> None:
         op = let.op
-        if op not in DEFINITIONS or op in self.native:
+        if op in self.native or (op not in DEFINITIONS and op not in TRANSCENDENTALS):
             self.emit(let)
             return
         types = tuple(self.types[a] for a in let.args)

@@ -10,9 +10,10 @@ Stage: improve. Every pass is a function Module -> Module in a file of its own; 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
-from shpy.ir.nodes import If, Loc, Loop, Module
+from shpy.ir.nodes import If, Let, Loc, Loop, Module
+from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
@@ -24,7 +25,10 @@ from shpy.passes.lower import lower
 from shpy.passes.precision import Precision, set_precision
 from shpy.passes.promote import promote
 
-__all__ = ["Prepared", "Target", "optimise", "prepare"]
+__all__ = ["Math", "Prepared", "Target", "optimise", "prepare", "with_strict_functions"]
+
+Math = Literal["strict", "relaxed", "fast"]
+"""How exact functions are: the same bits everywhere, within OpenCL's bounds, or as fast as can be."""
 
 _ROUNDS = 3
 """How often constants may make branches go, which makes more constants."""
@@ -34,16 +38,26 @@ _ROUNDS = 3
 class Target:
     """What a target can do.
 
-    `native`: the composite operations that it does itself, with exactly the table's meaning. `functions`: it has
+    `native`: the composite operations that it does itself, with exactly the table's meaning, and the transcendentals
+    that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `functions`: it has
     subroutines. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to `vectorize`,
     which takes no subroutines.
     """
 
     name: str
     native: frozenset[str] = frozenset()
+    fast: frozenset[str] = frozenset()
     functions: bool = True
     loop_flags: bool = False
     vector: bool = False
+
+    def does(self, math: Math) -> frozenset[str]:
+        """What it does itself in this mode."""
+        return {
+            "strict": self.native - TRANSCENDENTALS,
+            "relaxed": self.native,
+            "fast": self.native | self.fast,
+        }[math]
 
 
 class Options(Protocol):
@@ -52,6 +66,10 @@ class Options(Protocol):
     @property
     def precision(self) -> Precision:
         """The working precision."""
+
+    @property
+    def math(self) -> Math:
+        """How exact functions are."""
 
     @property
     def loop_limit(self) -> int | None:
@@ -72,11 +90,22 @@ class Prepared:
 
 def prepare(module: Module, options: Options, target: Target) -> Prepared:
     """A recorded module made ready for a target's printer."""
-    lowered = lower(lower_half(set_precision(module, options.precision)), target.native)
+    lowered = lower(lower_half(set_precision(module, options.precision)), target.does(options.math))
     if not target.functions or target.vector:
         lowered = inline_calls(lowered)
     ending, status, loops = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags)
     return Prepared(remove_unused_functions(optimise(ending)), status, loops)
+
+
+def with_strict_functions(module: Module, precision: Precision) -> Module:
+    """A recorded module for the interpreter to run as strict mode does: the same object if it has no transcendentals.
+
+    Else it is at its precision already, and computes with binary32 or binary64.
+    """
+    lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+    if not any(s.op in TRANSCENDENTALS for s in lets):
+        return module
+    return lower(lower_half(set_precision(module, precision)), frozenset(OPS) - TRANSCENDENTALS)
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:

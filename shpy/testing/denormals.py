@@ -15,6 +15,7 @@ import numpy as np
 from shpy.errors import LoopLimitExceeded
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, If, Let, Loop, Module, Port, Region, Value
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.traverse import map_regions
 from shpy.ir.types import Base, vec
 from shpy.lang.structure import Group, Leaf
@@ -34,7 +35,9 @@ _BOOL = vec(Base.B)
 
 def meets_denormals(setting: Setting) -> Array:
     """The elements, (n,) bool, of which an input, a result or anything between is a denormal or the least normal."""
-    module = _flagged(lower(setting.program.ir), setting.precision, setting.options.get("loop_limit", 1_048_576))
+    module = _flagged(
+        lower(setting.program.ir, TRANSCENDENTALS), setting.precision, setting.options.get("loop_limit", 1_048_576)
+    )
     layout = Group("tuple", ("denormal",), (Leaf(CLASSES["Attrib", 1, Base.B]),))
     program = Program(replace(setting.program._recorded, module=module, output=layout))
     options = {**setting.options, "loop_limit": None}

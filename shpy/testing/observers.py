@@ -19,7 +19,6 @@ import numpy as np
 from shpy.errors import LoopLimitExceeded
 from shpy.host import bind, common_shape, dtypes_at, streams, tables
 from shpy.ir.constants import DTYPES
-from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
 from shpy.kernel import Kernel
@@ -27,7 +26,7 @@ from shpy.lang.structure import Group, Leaf
 from shpy.lang.values import CLASSES
 from shpy.passes.promote import promote
 from shpy.program import Program
-from shpy.testing.reference import INTERPRETER, kernel
+from shpy.testing.reference import INTERPRETER, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, Watched, watch
 
 __all__ = ["Observer", "Seen", "Setting", "observer"]
@@ -195,7 +194,7 @@ class _Interpreter:
         self.setting = setting
         self.element = element
         self.watched = setting.watch(looked)
-        self.interpreter = Interpreter(self.watched.module, setting.precision, None)
+        self.interpreter = interpreter_of(self.watched.module, setting.precision, None)
         self.events: list[tuple[int, int]] = []
         self._run(_LAST, self._note)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, Options
+from shpy.backends.base import Array, Call, Device, Options, Precision
 from shpy.backends.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.interpreter import Interpreter
@@ -22,9 +22,10 @@ from shpy.ir.nodes import Loc, Module
 from shpy.ir.traverse import limited_loops
 from shpy.kernel import Kernel
 from shpy.lang.location import here
+from shpy.passes.pipeline import with_strict_functions
 from shpy.program import Program
 
-__all__ = ["INTERPRETER", "Interpreted", "Reference", "kernel", "require", "split_options", "targets"]
+__all__ = ["INTERPRETER", "Interpreted", "Reference", "interpreter_of", "kernel", "require", "split_options", "targets"]
 
 INTERPRETER = "interpreter"
 _WIDTHS = {"opencl": (1, 4, 8, 16)}
@@ -58,7 +59,7 @@ class Interpreted:
 
 
 class Reference:
-    """The reference interpreter as a backend: it runs modules as they were recorded."""
+    """The reference interpreter as a backend: it runs modules as recorded, with strict mode's functions."""
 
     name = INTERPRETER
 
@@ -72,7 +73,13 @@ class Reference:
     def compile(self, module: Module, options: Options) -> Interpreted:
         """Make the module's closures."""
         loops = tuple(loop.loc for loop in limited_loops(module))
-        return Interpreted(Interpreter(module, options.precision, options.loop_limit), loops, self.only)
+        return Interpreted(interpreter_of(module, options.precision, options.loop_limit), loops, self.only)
+
+
+def interpreter_of(module: Module, precision: Precision, loop_limit: int | None) -> Interpreter:
+    """The interpreter of a recorded module, whose exponentials and the like are those of strict mode."""
+    lowered = with_strict_functions(module, precision)
+    return Interpreter(lowered, precision if lowered is module else "f32", loop_limit)
 
 
 def targets(wanted: Iterable[str] | str | None = None) -> list[str]:

@@ -1,7 +1,7 @@
 """The conformance list: what a case is, and the one list of all of them.
 
 A case is a program with the arrays to run it on. The interpreter says what it must give (and `expected`, where that is
-known without it); every target must agree: ints and bools exactly, floats to the bit or within the op table's bound.
+known without it); every target must agree, to the bit.
 
     @case(x=[1.0, -0.0, np.nan], expected=lambda x: np.sign(x))
     def signs(x: sh.Attrib1f) -> sh.Attrib1f:
@@ -48,7 +48,7 @@ class Outcome:
 class Case:
     """`inputs` are arrays by name; those left out are made up by `data`. `outs` fills `out` with sevens first.
 
-    `bound` is by how much a target may differ; `refused` says with which word a target refuses to compile it. With
+    `refused` says with which word a target refuses to compile it; `bound` is how far `expected` may be off. With
     `meaning` the reference is computed at once, for there are many elements; the interpreter then runs some of them.
     """
 
@@ -57,7 +57,7 @@ class Case:
     inputs: Mapping[str, Any] = field(default_factory=dict)
     shape: tuple[int, ...] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
-    bound: Callable[[str], Tolerance] = lambda target: EXACT
+    bound: Tolerance = EXACT
     refused: Mapping[str, str] = field(default_factory=dict)
     expected: Any = None
     outs: bool = False
@@ -122,7 +122,7 @@ class Case:
 
     def check(self, found: Outcome, who: str) -> None:
         """Fail unless a target's outcome is the reference's."""
-        wanted, bound = self.reference, self.bound(who)
+        wanted = self.reference
         if self.meaning is not None and who in INTERPRETED:
             wanted = Outcome([a[::THIN] for a in wanted.outputs], wanted.written[::THIN])
         assert (found.stopped, found.line) == (wanted.stopped, wanted.line)
@@ -130,7 +130,7 @@ class Case:
         assert len(found.outputs) == len(wanted.outputs)
         for n, (a, b) in enumerate(zip(found.outputs, wanted.outputs, strict=True)):
             assert (a.dtype, a.shape) == (b.dtype, b.shape)
-            wrong = differs(a, b, bound.ulp, bound.absolute)
+            wrong = differs(a, b)
             rank = wanted.written.ndim
             elements = wrong.any(axis=tuple(range(rank, wrong.ndim))).ravel()
             for k in np.flatnonzero(elements):
@@ -217,7 +217,7 @@ def by_decorator(cases: list[Case]) -> Callable[..., Any]:
 
         def add(function: Any) -> Any:
             made = Case(
-                function.__name__, lambda: sh.program(function), inputs, shape, options or {}, lambda target: bound,
+                function.__name__, lambda: sh.program(function), inputs, shape, options or {}, bound,
                 refused or {}, expected, outs,
             )  # fmt: skip
             cases.append(made)

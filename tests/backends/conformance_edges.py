@@ -59,7 +59,7 @@ def floor_division_and_modulo_of_uints(a: sh.Attrib1u, b: sh.Attrib1u):
     return a // b, a % b
 
 
-@case(x=f(0, -2, -2, 0, 2, -0.0, 1, -1, INF, 0.5, -8), y=f(0, 2, 0.5, -1, -1, -1, NAN, INF, 0, INF, 3), ulp=16,
+@case(x=f(0, -2, -2, 0, 2, -0.0, 1, -1, INF, 0.5, -8), y=f(0, 2, 0.5, -1, -1, -1, NAN, INF, 0, INF, 3),
       expected=f(1, 4, NAN, INF, 0.5, -INF, 1, 1, 1, 0, -512))  # fmt: skip
 def pow_at_its_edges(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
     return x**y
@@ -69,7 +69,7 @@ PI = np.float64(np.pi)
 
 
 @case(y=f(0, 0, -0.0, -0.0, 1, -1, 1, 1, INF, INF, -INF, 1, 1, NAN),
-      x=f(0, -0.0, 0, -0.0, 0, 0, 1, -1, INF, -INF, 0, INF, -INF, 1), ulp=6,
+      x=f(0, -0.0, 0, -0.0, 0, 0, 1, -1, INF, -INF, 0, INF, -INF, 1), ulp=1,
       expected=PI * f(0, 1, -0.0, -1, 0.5, -0.5, 0.25, 0.75, 0.25, 0.75, -0.5, 0, 1, NAN))  # fmt: skip
 def atan2_as_c99(y: sh.Attrib1f, x: sh.Attrib1f) -> sh.Attrib1f:
     return sh.atan2(y, x)
@@ -86,7 +86,7 @@ def smoothstep_between_equals_is_step(a: sh.Attrib1f, x: sh.Attrib1f):
     return sh.smoothstep(a, a, x), sh.step(a, x)
 
 
-@case(x=f(0, 1, 100, 3e3, 1e4, 1e5, 2.0**20, -2.0**20), ulp=4, absolute=1e-7,
+@case(x=f(0, 1, 100, 3e3, 1e4, 1e5, 2.0**20, -2.0**20), ulp=1,
       expected=lambda x: (np.sin(x.astype(np.float64)), np.cos(x.astype(np.float64))))  # fmt: skip
 def sin_and_cos_up_to_a_million(x: sh.Attrib1f):
     return sh.sin(x), sh.cos(x)

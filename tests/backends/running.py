@@ -18,6 +18,7 @@ from shpy.backends.numpy.runtime import NumpyBackend, NumpyExecutable
 from shpy.backends.registry import backend as backend_named
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Function, Let, Module
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.parser import parse
 from shpy.ir.traverse import rewrite
 from shpy.ir.verifier import verify
@@ -110,13 +111,15 @@ class DenormalWatch:
     """Tells for one element whether a denormal arises on the way: in its inputs, or in any value computed."""
 
     def __init__(self, module: Module, options: Options) -> None:
-        lowered = lower(module, frozenset())
+        lowered = lower(module, TRANSCENDENTALS)
         named = replace(lowered, functions=tuple(map(_named, lowered.functions)))
         self.interpreter = Interpreter(named, options.precision, options.loop_limit)
 
     def arises(self, inputs: list[Any], *rest: Any) -> bool:
         """Run the element; arguments are those of `Interpreter.run_element`."""
-        found = [any(map(is_denormal, inputs))]
+        if any(map(is_denormal, inputs)):
+            return True
+        found: list[bool] = []
         outputs, _ = self.interpreter.run_element(
             inputs, *rest, trace=lambda loc, name, value: found.append(is_denormal(value))
         )

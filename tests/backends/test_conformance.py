@@ -70,8 +70,7 @@ def test_interpreter_gives_what_is_expected(case: Case) -> None:
     assert len(outputs) == len(wanted)
     for found, want in zip(outputs, wanted, strict=True):
         whole = np.broadcast_to(np.asarray(want).astype(found.dtype), found.shape)
-        bound = case.bound("interpreter")
-        wrong = np.argwhere(differs(found, whole, bound.ulp, bound.absolute))
+        wrong = np.argwhere(differs(found, whole, case.bound.ulp, case.bound.absolute))
         assert not len(wrong), f"element {wrong[0]}: {found[tuple(wrong[0])]!r}, not {whole[tuple(wrong[0])]!r}"
 
 

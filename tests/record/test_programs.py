@@ -396,7 +396,7 @@ def test_choosing_a_backend(monkeypatch):
         shift.compile("cuda")
     assert [b.name for b in sh.backends()] == ["numpy", "opencl", "glsl"]
     with pytest.raises(TypeError):
-        shift.compile(math="fast")
+        shift.compile(mode="fast")
 
 
 def test_kernels_are_kept():

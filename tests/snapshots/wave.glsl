@@ -13,73 +13,51 @@ uniform sampler2D in_k;
 uniform int each_k;  // 0 where one value serves all elements
 layout(location = 0) out vec2 out_0;
 
-// The 64 bits of a * b: low, high.
-uvec2 sh_product(uint a, uint b) {
-    uint low = (a & 0xffffu) * (b & 0xffffu);
-    uint left = (a >> 16) * (b & 0xffffu) + (low >> 16);
-    uint right = (a & 0xffffu) * (b >> 16) + (left & 0xffffu);
-    return uvec2((right << 16) | (low & 0xffffu), (a >> 16) * (b >> 16) + (left >> 16) + (right >> 16));
-}
-
-// x - n pi/2 for large x, exactly (Payne and Hanek 1983): the 96 bits of 2/pi that matter for the quadrant and what
-// follows it, times the 24 bits of x.
-float sh_quadrant_large(float x, out int n) {
-    const uint two_over_pi[9] = uint[9](0u, 0xa2f9836eu, 0x4e441529u, 0xfc2757d1u, 0xf534ddc0u, 0xdb629599u,
-        0x3c439041u, 0xfe5163abu, 0xdebbc561u);
-    uint bits = floatBitsToUint(x);
-    uint mantissa = (bits & 0x7fffffu) | 0x800000u;
-    int start = int((bits >> 23) & 255u) - 120;
-    int word = start >> 5;
-    uint left = uint(start & 31);
-    uvec4 w = uvec4(two_over_pi[word], two_over_pi[word + 1], two_over_pi[word + 2], two_over_pi[word + 3]);
-    uvec3 window = left == 0u ? w.xyz : (w.xyz << left) | (w.yzw >> (32u - left));
-    uvec2 third = sh_product(window.z, mantissa);
-    uvec2 second = sh_product(window.y, mantissa);
-    uint middle = second.x + third.y;
-    uint high = window.x * mantissa + second.y + (middle < third.y ? 1u : 0u);
-    uint fraction = (high << 2) | (middle >> 30);
-    n = int((high >> 30) + (fraction >> 31));
-    uint rest = (middle << 2) | (third.x >> 30);
-    precise float r = float(int(fraction)) * 2.3283064e-10 + float(rest) * 5.4210109e-20;
-    r = r * 1.57079633;
-    n = x < 0.0 ? -n : n;
-    return x < 0.0 ? -r : r;
-}
-
-// x - n pi/2, in [-pi/4, pi/4]: up to 1600 by pi/2 in three parts (Cody and Waite 1980), n times the first two exact.
-float sh_quadrant(float x, out int n) {
-    precise float k = roundEven(x * 0.636619772);
-    precise float r = x - k * 1.57080078125 + k * 4.454515874385834e-6 - k * 6.0771005e-11;
-    n = int(k);
-    if (abs(x) > 1600.0) {
-        r = sh_quadrant_large(x, n);
-    }
-    precise bool finite = abs(x) < uintBitsToFloat(0x7f800000u);
-    return finite ? r : uintBitsToFloat(0x7fc00000u);
-}
-
-float sh_sin_near_zero(float r) {
-    precise float z = r * r;
-    precise float s = r + r * z * ((z * -1.9512029e-4 + 8.332137e-3) * z - 1.6666654e-1);
-    return s;
-}
-
-float sh_cos_near_zero(float r) {
-    precise float z = r * r;
-    precise float c = z * z * ((z * 2.4429439e-5 - 1.3887284e-3) * z + 4.1666646e-2) - 0.5 * z + 1.0;
-    return c;
-}
-
-float sh_sin(float x) {
-    int n;
-    float r = sh_quadrant(x, n);
-    float s = (n & 1) == 0 ? sh_sin_near_zero(r) : sh_cos_near_zero(r);
-    s = (n & 2) == 0 ? s : -s;
-    return abs(x) < 2.44140625e-4 ? x : s;
+float sin_strict(precise float x) {
+    precise float t = abs(x);
+    precise float near = t <= 1.048576e+06 ? x : x - x;
+    precise float k = near * 0.63661975 + 1.2582912e+07 - 1.2582912e+07;
+    precise float product = k * 1.5707964;
+    precise float k_high = k + 6.442451e+09 - 6.442451e+09;
+    precise float k_low = k - k_high;
+    precise float rest = k_high * 1.5708008 - product + k_high * -4.4107437e-06;
+    precise float product_low = rest + k_low * 1.5708008 + k_low * -4.4107437e-06;
+    precise float left = near - product;
+    precise float t2 = -product_low;
+    precise float sum = left + t2;
+    precise float back = sum - left;
+    precise float sum_low = left - (sum - back) + (t2 - back);
+    precise float product_2 = k * -4.371139e-08;
+    precise float rest_2 = k_high * -4.3713953e-08 - product_2 + k_high * 2.5650593e-12;
+    precise float product_low_2 = rest_2 + k_low * -4.3713953e-08 + k_low * 2.5650593e-12;
+    precise float t3 = -product_2;
+    precise float sum_2 = sum + t3;
+    precise float back_2 = sum_2 - sum;
+    precise float sum_low_2 = sum - (sum_2 - back_2) + (t3 - back_2);
+    precise float lost = sum_low + sum_low_2 - product_low_2;
+    precise float tail = lost - k * -1.7151245e-15;
+    precise float high = sum_2 + tail;
+    precise float low = tail - (high - sum_2);
+    precise float k_by_2 = k * 0.5;
+    precise float pairs = floor(k_by_2);
+    precise float k_by_4 = pairs * 0.5;
+    precise bool odd = k_by_2 != pairs;
+    precise bool opposite = k_by_4 != floor(k_by_4);
+    precise float z = high * high;
+    precise float z_by_2 = z * 0.5;
+    precise float whole = 1.0 - z_by_2;
+    precise float series = (z * 2.451498e-05 - 0.0013888152) * z + 0.041666664;
+    precise float rest_3 = z * z * series - high * low;
+    precise float cosine_rest = 1.0 - whole - z_by_2 + rest_3;
+    precise float series_2 = ((z * 2.8502463e-06 - 0.00019855748) * z + 0.008333388) * z - 0.16666667;
+    precise float sine_rest = high * (z * series_2) + low;
+    precise float size = odd ? whole + cosine_rest : high + sine_rest;
+    precise float result = t < 0.00012207031 ? x : (opposite ? -size : size);
+    return result;
 }
 
 vec2 wave(precise float x, precise vec2 k) {  // test_glsl_text.py:18
-    precise vec2 y = sh_sin(x) * k + zero;  // test_glsl_text.py:20
+    precise vec2 y = sin_strict(x) * k + zero;  // test_glsl_text.py:20
     precise vec2 result = mix(-k, y, greaterThan(y, vec2(0.0)));  // test_glsl_text.py:21
     return result;
 }

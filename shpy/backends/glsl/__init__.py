@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from shpy.backends.base import Array, Call, Device, Options
 from shpy.backends.glsl.context import Context, open_context
-from shpy.backends.glsl.printer import NATIVE, Printer
+from shpy.backends.glsl.printer import FAST, NATIVE, Printer
 from shpy.backends.glsl.runtime import Program, Runtime, unsupported
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.nodes import Loc, Module, Value, Variable
@@ -28,7 +28,7 @@ from shpy.passes.specialise import select_outputs
 
 __all__ = ["GlslBackend", "GlslExecutable", "backend"]
 
-TARGET = Target("glsl", native=NATIVE, loop_flags=True)
+TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True)
 
 
 @dataclass(frozen=True, slots=True)

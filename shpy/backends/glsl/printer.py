@@ -39,10 +39,14 @@ from shpy.backends.naming import Target
 from shpy.backends.operations import COMPARISONS
 from shpy.backends.statements import text_of
 from shpy.ir.nodes import Function, Let, Loop, Module, Table, Value, Variable
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
 
 NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
+
+FAST: Final = TRANSCENDENTALS | {"rsqrt"}
+"""Operations that are one call here, of which GLSL says nothing or too little."""
 
 _HEAD: Final = """\
 #version 330 core
@@ -57,7 +61,7 @@ _FOLD_BITS: Final = FOLD.bit_length() - 1
 _WRITTEN_OUT: Final = 16
 _SAMPLERS: Final = {Base.F: "sampler2D", Base.I: "isampler2D", Base.U: "usampler2D", Base.B: "usampler2D"}
 
-# The functions of GLSL that do what the table says.
+# The functions of GLSL that do what the table says; transcendentals come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {
     "abs": "abs",
     "floor": "floor",
@@ -68,6 +72,9 @@ _OWN: Final[Mapping[str, str]] = {
     "any": "any",
     "all": "all",
     "float_from_bits": "uintBitsToFloat",
+    **{name: name for name in TRANSCENDENTALS},
+    "atan2": "atan",
+    "rsqrt": "inversesqrt",
 }
 _OWN_OF_INTS: Final = frozenset({"min", "max", "clamp", "sign"})
 _HELPERS: Final[Mapping[str, str]] = {"bits_from_float": "sh_bits"}

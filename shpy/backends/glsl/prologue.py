@@ -1,7 +1,7 @@
 r"""The prologue of a shader: hand-written functions for what GLSL 3.30 does not do, or not as the op table says.
 
-Stage: emit. The functions stand in `edges.glsl` and `functions.glsl`, for one component. The printer asks for those
-it uses; what comes out is these, those that they call, and their forms for vectors, in the order of the files.
+Stage: emit. The functions stand in `edges.glsl`, for one component. The printer asks for those it uses; what comes out
+is these, those that they call, and their forms for vectors, in the order of the file.
 
 >>> prologue = Prologue()
 >>> prologue.use("sh_min", (vec(Base.F, 2),) * 2)
@@ -60,11 +60,10 @@ class Helper:
 
 @cache
 def helpers() -> tuple[Helper, ...]:
-    """Every function of the prologue, in the order of the files; functions stand below those that they call."""
-    here = resources.files(__package__)
-    texts = [(here / name).read_text() for name in ("edges.glsl", "functions.glsl")]
+    """Every function of the prologue, in the order of the file; functions stand below those that they call."""
+    text = (resources.files(__package__) / "edges.glsl").read_text()
     found = []
-    for paragraph in "\n".join(texts).split("\n\n"):
+    for paragraph in text.split("\n\n"):
         head = _HEAD.search(paragraph)
         if head is None:
             continue

@@ -22,7 +22,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from shpy.backends import store
-from shpy.backends.base import Array, Device
+from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.pace import Pace
@@ -124,48 +124,54 @@ class Machine:
         self.lock = threading.RLock()
         self.doubles = "cl_khr_fp64" in device.extensions.split()
         self.notes = _notes(device)
-        self.options = ["-cl-std=CL1.2", "-w"]
+        self._options = ["-cl-std=CL1.2", "-w"]
         if not self.notes:
-            self.options.append("-cl-fp32-correctly-rounded-divide-sqrt")
-        self._programs: dict[str, Any] = {}
-        self._from_disk: set[str] = set()
+            self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        self._programs: dict[tuple[str, Math], Any] = {}
+        self._from_disk: set[tuple[str, Math]] = set()
         self._free: dict[int, list[Any]] = defaultdict(list)
         self._pooled = 0
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
 
-    def build(self, text: str) -> Any:
+    def options(self, math: Math) -> list[str]:
+        """What a program of this mode is built with."""
+        return [*self._options, "-cl-fast-relaxed-math"] if math == "fast" else self._options
+
+    def build(self, text: str, math: Math = "strict") -> Any:
         """The program of this text, from memory if it was built before; pyopencl's error if the driver refuses it."""
-        if text not in self._programs:
+        if (text, math) not in self._programs:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                self._programs[text] = self._kept(text) or self.cl.Program(self.context, text).build(
-                    options=self.options, cache_dir=False
+                self._programs[text, math] = self._kept(text, math) or self.cl.Program(self.context, text).build(
+                    options=self.options(math), cache_dir=False
                 )
-        return self._programs[text]
+        return self._programs[text, math]
 
-    def _key(self, text: str) -> str:
+    def _key(self, text: str, math: Math) -> str:
         device = self.device
         parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
-        return store.key("opencl", *parts, " ".join(self.options), text)
+        return store.key("opencl", *parts, " ".join(self.options(math)), text)
 
-    def _kept(self, text: str) -> Any:
+    def _kept(self, text: str, math: Math) -> Any:
         """The program from an earlier process's binary; None where there is none that the driver takes."""
-        binary = store.load(self._key(text))
+        key = self._key(text, math)
+        binary = store.load(key)
         if binary is None:
             return None
         try:
-            program = self.cl.Program(self.context, [self.device], [binary]).build(self.options, cache_dir=False)
+            program = self.cl.Program(self.context, [self.device], [binary]).build(self.options(math), cache_dir=False)
         except self.cl.Error:
-            store.remove(self._key(text))
+            store.remove(key)
             return None
-        self._from_disk.add(text)
+        self._from_disk.add((text, math))
         return program
 
-    def keep(self, text: str) -> None:
+    def keep(self, text: str, math: Math) -> None:
         """Keep the program's binary for later processes: once it was launched, so that it holds generated code."""
-        if text not in self._from_disk:
-            self._from_disk.add(text)
-            store.save(self._key(text), bytes(self._programs[text].get_info(self.cl.program_info.BINARIES)[0]))
+        if (text, math) not in self._from_disk:
+            self._from_disk.add((text, math))
+            binary = self._programs[text, math].get_info(self.cl.program_info.BINARIES)[0]
+            store.save(self._key(text, math), bytes(binary))
 
     def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int) -> None:
         """Queue a kernel over columns and lines of work items, and as many idle ones as fill each line's last group.

@@ -16,7 +16,7 @@ from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, IN_REGISTERS, PacketPrologue
 from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of
-from shpy.backends.opencl.spelling import Spelling
+from shpy.backends.opencl.spelling import FAST, NATIVE, Spelling
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
@@ -79,6 +79,8 @@ class PacketSpelling(Spelling):
             return f"__builtin_elementwise_{ELEMENTWISE[op]}"
         if op in ("min", "max") and types[0].is_int:
             return op
+        if self.math == "fast" and op in FAST | NATIVE.keys():
+            return Spelling.function(self, op, types)
         ours = op in _PROLOGUE or (op == "pow" and types[0].base is Base.D)
         return self.prologue.use(op, types[0]) if ours else super().function(op, types)
 

@@ -28,24 +28,26 @@ from shpy.ir.nodes import Function, Let, Module, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
-from shpy.passes.pipeline import optimise
+from shpy.passes.pipeline import Math, optimise
 from shpy.passes.vectorize import vectorize
 
 __all__ = ["print_packets"]
 
 
-def print_packets(module: Module, lanes: int, abilities: Abilities) -> Kernel:
+def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math = "strict") -> Kernel:
     """The kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do."""
     scalar = optimise(take_apart(module))
     packets = widen(vectorize(scalar, padded=True), lanes)
-    return PacketPrinter(packets, module.entry, lanes, abilities).print()
+    return PacketPrinter(packets, module.entry, lanes, abilities, math).print()
 
 
 class PacketPrinter(PacketSpelling, OpenCLPrinter):
     """Prints one module of packets; `ports` has the inputs and outputs as they were before they were taken apart."""
 
-    def __init__(self, module: Module, ports: Function, lanes: int, abilities: Abilities) -> None:
-        super().__init__(module)
+    def __init__(
+        self, module: Module, ports: Function, lanes: int, abilities: Abilities, math: Math = "strict"
+    ) -> None:
+        super().__init__(module, math)
         self.lanes = lanes
         self.ports = ports
         self.prologue = PacketPrologue(lanes, abilities)

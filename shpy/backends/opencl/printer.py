@@ -19,6 +19,7 @@ from shpy.backends.statements import Line, text_of
 from shpy.ir.nodes import Call, Function, Let, Loc, Module, Return, Store, Table, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
+from shpy.passes.pipeline import Math
 
 _INDEX, _SHAPE = "grid_index", "grid_shape"
 _WIDTH = 110
@@ -45,9 +46,9 @@ class Kernel:
     lanes: int = 1
 
 
-def print_kernel(module: Module) -> Kernel:
+def print_kernel(module: Module, math: Math = "strict") -> Kernel:
     """The kernel of a prepared module; CompileError for what OpenCL cannot do."""
-    return OpenCLPrinter(module).print()
+    return OpenCLPrinter(module, math).print()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +66,8 @@ class Needs:
 class OpenCLPrinter(Spelling):
     """Prints one module."""
 
-    def __init__(self, module: Module) -> None:
-        super().__init__(module)
+    def __init__(self, module: Module, math: Math = "strict") -> None:
+        super().__init__(module, math)
         self.count = self.globals.take("count")
         self.grid_names = {op: self.globals.take(op) for op in (_INDEX, _SHAPE)}
         self.function_names = {f.name: self.globals.take(f.name, "f") for f in module.functions}
@@ -86,7 +87,7 @@ class OpenCLPrinter(Spelling):
         for function in self.module.functions[:-1]:
             self._function(function, self.function_names[function.name])
         self._kernel(self.module.entry)
-        head = ["#pragma OPENCL FP_CONTRACT OFF"]
+        head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math == 'strict' else 'ON'}"]
         if self.doubles:
             head.append("#pragma OPENCL EXTENSION cl_khr_fp64 : enable")
         lines: list[Line] = [(text, None) for text in [*head, "", *self.prologue.text().splitlines()]]

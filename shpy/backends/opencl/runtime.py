@@ -23,15 +23,17 @@ from shpy.backends.opencl.packet_memory import COLUMNS
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
+from shpy.backends.opencl.spelling import FAST
 from shpy.backends.pace import Pace
 from shpy.errors import CompileError, ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Module, Status
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.pipeline import Prepared, Target, prepare
 
-TARGET: Final = Target("opencl")
-PACKET_TARGET: Final = Target("opencl", functions=False, vector=True)
+TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
+PACKET_TARGET: Final = replace(TARGET, functions=False, vector=True)
 _MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """What a component is in a buffer."""
 _WIDE: Final = 32
@@ -68,9 +70,9 @@ class OpenCLBackend:
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     prepared = prepare(module, options, TARGET if lanes == 1 else PACKET_TARGET)
     if lanes == 1:
-        kernel = print_kernel(prepared.module)
+        kernel = print_kernel(prepared.module, options.math)
     else:
-        kernel = print_packets(prepared.module, lanes, machine.abilities)
+        kernel = print_packets(prepared.module, lanes, machine.abilities, options.math)
     if kernel.doubles and not machine.doubles:
         raise CompileError(
             f"{machine.device.name.strip()} has no f64",
@@ -79,10 +81,10 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         )
     with machine.lock:
         try:
-            program = machine.build(kernel.text)
+            program = machine.build(kernel.text, options.math)
             executable = OpenCLExecutable(machine, kernel, prepared, machine.cl.Kernel(program, kernel.name))
             executable.warm_up()
-            machine.keep(kernel.text)
+            machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
             raise _refusal(str(e), kernel) from e
     return executable

@@ -27,6 +27,7 @@ from shpy.backends.operations import INFIX
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Module, Table, Variable
 from shpy.ir.types import Base, Type
+from shpy.passes.pipeline import Math
 
 FUNCTIONS: Final[Mapping[str, str]] = {
     **{
@@ -38,7 +39,13 @@ FUNCTIONS: Final[Mapping[str, str]] = {
     },
     "round": "rint",
 }
-"""Operations that are a function of OpenCL C with the table's meaning."""
+"""Operations that are a function of OpenCL C with the table's meaning, transcendentals within relaxed mode's bounds."""
+
+NATIVE: Final[Mapping[str, str]] = {op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 sin cos tan".split()}
+"""Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
+
+FAST: Final = frozenset({"rsqrt"})
+"""What fast mode does not compose of other operations."""
 
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
@@ -50,8 +57,9 @@ class Spelling(CLike):
     scalar_comparisons: ClassVar[bool] = True
     inputs_are_variables: ClassVar[bool] = True
 
-    def __init__(self, module: Module) -> None:
+    def __init__(self, module: Module, math: Math = "strict") -> None:
         super().__init__(module)
+        self.math = math
         self.prologue = Prologue()
         self.doubles = False
         self.element = self.globals.take("element")
@@ -124,6 +132,8 @@ class Spelling(CLike):
 
     def function(self, op: str, types: tuple[Type, ...]) -> str:
         """OpenCL's function, or one of the prologue."""
+        if self.math == "fast" and op in FAST | NATIVE.keys():
+            return NATIVE[op] if types[0].base is Base.F else op
         if op in FUNCTIONS and not self.prologue.wants(op, types[0]):
             return FUNCTIONS[op]
         if op in ("min", "max") and types[0].is_int:

@@ -1,0 +1,112 @@
+"""Exponentials and hyperbolic functions, from operations that every target rounds alike.
+
+Stage: improve. e to the x is 2**k times e to the r with |r| at most half of ln 2, and that is 1 + r and a small rest,
+kept apart until the last addition (Tang 1989 has the scheme, with a table where this has a longer polynomial).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from shpy.ir.types import Base
+from shpy.passes.strict.coefficients import EXP, EXP2, INVERSE_LN2, LN2, LN2_ROUNDED, SINH, TANH
+from shpy.passes.strict.parts import (
+    MAGIC,
+    TINY,
+    constants,
+    fast_two_sum,
+    polynomial,
+    scaled_by,
+    two_sum,
+    whole_and_shifted,
+)
+from shpy.passes.terms import Term, where
+
+__all__ = ["cosh", "exp", "exp2", "sinh", "tanh", "two_to_the"]
+
+# Beyond these e to the x, or 2 to the x, is 0 or infinite.
+_EXP_ENDS: Final = {Base.F: (-105.0, 90.0), Base.D: (-747.0, 711.0)}
+_EXP2_ENDS: Final = {Base.F: (-152.0, 130.0), Base.D: (-1077.0, 1026.0)}
+_TANH_END: Final = {Base.F: 32.0, Base.D: 64.0}
+
+
+def _between(x: Term, ends: tuple[float, float]) -> Term:
+    """The number between two ends that is nearest to x; NaN stays."""
+    low, high = ends
+    return where(x > high, high, where(x < low, low, x))
+
+
+def _exp_parts(x: Term) -> tuple[Term, Term, Term, Term]:
+    """(high, low, k, shifted): e to the x is (high + low) * 2**k, and shifted is k + MAGIC."""
+    ln2, ln2_low = constants(x, LN2)
+    k, shifted = whole_and_shifted(x * constants(x, INVERSE_LN2)[0])
+    above, below = x - k.named("k") * ln2, k * ln2_low
+    r = (above - below).named("r")
+    lost = (above - r) - below
+    high, low = fast_two_sum(r.constant(1), r)
+    low = (low + (r * r * polynomial(r, EXP) + lost)).named("low")
+    return high.named("high"), low, k, shifted.named("shifted")
+
+
+def exp(x: Term) -> Term:
+    """E to the x."""
+    high, low, _, shifted = _exp_parts(_between(x, _EXP_ENDS[x.type.base]).named("near"))
+    return scaled_by(high + low, shifted)
+
+
+def exp2(x: Term) -> Term:
+    """2 to the x."""
+    near = _between(x, _EXP2_ENDS[x.type.base]).named("near")
+    k, shifted = whole_and_shifted(near)
+    return two_to_the((near - k).named("r"), None, shifted.named("shifted"))
+
+
+def two_to_the(r: Term, low: Term | None, shifted: Term) -> Term:
+    """2 to the k + r + low, for k + MAGIC; |r| at most 1/2 and low far smaller."""
+    ln2, ln2_low = constants(r, LN2_ROUNDED)
+    linear = (r * ln2).named("linear")
+    high, lost = fast_two_sum(linear.constant(1), linear)
+    rest = (lost + (r * r * polynomial(r, EXP2) + r * ln2_low)).named("rest")
+    if low is not None:
+        rest = rest + low * ln2 * (high + rest)
+    return scaled_by(high + rest, shifted)
+
+
+def _halves(x: Term) -> tuple[Term, Term, Term, Term]:
+    """(high, low, inverse, shifted): half of e to the |x| is (high + low) * 2**k, half of e to the -|x| inverse * 2**k.
+
+    `shifted` is k + MAGIC.
+    """
+    a = _between(abs(x), _EXP_ENDS[x.type.base]).named("a")
+    high, low, k, shifted = _exp_parts(a)
+    magic = x.constant(MAGIC[x.type.base])
+    enough = where(k > 60, 60, k)
+    inverse = scaled_by(1 / (high + low), magic - (enough + enough)).named("inverse")
+    return high, low, inverse, shifted - 1
+
+
+def sinh(x: Term) -> Term:
+    """Hyperbolic sine."""
+    z = (x * x).named("z")
+    high, low, inverse, shifted = _halves(x)
+    total, lost = two_sum(high, -inverse)
+    far = scaled_by(total + (lost + low), shifted).named("far")
+    near = (x + x * (z * polynomial(z, SINH))).named("near")
+    return where(abs(x) < 1, near, where(x < 0, -far, far))
+
+
+def cosh(x: Term) -> Term:
+    """Hyperbolic cosine."""
+    high, low, inverse, shifted = _halves(x)
+    total, lost = two_sum(high, inverse)
+    return scaled_by(total + (lost + low), shifted)
+
+
+def tanh(x: Term) -> Term:
+    """Hyperbolic tangent."""
+    a = _between(abs(x), (0.0, _TANH_END[x.type.base])).named("a")
+    z = (x * x).named("z")
+    high, low, _, shifted = _exp_parts(a + a)
+    far = (1 - 2 / (scaled_by(high + low, shifted) + 1)).named("far")
+    near = where(a < TINY[x.type.base], x, x + x * (z * polynomial(z, TANH)))
+    return where(a < 0.625, near, where(x < 0, -far, far))

@@ -1,0 +1,217 @@
+"""Logarithms, powers and the inverse hyperbolic functions, from operations that every target rounds alike.
+
+Stage: improve. x is 2**k * (1 + f) with 1 + f between the roots of 1/2 and 2, and the logarithm of 1 + f twice the
+inverse hyperbolic tangent of s = f / (2 + f), as in Sun's fdlibm (1993). A power is 2 to the y * log2(x), with the
+logarithm in two parts.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from shpy.ir.types import Base
+from shpy.passes.strict.coefficients import (
+    ASINH,
+    ATANH,
+    INVERSE_LN2,
+    LN2,
+    LOG,
+    LOG2_ABOVE,
+    LOG2_BELOW,
+    POWER_LOG,
+    TWO_BY_LN2,
+)
+from shpy.passes.strict.exponential import two_to_the
+from shpy.passes.strict.parts import (
+    TINY,
+    constants,
+    exact_quotient_rest,
+    fast_two_sum,
+    polynomial,
+    sign_bit,
+    two_product,
+    two_sum,
+    whole_and_shifted,
+)
+from shpy.passes.terms import Term, where
+
+__all__ = ["acosh", "asinh", "atanh", "log", "log2", "pow_"]
+
+Pair = tuple[Term, Term]
+INFINITY: Final = float("inf")
+NAN: Final = float("nan")
+
+_ROOT_HALF: Final = 0x3F3504F3
+"""The bits of the root of 1/2."""
+
+_LARGE: Final = {Base.F: 2.0**13, Base.D: 2.0**28}
+"""From here on asinh x and acosh x are log(2 x)."""
+
+
+def _parted(x: Term) -> Pair:
+    """(f, k): x is 2**k * (1 + f), for positive finite x, denormal ones too."""
+    if x.type.base is Base.D:
+        return _parted_double(x)
+    tiny = (x < 2.0**-126).named("tiny")
+    bits = where(tiny, x * 2.0**23, x).op("bits_from_float")
+    moved = (bits + (0x3F800000 - _ROOT_HALF)).named("moved")
+    mantissa = ((moved & 0x7FFFFF) + _ROOT_HALF).op("float_from_bits")
+    k = (moved >> 23).based(Base.F) - where(tiny, x.constant(150), 127.0)
+    return (mantissa - 1).named("f"), k.named("k")
+
+
+def _parted_double(x: Term) -> Pair:
+    """The same in binary64: brought near 1 by powers of two, until binary32 can tell the exponent."""
+    k = x.constant(0)
+    for step in (512, 512, 256, 128):
+        small, large = x < 2.0 ** (-step // 2), x > 2.0 ** (step // 2)
+        k = where(small, k - step, where(large, k + step, k))
+        x = where(small, x * 2.0**step, where(large, x * 2.0**-step, x)).named("x")
+    moved = x.op("bits_from_float") + (0x3F800000 - _ROOT_HALF)
+    n = ((moved >> 23).based(Base.I) - 127).named("n")
+    return (x.op("ldexp", -n) - 1).named("f"), (k + n.based(Base.D)).named("k")
+
+
+def _edges(x: Term, inside: Term) -> Term:
+    """A logarithm of x where it is no positive finite number."""
+    outside = where(x.equals(0), x.constant(-INFINITY), where(x < 0, x.constant(NAN), x))
+    return where((x > 0) & (x < INFINITY), inside.named("inside"), outside.named("outside"))
+
+
+def _series(f: Term) -> tuple[Term, Term]:
+    """(half, rest): the logarithm of 1 + f is f - (half - rest)."""
+    half = (0.5 * f * f).named("square")
+    s = (f / (2 + f)).named("s")
+    z = (s * s).named("z")
+    return half, (s * (half + z * polynomial(z, LOG))).named("rest")
+
+
+def _log_of(u: Term, low: Term | None = None) -> Term:
+    """The logarithm of u + low, for positive finite u and a low far smaller."""
+    f, k = _parted(u)
+    half, rest = _series(f)
+    ln2, ln2_low = constants(u, LN2)
+    small = k * ln2_low if low is None else k * ln2_low + low / u
+    return k * ln2 + (f - (half - (rest + small.named("small"))))
+
+
+def log(x: Term) -> Term:
+    """Natural logarithm."""
+    return _edges(x, _log_of(x))
+
+
+def log2(x: Term) -> Term:
+    """Binary logarithm."""
+    f, k = _parted(x)
+    half, rest = _series(f)
+    inverse, inverse_low = constants(x, INVERSE_LN2)
+    main, lost = fast_two_sum(f, -half)
+    product, product_low = two_product(main.named("main"), x.constant(inverse))
+    high, low = two_sum(k, product)
+    return _edges(x, high + (low + (product_low + ((lost + rest) * inverse + main * inverse_low))))
+
+
+def asinh(x: Term) -> Term:
+    """Inverse hyperbolic sine: log(a + sqrt(a * a + 1)), each term in two parts."""
+    a = abs(x).named("a")
+    large = (a > _LARGE[x.type.base]).named("large")
+    b = where(large, x.constant(1), a).named("b")
+    square, square_low = two_product(b, b)
+    t, t_low = two_sum(square, x.constant(1))
+    root, root_low = _root(t, t_low + square_low)
+    u, u_low = two_sum(root, b)
+    far = _log_sum(large, a, u, u_low + root_low).named("size")
+    z = (x * x).named("z")
+    near = where(a < TINY[x.type.base], x, x + x * (z * polynomial(z, ASINH)))
+    return where(a < 0.5, near, where(x < 0, -far, far))
+
+
+def acosh(x: Term) -> Term:
+    """Inverse hyperbolic cosine: log(1 + t + sqrt(2 t + t * t)) with t = x - 1."""
+    large = (x > _LARGE[x.type.base]).named("large")
+    t = (where(large, x.constant(2), x) - 1).named("t")
+    square, square_low = two_product(t, t)
+    v, v_low = two_sum(t + t, square)
+    root, root_low = _root(v, v_low + square_low)
+    p, p_low = fast_two_sum(root, t)
+    u, u_low = two_sum(x.constant(1), p)
+    return where(x < 1, x.constant(NAN), _log_sum(large, x, u, u_low + (p_low + root_low)))
+
+
+def _root(t: Term, low: Term) -> Pair:
+    """The root of t + low in two parts."""
+    root = t.op("sqrt").named("root")
+    square, lost = two_product(root, root)
+    rest = ((t - square) - lost) + low
+    return root, where(root > 0, rest / (root + root), 0.0).named("root_low")
+
+
+def _log_sum(large: Term, x: Term, u: Term, low: Term) -> Term:
+    """The logarithm of u + low, or of 2 x where x is large."""
+    whole, part = where(large, x, u).named("u"), where(large, x.constant(0), low)
+    ln2 = where(large, x.constant(0.6931471805599453), 0.0).named("ln2")
+    inside = (_log_of(whole, part) + ln2).named("inside")
+    return where(whole < INFINITY, inside, whole)
+
+
+def atanh(x: Term) -> Term:
+    """Inverse hyperbolic tangent; past 1/2 it is half of log(1 + 2 a / (1 - a))."""
+    a = abs(x).named("a")
+    t = (a + a) / (1 - a)
+    u, low = two_sum(x.constant(1), t.named("t"))
+    far = (0.5 * _log_of(u.named("u"), low)).named("far")
+    far = where(a < 1, far, where(a.equals(1), x.constant(INFINITY), NAN)).named("far")
+    z = (x * x).named("z")
+    return where(a < 0.5, x + x * (z * polynomial(z, ATANH)), where(x < 0, -far, far))
+
+
+def _log2_in_two(a: Term) -> Pair:
+    """The binary logarithm of a positive finite a in two parts.
+
+    The mantissa m is compared with the nearest c of three: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in two
+    parts and so small that what follows it need not be.
+    """
+    f, k = _parted(a)
+    m = (f + 1).named("m")
+    below, above = (m < 0.890625).named("below"), (m > 1.125).named("above")
+    (below_2, below_low), (above_2, above_low) = constants(a, LOG2_BELOW), constants(a, LOG2_ABOVE)
+    c = where(below, m.constant(0.796875), where(above, m.constant(1.25), 1.0)).named("c")
+    whole = (k + where(below, k.constant(below_2), where(above, k.constant(above_2), 0.0))).named("whole")
+    fraction = where(below, k.constant(below_low), where(above, k.constant(above_low), 0.0))
+    n = (m - c).named("n")
+    d, d_low = two_sum(m, c)
+    s = (n / d).named("s")
+    s_low = ((exact_quotient_rest(n, d, s) - s * d_low) / d).named("s_low")
+    z = (s * s).named("z")
+    scale, scale_low = constants(a, TWO_BY_LN2)
+    main, lost = two_product(s, s.constant(scale))
+    rest = ((s_low + s * (z * polynomial(z, POWER_LOG))) * scale).named("rest")
+    high, low = two_sum(whole, main)
+    return fast_two_sum(high, low + (lost + (s * scale_low + fraction) + rest))
+
+
+def pow_(x: Term, y: Term) -> Term:
+    """X to the power of y, as C99 7.12.7.4 and F.9.4.4 have it."""
+    base = x.type.base
+    a = abs(x).named("a")
+    most, end = {Base.F: (1.0e10, 200.0), Base.D: (1.0e20, 1100.0)}[base]
+    exponent = where(y > most, most, where(y < -most, -most, y)).named("exponent")
+    logarithm, logarithm_low = _log2_in_two(a)
+    product, lost = two_product(exponent, logarithm.named("logarithm"))
+    high = where(product > end, end, where(product < -end, -end, product)).named("high")
+    low = where(high.equals(product), lost + exponent * logarithm_low, 0.0).named("low")
+    k, shifted = whole_and_shifted(high)
+    size = two_to_the((high - k).named("r"), low, shifted)
+    return _power_edges(x, y, a, size.named("size"))
+
+
+def _power_edges(x: Term, y: Term, a: Term, size: Term) -> Term:
+    """What |x| to the power of y is for zeros and infinities, and its sign."""
+    end = (a.equals(0) | a.equals(INFINITY)).named("end")
+    size = where(end, where((y > 0).equals(a > 1), x.constant(INFINITY), 0.0), size).named("size")
+    whole = y.op("floor").equals(y).named("whole")
+    half = (y * 0.5).named("y_by_2")
+    odd = (whole & half.op("floor").differs(half)).named("odd")
+    lost = (x.differs(x) | y.differs(y) | ((x < 0) & ~whole & a.differs(INFINITY))).named("lost")
+    one = (y.equals(0) | x.equals(1) | (a.equals(1) & abs(y).equals(INFINITY))).named("one")
+    return where(one, 1.0, where(lost, NAN, where(sign_bit(x) & odd, -size, size)))

@@ -1,0 +1,171 @@
+"""Terms: the pure functions of `library` and `strict` are written with them, as formulas.
+
+Stage: improve. A `Term` is a value of a function under construction; Python's operators append operations to it:
+
+    define("halved1", lambda x: x * 0.5, (vec(Base.F),))      # function halved1(%x.0: f) { %2: f = mul %x.0, %1 ... }
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Function, Let, Value
+from shpy.ir.types import Base, Type
+
+__all__ = ["Term", "define", "where"]
+
+
+class _Definition(Builder):
+    """Builds a definition; `names` are those of its values."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.pure = True
+        self.names: dict[int, str] = {}
+
+    def finish(self) -> Function:
+        made = super().finish()
+        return replace(made, body=tuple(self._named(s) if isinstance(s, Let) else s for s in made.body))
+
+    def _named(self, let: Let) -> Let:
+        return replace(let, value=replace(let.value, name=self.names.get(let.value.id)))
+
+
+class Term:
+    """A value that is written with Python's operators; numbers and scalars broadcast to the other operand's type."""
+
+    def __init__(self, builder: _Definition, value: Value) -> None:
+        self.builder = builder
+        self.value = value
+
+    @property
+    def type(self) -> Type:
+        """The value's type."""
+        return self.value.type
+
+    def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
+        """The operation `name` applied to this and the others."""
+        terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
+        return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
+
+    def named(self, name: str) -> Term:
+        """The same, called so in the emitted text."""
+        self.builder.names[self.value.id] = name
+        return self
+
+    def constant(self, number: float) -> Term:
+        """A constant of this term's type."""
+        scalar = Term(self.builder, self.builder.const(self.type.scalar, [number]))
+        return scalar.wide(self.type.size)
+
+    def wide(self, size: int) -> Term:
+        """A scalar as a vector of `size` components; a vector as it is."""
+        return Term(self.builder, self.builder.splat(self.value, size)) if self.type.size < size else self
+
+    def _binary(self, name: str, other: Term | float) -> Term:
+        if not isinstance(other, Term):
+            return self.op(name, other)
+        size = max(self.type.size, other.type.size)
+        return self.wide(size).op(name, other.wide(size))
+
+    def __getitem__(self, component: int) -> Term:
+        if self.type.size == 1:
+            return self
+        return Term(self.builder, self.builder.swizzle(self.value, (component,)))
+
+    def pick(self, *components: int) -> Term:
+        """A swizzle."""
+        return Term(self.builder, self.builder.swizzle(self.value, components))
+
+    def __add__(self, other: Term | float) -> Term:
+        return self._binary("add", other)
+
+    def __sub__(self, other: Term | float) -> Term:
+        return self._binary("sub", other)
+
+    def __mul__(self, other: Term | float) -> Term:
+        return self._binary("mul", other)
+
+    def __truediv__(self, other: Term | float) -> Term:
+        return self._binary("div", other)
+
+    def __radd__(self, other: float) -> Term:
+        return self.constant(other) + self
+
+    def __rsub__(self, other: float) -> Term:
+        return self.constant(other) - self
+
+    def __rmul__(self, other: float) -> Term:
+        return self.constant(other) * self
+
+    def __rtruediv__(self, other: float) -> Term:
+        return self.constant(other) / self
+
+    def __neg__(self) -> Term:
+        return self.op("neg")
+
+    def __lt__(self, other: Term | float) -> Term:
+        return self._binary("lt", other)
+
+    def __le__(self, other: Term | float) -> Term:
+        return self._binary("le", other)
+
+    def __gt__(self, other: Term | float) -> Term:
+        return self._binary("gt", other)
+
+    def __ge__(self, other: Term | float) -> Term:
+        return self._binary("ge", other)
+
+    def __and__(self, other: Term | float) -> Term:
+        return self._binary("and", other)
+
+    def __or__(self, other: Term | float) -> Term:
+        return self._binary("or", other)
+
+    def __xor__(self, other: Term | float) -> Term:
+        return self._binary("xor", other)
+
+    def __invert__(self) -> Term:
+        return self.op("not")
+
+    def __lshift__(self, count: int) -> Term:
+        return self._binary("shl", count)
+
+    def __rshift__(self, count: int) -> Term:
+        return self._binary("shr", count)
+
+    def __abs__(self) -> Term:
+        return self.op("abs")
+
+    def equals(self, other: Term | float) -> Term:
+        """Whether both are the same number."""
+        return self._binary("eq", other)
+
+    def differs(self, other: Term | float) -> Term:
+        """Whether they are not."""
+        return self._binary("ne", other)
+
+    def based(self, base: Base) -> Term:
+        """The same, converted to another base."""
+        return self.op("convert", type=self.type.based(base))
+
+
+def where(c: Term, a: Term | float, b: Term | float) -> Term:
+    """A where c holds, else b; c is one bool or one a component. One of a and b at least is a Term."""
+    model = a if isinstance(a, Term) else b
+    assert isinstance(model, Term)
+    first, second = (t if isinstance(t, Term) else model.constant(t) for t in (a, b))
+    return c.wide(model.type.size).op("cond", first, second)
+
+
+def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...]) -> Function:
+    """The pure function of this name that gives `meaning` of inputs of these types, called as its parameters are."""
+    builder = _Definition(name)
+    names = inspect.signature(meaning).parameters
+    terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
+    result = meaning(*terms)
+    builder.store(builder.output(result.type, "result"), result.value)
+    return builder.finish()

@@ -1,0 +1,237 @@
+"""The modes: strict gives the same bits everywhere, within the table's bounds; relaxed keeps OpenCL's; fast runs.
+
+Every function of one argument over all of binary32, in strides of 4,099 in every run and of 61 with `-m slow`; those of
+two arguments over all pairs of special values. References are binary64, for binary64 mpmath in 160 bits.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+from backends.exact import FAR, TRIGONOMETRIC
+from backends.running import flushes_denormals
+
+import shpy as sh
+from shpy.backends.base import Array
+from shpy.ir.ops import OPS, TRANSCENDENTALS
+
+TINY = 2.0**-126
+BINARY = ("pow", "atan2")
+UNARY = sorted(TRANSCENDENTALS - set(BINARY))
+CHUNK = 1 << 20
+STEPS = np.array([
+    2.0**-126, 2.0**-100, 2.0**-64, 2.0**-25, 2.0**-13, 0.1, 1 / 3, 0.5, 0.7071068, 1, 1.5, 2, np.e, 3, np.pi, 7, 10,
+    88.5, 127, 1e3, 4095, 2.0**20, 2.0**23 + 1, 2.0**24, 2.0**31, 1e10, 2.0**64, 1e30, 2.0**127,
+]).astype(np.float32)  # fmt: skip
+BESIDE = np.concatenate([np.nextafter(STEPS[7:17], np.float32(end)) for end in (0, 9)])
+OTHERS = [0, -0.0, np.inf, -np.inf, np.nan, 3.4028235e38, -3.4028235e38, 0.6, -0.6, 25.25, -25.25, -127.5, 149, -149]
+SPECIAL = np.concatenate([OTHERS, STEPS, -STEPS, BESIDE, -BESIDE[::5]]).astype(np.float32)
+
+
+@functools.cache
+def program(name: str) -> sh.Program:
+    function: Callable[..., Any] = getattr(sh, name)
+    if name in BINARY:
+
+        def of_two(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+            return function(x, y)
+
+        return sh.program(of_two)
+
+    def of_one(x: sh.Attrib1f) -> sh.Attrib1f:
+        return function(x)
+
+    return sh.program(of_one)
+
+
+def in_f64(name: str, *arrays: Array) -> Array:
+    meaning = OPS[name].meaning
+    assert meaning is not None
+    with np.errstate(all="ignore"):
+        return np.asarray(meaning(*(a.astype(np.float64) for a in arrays)))
+
+
+def ulps(found: Array, wanted: Array) -> Array:
+    """How many units in the last place of a binary32 lie between what was found and the exact results."""
+    with np.errstate(all="ignore"):
+        nearest = wanted.astype(np.float32)
+        exponent = np.floor(np.log2(np.maximum(np.abs(wanted), TINY)))
+        distance = np.abs(found.astype(np.float64) - wanted) / 2.0 ** (np.minimum(exponent, 127) - 23)
+    same = (found == nearest) & (np.signbit(found) == np.signbit(nearest)) | np.isnan(found) & np.isnan(wanted)
+    return np.where(
+        same, np.where(np.isfinite(nearest) & (nearest != 0), distance, 0), np.nan_to_num(distance, nan=np.inf)
+    )
+
+
+def sweep(name: str, stride: int) -> Any:
+    """Chunks of binary32 numbers that are no denormals, as far as the function promises anything."""
+    for first in range(0, 1 << 32, stride * CHUNK):
+        bits = np.arange(first, min(first + stride * CHUNK, 1 << 32), stride, dtype=np.uint64).astype(np.uint32)
+        x = bits.view(np.float32)
+        kept = (np.abs(x) >= TINY) | (x == 0) | np.isnan(x)
+        if name in TRIGONOMETRIC:
+            kept &= ~(np.abs(x) > FAR) | np.isinf(x)
+        if kept.any():
+            yield x[kept]
+
+
+def check_bound(found: Array, wanted: Array, bound: float, arrays: tuple[Array, ...], *, flushed: bool = False) -> None:
+    off = ulps(found, wanted)
+    if flushed:
+        off = np.where(np.abs(wanted) <= TINY, 0, off)
+    worst = int(np.argmax(off))
+    given = [a[worst] for a in arrays]
+    assert off[worst] <= bound, f"{given}: {found[worst]} is {off[worst]} ULP from {wanted[worst]}"
+
+
+def check_same(found: Array, expected: Array, arrays: tuple[Array, ...], *, flushed: bool = False) -> None:
+    """The same bits, but for NaNs, and for denormals where they are flushed."""
+    same = (found.view(np.uint32) == expected.view(np.uint32)) | np.isnan(found) & np.isnan(expected)
+    if flushed:
+        same |= np.abs(expected) <= TINY
+    wrong = np.flatnonzero(~same)
+    assert not len(wrong), f"{[a[wrong[0]] for a in arrays]}: {found[wrong[0]]!r}, not {expected[wrong[0]]!r}"
+
+
+def check_strict(name: str, *arrays: Array) -> None:
+    """OpenCL's packets keep the bound, and the other backends give the same bits."""
+    reference = program(name).compile("opencl")(*arrays)
+    check_bound(reference, in_f64(name, *arrays), OPS[name].bound("strict").ulp, arrays)
+    check_same(program(name).compile("numpy")(*arrays), reference, arrays)
+    check_same(program(name).compile("glsl")(*arrays), reference, arrays, flushed=flushes_denormals("glsl"))
+
+
+@pytest.mark.parametrize("name", UNARY)
+def test_strict_keeps_its_bound_and_has_the_same_bits_everywhere(name: str) -> None:
+    for x in sweep(name, 4_099):
+        check_strict(name, x)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", UNARY)
+def test_strict_keeps_its_bound_in_a_fine_sweep(name: str) -> None:
+    for x in sweep(name, 61):
+        check_strict(name, x)
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_strict_of_two_keeps_its_bound_on_all_pairs(name: str) -> None:
+    a, b = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))
+    check_strict(name, a, b)
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_strict_of_two_keeps_its_bound_at_random(name: str) -> None:
+    rng = np.random.default_rng(3)
+    a = (rng.uniform(0.25, 4, 1 << 18) * 2.0 ** rng.integers(-12, 12, 1 << 18)).astype(np.float32)
+    b = (rng.standard_normal(1 << 18) * 10 ** rng.uniform(-2, 2, 1 << 18)).astype(np.float32)
+    check_strict(name, a, b)
+
+
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+@pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
+def test_strict_has_the_same_bits_in_packets_of_any_width(name: str, lanes: Any) -> None:
+    arrays = tuple(grid.ravel()[: 1 << 12] for grid in np.meshgrid(*[SPECIAL] * (1 + (name in BINARY))))
+    expected = program(name).compile("opencl")(*arrays)
+    check_same(program(name).compile("opencl", lanes=lanes)(*arrays), expected, arrays)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize("name", UNARY)
+def test_relaxed_keeps_the_bound_of_opencl(name: str, backend: str) -> None:
+    flushed = flushes_denormals(backend)
+    for x in sweep(name, 65_521):
+        found = program(name).compile(backend, math="relaxed")(x)
+        check_bound(found, in_f64(name, x), OPS[name].bound("relaxed").ulp, (x,), flushed=flushed)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize("name", BINARY)
+def test_relaxed_of_two_keeps_the_bound_of_opencl(name: str, backend: str) -> None:
+    a, b = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))
+    found = program(name).compile(backend, math="relaxed")(a, b)
+    bound = OPS[name].bound("relaxed").ulp
+    check_bound(found, in_f64(name, a, b), bound, (a, b), flushed=flushes_denormals(backend))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
+def test_fast_is_about_right_for_ordinary_numbers(name: str, backend: str) -> None:
+    x = np.linspace(1.25 if name == "acosh" else 0.25, 1.75 if name == "acosh" else 0.75, 1000, dtype=np.float32)
+    arrays = (x, x[::-1].copy())[: 1 + (name in BINARY)]
+    found = program(name).compile(backend, math="fast")(*arrays)
+    np.testing.assert_allclose(found, in_f64(name, *arrays), rtol=2e-3, atol=1e-3)
+
+
+REFERENCES: dict[str, Callable[..., Any]] = {
+    **{n: getattr(mp, n) for n in ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh")},
+    **{n: getattr(mp, n) for n in ("asinh", "acosh", "atanh", "atan2")},
+    "exp2": lambda x: mp.power(2, x),
+    "log2": lambda x: mp.log(x) / mp.log(2),
+    "pow": mp.power,
+}
+
+
+def doubles(name: str) -> Array:
+    """250 numbers from where the function is defined."""
+    rng = np.random.default_rng(5)
+    u = rng.uniform(-1, 1, 250)
+    match name:
+        case "asin" | "acos" | "atanh":
+            return u
+        case "exp" | "exp2" | "sinh" | "cosh":
+            return np.asarray(700 * u**3)
+        case "log" | "log2":
+            return np.exp(700 * u**3)
+        case "acosh":
+            return np.asarray(1 + 10.0 ** (10 * u))
+        case "pow":
+            return np.asarray(10.0 ** (4 * u))
+    return np.asarray(10.0 ** (6 * rng.uniform(-1, 1, 250)) * np.sign(u))
+
+
+@pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
+def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> None:
+    x = doubles(name)
+    arrays = (x, np.random.default_rng(6).uniform(-60, 60, len(x)))[: 1 + (name in BINARY)]
+    expected = program(name).compile("numpy", precision="f64")(*arrays)
+    for lanes in (1, 8):
+        found = program(name).compile("opencl", precision="f64", lanes=lanes)(*arrays)
+        assert found.tobytes() == expected.tobytes()
+    bound = OPS[name].double.ulp
+    with mp.workprec(160):
+        for given, found in zip(zip(*arrays, strict=True), expected, strict=True):
+            exact = REFERENCES[name](*(mp.mpf(float(a)) for a in given))
+            place = mp.power(2, max(int(mp.floor(mp.log(abs(exact), 2))), -1022) - 52)
+            off = abs(mp.mpf(float(found)) - exact) / place
+            assert off <= bound, f"{given}: {found} is {float(off)} ULP off"
+
+
+def test_each_mode_is_a_kernel_of_its_own() -> None:
+    texts = {mode: program("sin").compile("opencl", math=mode).source for mode in ("strict", "relaxed", "fast")}  # type: ignore[arg-type]
+    assert "sin_strict(" in texts["strict"]
+    assert "FP_CONTRACT OFF" in texts["strict"]
+    assert "FP_CONTRACT ON" in texts["relaxed"]
+    assert "native_sin(" in texts["fast"]
+    assert program("sin").compile("opencl").options.math == "strict"
+    assert "np.sin(" in program("sin").compile("numpy", math="relaxed").source
+    assert "sin_strict(" in program("sin").compile("glsl", math="relaxed").source
+    assert "sin_strict(" not in program("sin").compile("glsl", math="fast").source
+
+
+def test_a_mode_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(sh.ShpyTypeError, match="math='exact'") as error:
+        program("sin").compile(math="exact")  # type: ignore[arg-type]
+    assert error.value.cure == 'math="strict", "relaxed" or "fast"'
+
+
+def test_past_its_range_an_angle_counts_as_zero() -> None:
+    x = np.float32([1048577, -1e10, 3e38])
+    for name, wanted in (("sin", 0), ("cos", 1), ("tan", 0)):
+        for backend in ("numpy", "opencl", "glsl"):
+            assert (program(name).compile(backend)(x) == wanted).all()
