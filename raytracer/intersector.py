@@ -22,7 +22,7 @@ from raytracer.errors import SceneError
 from raytracer.kernels.triangle import FAR
 from raytracer.kernels.walk import Walk, walk_through
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import triangle_rows
+from raytracer.layout import rounded, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.scene import Scene
 
@@ -71,9 +71,8 @@ class Intersector:
         self._alone: Callable[[], Walk] | None = None
         self._kernels: dict[tuple[str, bool], Any] = {}
         if meshes:
-            corners = np.concatenate([mesh.corners for mesh in meshes])
-            normals = np.concatenate([mesh.face_normals for mesh in meshes])
-            structure, rows = build(accel, corners, precision), triangle_rows(corners, normals)
+            corners = rounded(np.concatenate([mesh.corners for mesh in meshes]), precision)
+            structure, rows = build(accel, corners, precision), triangle_rows(corners)
             target = backend or sh.default_backend()
             self._walk = walk_through(structure, rows, target)
             if isinstance(structure, Bvh) and target == "opencl" and precision == "f32":

@@ -17,26 +17,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.bvh import Bvh
-from raytracer.accel.choice import build
+from raytracer.accel.choice import WORKING, build
 from raytracer.accel.grid import Grid
 from raytracer.lights import Light, PointLight
 from raytracer.materials import Material
 from raytracer.meshes import Mesh
+from raytracer.meshes.mesh import normals_of
 from raytracer.scene import Scene
 
 Rows = NDArray[np.float64]
 
 
-def triangle_rows(corners: NDArray[np.float64], normals: NDArray[np.float64]) -> Rows:
-    """(3N, 4): row 3k + c holds corner c of triangle k, and in w component c of its unit normal."""
-    return np.concatenate([corners, normals[:, :, None]], axis=2).reshape(-1, 4)
+def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:
+    """Corners (N, 3, 3) as a kernel that works at `precision` sees them."""
+    return corners.astype(WORKING.get(precision, np.float32)).astype(np.float64)
+
+
+def triangle_rows(corners: NDArray[np.float64]) -> Rows:
+    """(3N, 4): row 3k + c holds corner c of triangle k, and in w component c of its unit normal.
+
+    The normals are those of these corners: hand it rounded ones, so that a kernel sees no other plane than they span.
+    """
+    return np.concatenate([corners, normals_of(corners)[:, :, None]], axis=2).reshape(-1, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
-    `structure` is the accelerator; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the
+    `structure` is the accelerator; `roundoff` the largest relative error of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the
     corners, None if every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no
     mesh has any; `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and
     `object_of` (N,) int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the
@@ -44,6 +53,7 @@ class Layout:
     """
 
     structure: Grid | Bvh
+    roundoff: float
     triangles: Rows
     normals: Rows | None
     colors: Rows | None
@@ -56,14 +66,14 @@ class Layout:
     def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32") -> Layout:
         """The layout of a scene of at least one triangle, for kernels that work at `precision`."""
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
-        corners = np.concatenate([mesh.corners for mesh in meshes])
-        flat = np.concatenate([mesh.face_normals for mesh in meshes])
+        corners = rounded(np.concatenate([mesh.corners for mesh in meshes]), precision)
         materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
         return cls(
             structure=build(accel, corners, precision),
-            triangles=triangle_rows(corners, flat),
+            roundoff=float(np.finfo(WORKING.get(precision, np.float32)).eps) / 2,
+            triangles=triangle_rows(corners),
             normals=_normals(meshes),
             colors=_colors(meshes),
             materials=materials,

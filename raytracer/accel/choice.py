@@ -18,7 +18,8 @@ from raytracer.accel.grid import Grid, build_grid
 from raytracer.errors import SceneError
 
 Corners = NDArray[np.floating]
-_WORKING = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
+WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
+"""The floats of a precision."""
 
 
 def build(accel: str, corners: Corners, precision: str = "f32") -> Grid | Bvh:
@@ -39,7 +40,7 @@ def _grid(corners: Corners, _: str) -> Grid:
 
 
 def _bvh(corners: Corners, precision: str) -> Bvh:
-    return build_bvh(corners, _WORKING.get(precision, np.float32))
+    return build_bvh(corners, WORKING.get(precision, np.float32))
 
 
 def _brute(corners: Corners, _: str) -> Grid:

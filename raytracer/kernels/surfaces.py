@@ -13,9 +13,9 @@ from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import FAR, Hit
 from raytracer.layout import Layout, Rows
 
-NEPSILON = 1e-5
-"""How far above a surface its secondary rays begin, as a part of the coordinates and distance that led there: some 80
-roundings of f32."""
+ROUNDINGS = 7
+"""What a point of a triangle may be off its plane, in roundings of its coordinates: 2 as the weights may not sum to 1,
+3 of their products and sums, and 2 of moving it off the plane (Pharr, Jakob and Humphreys 2023, section 6.8.4)."""
 
 
 class Surface:
@@ -37,6 +37,7 @@ class SurfaceTables:
 
     def __init__(self, layout: Layout, triangles: Any) -> None:
         self.triangles = triangles
+        self.roundoff = ROUNDINGS * layout.roundoff
         self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
         self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
         self.highlights = bool((layout.materials[1::2, 1] > 0).any())
@@ -51,18 +52,19 @@ class SurfaceTables:
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
         facing = side * face
-        point = eye + hit.l * ray
-        size = hit.l + sh.max(abs(point.x), abs(point.y), abs(point.z))
+        places = tuple(corner.xyz for corner in corners)
+        point = barylerp(hit, *places)
+        bound = self.roundoff * barylerp(hit, *(abs(place) for place in places))
         surface.view[:] = -ray
         surface.face[:] = facing
         surface.normal[:] = facing
-        surface.inter[:] = point + (NEPSILON * size) * facing
+        surface.inter[:] = point + sh.dot(abs(face), bound) * facing
         if self.normals is not None:
             normals = rows_of(self.normals, hit)
             normal = side * sh.normalize(barylerp(hit, *(n.xyz for n in normals)))
             surface.normal[:] = sh.cond(sh.dot(normal, facing) < 0, -normal, normal)
             surface.inter -= barylerp(
-                hit, *(depth(point - p.xyz, side * n.xyz) for p, n in zip(corners, normals, strict=True))
+                hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True))
             )
         return self.paint(hit, surface)
 

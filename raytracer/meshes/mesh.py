@@ -86,10 +86,7 @@ class Mesh:
     @property
     def face_normals(self) -> Floats:
         """Unit normals of the triangles, (F, 3), by the right-hand rule; zero for a triangle without area."""
-        corners = self.corners
-        one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        # Each edge by itself, so that the product of tiny ones does not vanish.
-        return _unit(np.cross(_scaled(one), _scaled(other)))
+        return normals_of(self.corners)
 
     def with_material(self, material: Material) -> Mesh:
         """The same mesh of another material."""
@@ -147,6 +144,13 @@ def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
     vertices = np.concatenate([m.vertices for m in meshes])
     faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
     return Mesh(vertices, faces, normals, colors, meshes[0].material, name)
+
+
+def normals_of(corners: Floats) -> Floats:
+    """Unit normals (N, 3) of triangles (N, 3, 3), by the right-hand rule; zero for a triangle without area."""
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    # Each edge by itself, so that the product of tiny ones does not vanish.
+    return _unit(np.cross(_scaled(one), _scaled(other)))
 
 
 def _unit(vectors: Floats) -> Floats:
