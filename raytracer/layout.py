@@ -45,11 +45,11 @@ def triangle_rows(corners: NDArray[np.float64]) -> Rows:
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
-    `structure` is the accelerator; `roundoff` the largest relative error of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the
-    corners, None if every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no
-    mesh has any; `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and
-    `object_of` (N,) int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the
-    light and 0, then color.
+    `structure` is the accelerator; `roundoff` the largest relative error of one rounding; `triangles` (3N, 4) (see
+    `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if every mesh is flat; `colors` (3N, 4) the
+    colours at the corners, material included, None if no mesh has any; `materials` (2M, 4): color and reflectivity,
+    then diffuse, specular, shininess; `material_of` and `object_of` (N,) int32 a triangle's material and mesh;
+    `lights` (2L, 4): position and 1, or direction toward the light and 0, then color.
     """
 
     structure: Grid | Bvh
