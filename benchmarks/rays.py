@@ -93,7 +93,7 @@ def forget() -> None:
 
 @cache
 def _structure(mesh: Mesh) -> tuple[Any, np.ndarray]:
-    return build("bvh", mesh.corners), triangle_rows(mesh.corners, mesh.face_normals)
+    return build("bvh", mesh.corners), triangle_rows(mesh.corners)
 
 
 def _answer(hit: Any, any_hit: bool) -> Any:

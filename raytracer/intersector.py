@@ -22,7 +22,7 @@ from raytracer.errors import SceneError
 from raytracer.kernels.triangle import FAR
 from raytracer.kernels.walk import Walk, walk_through
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import rounded, triangle_rows
+from raytracer.layout import origin_of, rounded, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.scene import Scene
 
@@ -69,9 +69,12 @@ class Intersector:
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._walk: Walk | None = None
         self._alone: Callable[[], Walk] | None = None
+        self._origin = np.zeros(3)
         self._kernels: dict[tuple[str, bool], Any] = {}
         if meshes:
-            corners = rounded(np.concatenate([mesh.corners for mesh in meshes]), precision)
+            corners = np.concatenate([mesh.corners for mesh in meshes])
+            self._origin = origin_of(corners)
+            corners = rounded(corners - self._origin, precision)
             structure, rows = build(accel, corners, precision), triangle_rows(corners)
             target = backend or sh.default_backend()
             self._walk = walk_through(structure, rows, target)
@@ -91,7 +94,7 @@ class Intersector:
         if self._walk is None or not len(eye):
             n = len(eye)
             return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), *np.zeros((2, n), np.float32))
-        t, triangle, uv = self._kernel("intersect", eye, ray, near)(eye, ray, near, limit)
+        t, triangle, uv = self._run("intersect", eye, ray, near, limit)
         distance = np.full_like(t, np.inf)
         np.divide(t, length, out=distance, where=triangle >= 0, casting="same_kind")
         return Hits(distance, triangle, uv[:, 0], uv[:, 1])
@@ -103,7 +106,13 @@ class Intersector:
         eye, ray, near, limit, _ = _checked(origins, directions, t_min, t_max)
         if self._walk is None or not len(eye):
             return np.zeros(len(eye), dtype=bool)
-        return np.asarray(self._kernel("occluded", eye, ray, near)(eye, ray, near, limit))
+        return np.asarray(self._run("occluded", eye, ray, near, limit))
+
+    def _run(self, name: str, eye: Floats, ray: Floats, near: Floats, limit: Floats) -> Any:
+        """What the kernel of this name says of these rays."""
+        if self._origin.any():
+            eye = eye - self._origin
+        return self._kernel(name, eye, ray, near)(eye, ray, near, limit)
 
     def _kernel(self, name: str, eye: Floats, ray: Floats, near: Floats) -> Any:
         """The kernel for these rays."""

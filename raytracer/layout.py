@@ -28,6 +28,20 @@ from raytracer.scene import Scene
 Rows = NDArray[np.float64]
 
 
+def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the kernels' coordinates begin, (3,): 0, or near the middle of triangles that lie far from 0.
+
+    So what a scene looks like does not depend on where it stands. It is a multiple of a power of two that is about the
+    size of the scene, so that subtracting it takes nothing from coordinates that were rounded already.
+    """
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    middle, size = (low + high) / 2, float((high - low).max())
+    if size == 0:
+        return np.asarray(middle)
+    step = 2.0 ** np.floor(np.log2(size))
+    return np.where(np.abs(middle) <= size, 0.0, np.round(middle / step) * step)
+
+
 def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:
     """Corners (N, 3, 3) as a kernel that works at `precision` sees them."""
     return corners.astype(WORKING.get(precision, np.float32)).astype(np.float64)
@@ -45,13 +59,15 @@ def triangle_rows(corners: NDArray[np.float64]) -> Rows:
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
-    `structure` is the accelerator; `roundoff` the largest relative error of one rounding; `triangles` (3N, 4) (see
-    `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if every mesh is flat; `colors` (3N, 4) the
-    colours at the corners, material included, None if no mesh has any; `materials` (2M, 4): color and reflectivity,
-    then diffuse, specular, shininess; `material_of` and `object_of` (N,) int32 a triangle's material and mesh;
-    `lights` (2L, 4): position and 1, or direction toward the light and 0, then color.
+    All positions are relative to `origin` (3,). `structure` is the accelerator; `roundoff` the largest relative error
+    of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if
+    every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no mesh has any;
+    `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and `object_of` (N,)
+    int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the light and 0, then
+    color.
     """
 
+    origin: NDArray[np.float64]
     structure: Grid | Bvh
     roundoff: float
     triangles: Rows
@@ -66,11 +82,14 @@ class Layout:
     def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32") -> Layout:
         """The layout of a scene of at least one triangle, for kernels that work at `precision`."""
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
-        corners = rounded(np.concatenate([mesh.corners for mesh in meshes]), precision)
+        corners = np.concatenate([mesh.corners for mesh in meshes])
+        origin = origin_of(corners)
+        corners = rounded(corners - origin, precision)
         materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
         return cls(
+            origin=origin,
             structure=build(accel, corners, precision),
             roundoff=float(np.finfo(WORKING.get(precision, np.float32)).eps) / 2,
             triangles=triangle_rows(corners),
@@ -79,7 +98,7 @@ class Layout:
             materials=materials,
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=np.repeat(places, sizes).astype(np.int32),
-            lights=light_rows(scene.lights),
+            lights=light_rows(scene.lights, origin),
         )
 
     @property
@@ -88,12 +107,12 @@ class Layout:
         return bool((self.materials[::2, 3] > 0).any())
 
 
-def light_rows(lights: Sequence[Light]) -> Rows:
-    """(2L, 4): position and 1, or unit direction toward the light and 0; then its colour."""
+def light_rows(lights: Sequence[Light], origin: NDArray[np.float64]) -> Rows:
+    """(2L, 4): position from `origin` and 1, or unit direction toward the light and 0; then its colour."""
     rows = np.zeros((2 * len(lights), 4))
     for k, light in enumerate(lights):
         if isinstance(light, PointLight):
-            rows[2 * k] = *light.position, 1
+            rows[2 * k] = *(light.position - origin), 1
         else:
             rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         rows[2 * k + 1, :3] = light.color

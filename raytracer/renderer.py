@@ -106,7 +106,9 @@ class Renderer:
 
     def _aim(self, camera: Camera | None, width: int, height: int) -> None:
         assert camera is not None  # a scene frames one if it has none
+        assert self.layout is not None
         view = camera.view(width, height)
+        view = view._replace(eye=view.eye - self.layout.origin)
         for name, value in view._asdict().items():
             self.program.params[name].value = value
 

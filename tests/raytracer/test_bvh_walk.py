@@ -84,7 +84,7 @@ def test_rays_may_walk_together_or_alone(name):
     origins, directions = rays(mesh, 1500)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     limit = np.random.default_rng(4).uniform(0, 6, len(origins)).astype(np.float32)
-    structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners, mesh.face_normals)
+    structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners)
     for make in (queries._intersect, queries._occluded):
         alone, together = (make(BvhIntersector(structure, rows, together=t)) for t in (False, True))
         kernels = [alone.compile("numpy", loop_limit=None), together.compile("numpy", loop_limit=None)]
