@@ -27,10 +27,11 @@ MARGIN = 8.0
 class BvhIntersector:
     """The tables of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk through them.
 
-    `together`: rays that run side by side look into the same node.
+    `together`: rays that run side by side look into the same node. `roundoff`: see `TriangleTest`.
     """
 
-    def __init__(self, bvh: Bvh, triangles: Any, together: bool) -> None:
+    def __init__(self, bvh: Bvh, triangles: Any, together: bool, roundoff: float | None = None) -> None:
+        self.roundoff = roundoff
         self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.leaves = sh.Table(leaves, sh.Attrib4f, "leaves")
@@ -47,7 +48,7 @@ class BvhIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        test = TriangleTest(ray, eye)
+        test = TriangleTest(ray, eye, self.roundoff)
         inverse = sh.clamp(1 / ray, -self.steepest, self.steepest)  # finite, so that 0 times it is 0
         octant = sh.Attrib1i(0)
         for axis in range(3):

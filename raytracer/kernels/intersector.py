@@ -22,7 +22,8 @@ from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 class GridIntersector:
     """The tables of a grid over `triangles` (see `layout.triangle_rows`), and the walk through them."""
 
-    def __init__(self, grid: Grid, triangles: Any) -> None:
+    def __init__(self, grid: Grid, triangles: Any, roundoff: float | None = None) -> None:
+        self.roundoff = roundoff
         self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
@@ -36,7 +37,7 @@ class GridIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        test = TriangleTest(ray, eye)
+        test = TriangleTest(ray, eye, self.roundoff)
         low = sh.Point3f(self.low)
         size = sh.Vector3f(self.size)
         moving = ray != 0

@@ -41,7 +41,7 @@ class Tracer:
     """
 
     def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
-        self.intersector = walk_through(layout.structure, layout.triangles, backend)
+        self.intersector = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
         self.background = tuple(map(float, background))
         self.ambient = float(ambient)
         self.bounces = bounces

@@ -40,9 +40,13 @@ class TriangleTest:
 
     `across` and `along` are the rows of the projection: for a ray whose largest component is z they are (1, 0, -x/z)
     and (0, 1, -y/z), which takes the ray to the origin; `ahead` is then (0, 0, 1), and `pace` the component itself.
+
+    With `roundoff`, the largest relative error of one rounding, only triangles are met that lie ahead beyond doubt:
+    a ray of unit length that starts from a triangle does not meet it again, however far its corners are.
     """
 
-    def __init__(self, ray: Any, eye: Any) -> None:
+    def __init__(self, ray: Any, eye: Any, roundoff: float | None = None) -> None:
+        self.ray, self.roundoff = ray, roundoff
         size = abs(ray)
         by_x = (size.x >= size.y) & (size.x >= size.z)
         by_y = size.y >= size.z
@@ -65,7 +69,8 @@ class TriangleTest:
         the table of `layout.triangle_rows`, `numbers` that of the numbers by which they are known, if not k itself.
         A triangle without area, or edge-on, is never met.
         """
-        corners = [triangles[3 * k + corner].xyz - self.eye for corner in range(3)]
+        rows = [triangles[3 * k + corner] for corner in range(3)]
+        corners = [row.xyz - self.eye for row in rows]
         a, b, c = map(self.project, corners)
         wa = b.x * c.y - b.y * c.x
         wb = c.x * a.y - c.y * a.x
@@ -79,12 +84,26 @@ class TriangleTest:
             begin = lowest(*(corner * self.inverse for corner in corners))
             begins = highest(begin.x, begin.y, begin.z)
             ahead = t >= near
+            if self.roundoff is not None:
+                ahead &= self.surely_ahead(sh.Normal3f(*(row.w for row in rows)), corners[0])
             t = higher(t, begins - (REACH / 2) * abs(begins))
             number = k if numbers is None else numbers[k]
             with SH_IF(ahead & ((t < hit.l) | ((t == hit.l) & (number < hit.id)))):
                 hit.l[:] = t
                 hit.uv[:] = sh.TexCoord2f(wb, wc) / whole
                 hit.id[:] = number
+
+    def surely_ahead(self, normal: Any, corner: Any) -> Any:
+        """Whether the plane through a corner across a unit normal lies ahead, whatever was rounded on the way.
+
+        Both products have five roundings at most: of the corner's difference from the eye, of the normal, of the
+        product and of two sums. Of the slope, where no factor is larger than 1, that is less than 6 roundings of 1.
+        """
+        assert self.roundoff is not None
+        doubt = 6 * self.roundoff
+        slope = sh.dot(normal, self.ray)
+        away = sh.dot(normal, corner)
+        return (sh.cond(slope < 0, -away, away) > doubt * sh.dot(abs(normal), abs(corner))) & (abs(slope) > doubt)
 
 
 def inverse_of(ray: Any) -> Any:

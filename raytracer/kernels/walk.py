@@ -27,8 +27,11 @@ class Walk(Protocol):
         ...
 
 
-def walk_through(structure: Grid | Bvh, triangles: Any, backend: str) -> Walk:
-    """The walk through a structure over `triangles` (see `layout.triangle_rows`), in the way that suits a backend."""
+def walk_through(structure: Grid | Bvh, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
+    """The walk through a structure over `triangles` (see `layout.triangle_rows`), in the way that suits a backend.
+
+    `roundoff` is for rays of unit length that may start from a triangle (see `TriangleTest`).
+    """
     if isinstance(structure, Bvh):
-        return BvhIntersector(structure, triangles, together=backend in _TOGETHER)
-    return GridIntersector(structure, triangles)
+        return BvhIntersector(structure, triangles, together=backend in _TOGETHER, roundoff=roundoff)
+    return GridIntersector(structure, triangles, roundoff)

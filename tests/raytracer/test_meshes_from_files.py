@@ -80,7 +80,7 @@ def test_every_walk_through_a_real_mesh_hits_the_same(scene):
     rng = np.random.default_rng(6)
     eye = np.tile((low + high) / 2 + np.multiply([0.3, 0.4, 1.5], (high - low).max()), (3000, 1))
     ray = rng.uniform(low, high, (3000, 3)) - eye
-    structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners, mesh.face_normals)
+    structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners)
     walks = [BvhIntersector(structure, rows, together=True), WideIntersector(structure, rows)]
     walks.append(GridIntersector(build_grid(mesh.corners.astype(np.float32)), rows))
     together, alone, grid = (queries._intersect(walk) for walk in walks)
