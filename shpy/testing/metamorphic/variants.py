@@ -1,0 +1,59 @@
+"""Variants of a program, which must give what it gives.
+
+Stage: test. Takes a program, gives others: with dead code, with statements in a loop of one turn or under a condition
+that always holds, with vectors split and scalars merged.
+
+    for variant in variants(program, 10):
+        assert np.array_equal(variant(x), program(x))
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+
+from shpy.ir.nodes import Module
+from shpy.ir.verifier import verify
+from shpy.program import Program
+from shpy.testing.metamorphic.changes import CHANGES
+from shpy.testing.metamorphic.surgery import Surgeon
+
+__all__ = ["variants"]
+
+
+class Variant(Program):
+    """A program that was changed: `changes` names how."""
+
+    changes: tuple[str, ...]
+
+
+def variants(program: Program, count: int, seed: int = 0, steps: int = 4) -> Iterator[Variant]:
+    """`count` variants of a program, each changed up to `steps` times; a seed always gives the same ones.
+
+    Every operation stays the operation that it was, so results are the same to the last bit wherever an operation on a
+    vector gives what it gives component by component.
+    """
+    for n in range(count):
+        rng = random.Random(f"{seed}.{n}")
+        module, changes = program.ir, []
+        for _ in range(rng.randint(1, steps)):
+            name = rng.choice(list(CHANGES))
+            changed = _changed(module, name, rng)
+            if changed is not None:
+                module = changed
+                changes.append(name)
+        verify(module)
+        made = Variant(replace(program._recorded, module=module))
+        made.changes = tuple(changes)
+        yield made
+
+
+def _changed(module: Module, name: str, rng: random.Random) -> Module | None:
+    """The module with one function changed, as often as not the entry; None where there is no place for it."""
+    places = [n for n, f in enumerate(module.functions) if not f.pure]
+    at = places[-1] if rng.random() < 0.5 else rng.choice(places)
+    function = CHANGES[name](Surgeon(module.functions[at], {f.name: f for f in module.functions}, rng))
+    if function is None:
+        return None
+    return replace(module, functions=(*module.functions[:at], function, *module.functions[at + 1 :]))
