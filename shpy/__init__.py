@@ -12,6 +12,7 @@ import importlib
 from typing import Any
 
 from shpy.backends.registry import BackendInfo, backends, default_backend
+from shpy.choice import choice
 from shpy.errors import (
     BackendUnavailable,
     CompileError,
@@ -359,6 +360,7 @@ __all__ = [
     "bvec3",
     "bvec4",
     "ceil",
+    "choice",
     "clamp",
     "cond",
     "cos",

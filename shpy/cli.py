@@ -6,6 +6,8 @@ Stage: above all others. Takes the words of the command line, prints, gives the 
     shpy doctor                                   # status 0 where numpy works, which needs nothing else
     shpy doctor --all                             # status 0 only where every backend works
     shpy diff a.ir --backends numpy,opencl        # status 1 with the first statement at which two of them part
+    shpy accuracy module:program                  # errors in ULP on every backend
+    shpy tradeoff module:program --error 2ulp -o t.png
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from shpy.accuracy.commands import add_commands
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
 
@@ -41,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command.add_argument("--all", action="store_true", help="exit with status 1 unless every backend works")
     command.set_defaults(run=lambda options: doctor(every=options.all))
     _add_diff(commands)
+    add_commands(commands)
     options = parser.parse_args(arguments)
     status: int = options.run(options)
     return status

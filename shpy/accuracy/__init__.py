@@ -1,5 +1,15 @@
-"""How far results are from the exact ones, and what that costs or saves."""
+"""How far results are from the exact ones, and what that costs or saves.
 
-from shpy.accuracy.units import Budget, relative, steps, ulp
+Stage: measure, above programs and kernels; `import shpy as sh` brings it as `sh.accuracy`.
 
-__all__ = ["Budget", "relative", "steps", "ulp"]
+    sh.accuracy.measure(program, {"x": (1e-3, 1e3, "log")}).table()        # each backend's error, in ULP
+    sh.accuracy.tradeoff(program, domain, budget=sh.accuracy.ulp(4)).best    # the fastest kernel that keeps 4 ULP
+"""
+
+from shpy.accuracy.measure import measure
+from shpy.accuracy.reference import evaluate
+from shpy.accuracy.report import Report
+from shpy.accuracy.tradeoff import Tradeoff, tradeoff
+from shpy.accuracy.units import Budget, relative, steps, ulp  # first: what tests compare with
+
+__all__ = ["Budget", "Report", "Tradeoff", "evaluate", "measure", "relative", "steps", "tradeoff", "ulp"]

@@ -1,0 +1,154 @@
+"""The commands `shpy accuracy` and `shpy tradeoff`.
+
+Stage: above all others. Takes the words of the command line, prints, gives the exit status.
+
+    shpy accuracy examples/planet.py:shade --domain x=-1:1 -o error.png
+    shpy tradeoff package.module:program --error 2ulp --domain x=1e-3:1e3:log -o t.png
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+from shpy.accuracy.measure import measure
+from shpy.accuracy.report import write_json
+from shpy.accuracy.tradeoff import tradeoff
+from shpy.accuracy.units import Budget
+from shpy.choice import Choice, combinations
+from shpy.errors import ShpyError
+from shpy.ir.types import Base
+from shpy.lang.data import TableType, TextureType
+from shpy.lang.structure import leaves
+from shpy.program import Program
+
+__all__ = ["add_commands", "load", "parse_domain"]
+
+_USUAL = (-10.0, 10.0)
+"""The range of a float of which nothing is said."""
+
+
+def add_commands(commands: Any) -> None:
+    """Add both to the commands of `shpy`."""
+    accuracy = commands.add_parser("accuracy", help="how far a program's results are from the exact ones, everywhere")
+    _add_shared(accuracy, 2000)
+    accuracy.add_argument("--precision", default="f32", help="f32,f64,f16 (default: f32)")
+    accuracy.set_defaults(run=lambda options: _guarded(_accuracy, options))
+    trade = commands.add_parser("tradeoff", help="time against error of every variant, and the fastest close enough")
+    _add_shared(trade, 1000)
+    trade.add_argument(
+        "--error", required=True, type=Budget.parse, help="the most that is wanted: 2ulp, 1e-3 (relative)"
+    )
+    trade.add_argument("--precision", default="f32,f16,f64", help="f32,f64,f16 (default: all)")
+    trade.add_argument("--elements", type=int, default=100_000, help="how many elements are timed (default: 100000)")
+    trade.set_defaults(run=lambda options: _guarded(_tradeoff, options))
+
+
+def _add_shared(command: argparse.ArgumentParser, samples: int) -> None:
+    command.add_argument("program", help="module:name, or path/to/file.py:name, of a program or a choice")
+    command.add_argument(
+        "--domain", action="append", default=[], metavar="NAME=LO:HI[:log]", help="an input's range (default: -10:10)"
+    )
+    command.add_argument("--backends", help="numpy,opencl,glsl (default: each that is available)")
+    command.add_argument("--math", help="strict,relaxed,fast (default: each)")
+    command.add_argument("--reference", default="mpmath", choices=("mpmath", "f64"), help="(default: mpmath)")
+    command.add_argument("--samples", type=int, default=samples, help=f"elements of the domain (default: {samples})")
+    command.add_argument("--seed", type=int, default=0, help="of the inputs (default: 0)")
+    command.add_argument("-o", "--output", type=Path, help="a picture, with JSON beside it; or JSON alone")
+
+
+def _guarded(command: Any, options: argparse.Namespace) -> int:
+    try:
+        status: int = command(options)
+        return status
+    except (ShpyError, OSError, ValueError) as error:
+        print(f"shpy {options.command}: {error}", file=sys.stderr)
+        return 2
+
+
+def _accuracy(options: argparse.Namespace) -> int:
+    program = load(options.program)
+    report = measure(next(combinations(program))[1], **_shared(options, program))
+    print(report.table())
+    _write(report, options.output)
+    return 0
+
+
+def _tradeoff(options: argparse.Namespace) -> int:
+    program = load(options.program)
+    found = tradeoff(program, budget=options.error, elements=options.elements, **_shared(options, program))
+    print(found.table())
+    _write(found, options.output)
+    try:
+        print(f"the fastest that keeps {options.error}: {found.pick}")
+    except ShpyError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+def _shared(options: argparse.Namespace, program: Program | Choice) -> dict[str, Any]:
+    return {
+        "domain": parse_domain(options.domain, next(combinations(program))[1]),
+        "backends": options.backends.split(",") if options.backends else None,
+        "math": options.math.split(",") if options.math else None,
+        "precision": options.precision.split(","),
+        "reference": options.reference,
+        "samples": options.samples,
+        "seed": options.seed,
+    }
+
+
+def _write(found: Any, path: Path | None) -> None:
+    if path is None:
+        return
+    if path.suffix == ".json":
+        write_json(path, found.json())
+    else:
+        found.plot(path)
+
+
+def load(words: str) -> Program | Choice:
+    """The program or choice that `module:name` or `path.py:name` names; ShpyError for what is none."""
+    where, _, name = words.rpartition(":")
+    if not where or not name:
+        raise ShpyError(f"{words!r} names no program", cure="module:program, or path/to/file.py:program")
+    try:
+        if where.endswith(".py"):
+            found = runpy.run_path(where)
+        else:
+            sys.path.insert(0, "")
+            found = vars(importlib.import_module(where))
+    except ImportError as error:
+        raise ShpyError(f"{where} cannot be imported: {error}", cure="path/to/file.py:program") from error
+    program = found.get(name)
+    if not isinstance(program, Program | Choice):
+        known = [n for n, v in found.items() if isinstance(v, Program | Choice)]
+        raise ShpyError(f"{where} has no program {name!r}", cure=", ".join(f"{where}:{n}" for n in known) or None)
+    return program
+
+
+def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
+    """What `NAME=LO:HI[:log]` say; inputs of which nothing is said get -10 to 10, ints 0 to 100.
+
+    Raises ShpyError for words that are no range, and for a program that takes tables.
+    """
+    domain: dict[str, Any] = {}
+    for words in said:
+        name, _, spoken = words.partition("=")
+        parts = spoken.split(":")
+        try:
+            domain[name] = (float(parts[0]), float(parts[1]), *parts[2:])
+        except (ValueError, IndexError):
+            raise ShpyError(f"{words!r} is no range", cure="x=1e-3:1e3:log") from None
+    for name, layout in program._recorded.inputs.items():
+        if isinstance(layout, TableType | TextureType):
+            raise ShpyError(f"{name} is a table, which no range describes", cure=f"program.bind({name}=table)")
+        for leaf, _, cls in leaves(layout, name):
+            if leaf not in domain and name not in domain:
+                domain[leaf] = _USUAL if cls.type.is_float else (0, 100) if cls.type.base is not Base.B else (0, 1)
+    return domain

@@ -1,0 +1,171 @@
+"""Domains: which inputs a program is measured on, special values always among them.
+
+Stage: measure. Takes what the user says of each input, gives arrays.
+
+    {"x": (1e-3, 1e3, "log"), "v": (-1, 1), "n": (0, 100), "t": array, "r": lambda rng, count: rng.normal(size=count)}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.host import dtypes_at
+from shpy.ir.types import Base, Type
+from shpy.lang.data import TableType, TextureType
+from shpy.lang.location import here
+from shpy.lang.structure import build_arrays, leaves
+from shpy.program import Program
+
+__all__ = ["Domain", "Samples", "draw", "special_values"]
+
+Array = NDArray[Any]
+Domain = Mapping[str, Any]
+"""For each input (or leaf of one, `ray.o`): (lo, hi), (lo, hi, "log"), an array, or a function of rng and count."""
+
+_EXPONENTS = (-100, -64, -24, -12, -6, -3, -2, -1, 0, 1, 2, 3, 6, 12, 20, 24, 64, 100)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """`inputs` as the program takes them; `leaves` by name, (n[, size]); `inside` (n,) tells those in the domain."""
+
+    inputs: tuple[Any, ...]
+    leaves: dict[str, Array]
+    inside: Array
+
+    @property
+    def count(self) -> int:
+        """How many elements there are."""
+        return self.inside.size
+
+
+def special_values(type: Type, precision: str = "f32") -> Array:
+    """Where much goes wrong, of one base.
+
+    Floats: zeros, ones, halves, powers of two and their neighbours, denormals, the least and largest, infinities, NaN.
+    """
+    if type.is_bool:
+        return np.array([False, True])
+    if type.is_int:
+        info = np.iinfo(np.int32 if type.base is Base.I else np.uint32)
+        near = [0, 1, 2, 3, 7, 31, 32, 33, 255, 65535, info.max - 1, info.max, info.min, info.min + 1]
+        return np.array([n for n in near + [-1, -2] if info.min <= n <= info.max], info.dtype)
+    dtype = np.dtype(dtypes_at(precision)[type.base])
+    info_f = np.finfo(dtype)
+    with np.errstate(all="ignore"):
+        powers = np.array([2.0**e for e in _EXPONENTS]).astype(dtype)
+        powers = powers[np.isfinite(powers) & (powers > 0)]
+        around = np.concatenate([powers, np.nextafter(powers, dtype.type(0)), np.nextafter(powers, dtype.type(np.inf))])
+        ends = [0, 1.5, 2.5, 3.5, info_f.smallest_subnormal, info_f.tiny, info_f.max, np.inf]
+        least = np.array([info_f.tiny]).astype(dtype)
+        positive = np.concatenate([around, np.array(ends).astype(dtype), np.nextafter(least, dtype.type(0))])
+    return np.concatenate([positive, -positive, np.array([np.nan], dtype)])
+
+
+def draw(
+    program: Program,
+    domain: Domain,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    precision: str = "f32",
+    special: bool = True,
+) -> Samples:
+    """`count` elements inside the domain, then (with `special`) one for each special value of each input.
+
+    An element with a special value has ordinary ones in its other inputs. Raises ShpyTypeError for a domain that lacks
+    an input, or has one that the program does not.
+    """
+    types = dict(_leaves(program))
+    _check(program, domain, set(types))
+    found = {name: _draw(_of(domain, name), type, count, rng, precision) for name, type in types.items()}
+    count = max((len(a) for a in found.values()), default=count)
+    inside = np.ones(count, np.bool_)
+    for name, type in types.items() if special else ():
+        values = special_values(type, precision)
+        extra = {n: _draw(_of(domain, n), t, len(values), rng, precision) for n, t in types.items()}
+        shape = extra[name].shape[1:]
+        extra[name] = np.broadcast_to(values.reshape(-1, *(1,) * len(shape)), (len(values), *shape)).copy()
+        within = _within(_of(domain, name), values)
+        found = {n: np.concatenate([found[n], extra[n][: len(values)]]) for n in types}
+        inside = np.concatenate([inside, within])
+    return Samples(_shaped(program, domain, found), found, inside)
+
+
+def _leaves(program: Program) -> list[tuple[str, Type]]:
+    return [
+        (leaf, cls.type)
+        for name, layout in program._recorded.inputs.items()
+        if not isinstance(layout, TableType | TextureType)
+        for leaf, _, cls in leaves(layout, name)
+    ]
+
+
+def _check(program: Program, domain: Domain, names: set[str]) -> None:
+    inputs = program._recorded.inputs
+    missing = [n for n in (*names, *inputs) if _of(domain, n) is None and (n in inputs or n in names)]
+    missing = [n for n in missing if n in names or isinstance(inputs.get(n), TableType | TextureType)]
+    if missing:
+        raise ShpyTypeError(
+            f"the domain says nothing of {missing[0]}, an input of {program.name}",
+            loc=here(),
+            cure=f'{{"{missing[0]}": (-1, 1)}}, a range, an array, or a function of rng and count',
+        )
+    unknown = [n for n in domain if n not in names and n not in inputs]
+    if unknown:
+        raise ShpyTypeError(f"{unknown[0]} is no input of {program.name}", loc=here(), cure=", ".join(inputs))
+
+
+def _of(domain: Domain, name: str) -> Any:
+    """What the domain says of a leaf: its own entry, or that of the input that it is part of."""
+    head = name.partition(".")[0].partition("[")[0]
+    return domain.get(name, domain.get(head))
+
+
+def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision: str) -> Array:
+    dtype = dtypes_at(precision)[type.base]
+    shape = (count, type.size) if type.size > 1 else (count,)
+    if callable(said):
+        sampler: Callable[..., Any] = said
+        return np.asarray(sampler(rng, count)).astype(dtype).reshape(shape)
+    if not isinstance(said, tuple):
+        given = np.asarray(said).astype(dtype).reshape(-1, *shape[1:])
+        return given if count == len(given) else given[rng.integers(0, len(given), count)]
+    low, high, *scale = said
+    if type.is_bool:
+        return rng.integers(0, 2, shape).astype(np.bool_)
+    if type.is_int:
+        return rng.integers(int(low), int(high), shape, np.int64, endpoint=True).astype(dtype)
+    if not scale:
+        return rng.uniform(low, high, shape).astype(dtype)
+    if scale != ["log"] or not low * high > 0:
+        raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
+    sizes = np.exp(rng.uniform(np.log(abs(low)), np.log(abs(high)), shape))
+    return np.asarray(np.copysign(sizes, low)).astype(dtype)
+
+
+def _within(said: Any, values: Array) -> Array:
+    """Which special values lie in the domain: in its range. What is no range has none but its own."""
+    if not isinstance(said, tuple):
+        return np.zeros(len(values), np.bool_)
+    if values.dtype == np.bool_:
+        return np.ones(len(values), np.bool_)
+    low, high = min(said[:2]), max(said[:2])
+    with np.errstate(invalid="ignore"):
+        return np.asarray((values >= low) & (values <= high))
+
+
+def _shaped(program: Program, domain: Domain, found: dict[str, Array]) -> tuple[Any, ...]:
+    given = []
+    for name, layout in program._recorded.inputs.items():
+        if isinstance(layout, TableType | TextureType):
+            given.append(domain[name])
+        else:
+            given.append(build_arrays(layout, iter([found[leaf] for leaf, _, _ in leaves(layout, name)])))
+    return tuple(given)

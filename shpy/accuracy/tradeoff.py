@@ -1,0 +1,265 @@
+"""Time against error: every variant of a program run, and the fastest that keeps an error chosen.
+
+Stage: measure. Takes a program (or a choice), a domain and a budget, gives a `Tradeoff`.
+
+    t = tradeoff(program, {"x": (0, 100)}, budget=sh.accuracy.ulp(4))
+    t.best(x)                     # a kernel
+    print(t.table())
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shpy.accuracy.domain import Domain, Samples, draw
+from shpy.accuracy.measure import Variant, error_of, variants
+from shpy.accuracy.reference import Kind, Truth, evaluate
+from shpy.accuracy.report import columns, pyplot, write_json
+from shpy.accuracy.units import Budget
+from shpy.choice import Choice, combinations
+from shpy.errors import BackendUnavailable, CompileError, ShpyError
+from shpy.kernel import Kernel
+from shpy.lang.location import here
+from shpy.program import Program
+from shpy.testing.denormals import meets_denormals
+from shpy.testing.observers import Setting
+from shpy.testing.runs import run
+
+__all__ = ["Candidate", "Tradeoff", "tradeoff"]
+
+_UNSEEN = 4
+"""How many times as many elements a choice must hold on as it was made on."""
+
+
+@dataclass
+class Candidate:
+    """One variant: how it is compiled, `picks` of the user's choices, what it costs and how far off it is.
+
+    `error` is the largest inside the domain, in the budget's unit: ULP are those of the output's own type at f32 for
+    every precision, so that variants can be compared. `ns` per element is the median of the rounds, `spread` their
+    quartiles. `code` is the length of the emitted text in characters. `held` tells whether the budget was kept on
+    inputs that the choice was not made on; None where that was not asked.
+    """
+
+    variant: Variant
+    picks: dict[str, str]
+    program: Program = field(repr=False)
+    kernel: Kernel = field(repr=False)
+    error: float = 0.0
+    ns: float = 0.0
+    spread: tuple[float, float] = (0.0, 0.0)
+    code: int = 0
+    held: bool | None = None
+
+    def __str__(self) -> str:
+        return " ".join([str(self.variant), *(f"{name}={picked}" for name, picked in self.picks.items())])
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """Every candidate, fastest first; what was skipped, and why."""
+
+    program: str
+    budget: Budget
+    candidates: tuple[Candidate, ...]
+    skipped: tuple[tuple[str, str], ...]
+
+    @property
+    def frontier(self) -> tuple[Candidate, ...]:
+        """The candidates than which none is both faster and closer, fastest first."""
+        found: list[Candidate] = []
+        for candidate in self.candidates:
+            if not found or candidate.error < found[-1].error:
+                found.append(candidate)
+        return tuple(found)
+
+    @property
+    def pick(self) -> Candidate:
+        """The fastest candidate that keeps the budget, on unseen inputs too; ShpyError where there is none."""
+        kept = [c for c in self.candidates if c.held]
+        if kept:
+            return kept[0]
+        nearest = min(self.candidates, key=lambda c: c.error)
+        raise ShpyError(
+            f"no variant of {self.program} keeps {self.budget}: the closest, {nearest}, is {nearest.error:.3g} off",
+            loc=here(),
+            cure=f"a budget of {nearest.error:.3g}, a smaller domain, or precision=['f64']",
+        )
+
+    @property
+    def best(self) -> Kernel:
+        """The picked candidate, compiled."""
+        return self.pick.kernel
+
+    def table(self) -> str:
+        """The candidates as text; `*` marks the frontier, `→` the pick."""
+        chosen = next((c for c in self.candidates if c.held), None)
+        front = {id(c) for c in self.frontier}
+        unit = f"error ({self.budget.unit})"
+        rows = [("", "variant", "ns/element", "spread", unit, "code", "keeps " + str(self.budget))]
+        for c in self.candidates:
+            mark = "→" if c is chosen else "*" if id(c) in front else ""
+            kept = "no" if c.held is False or c.error > self.budget.limit else "yes" if c.held else "on these"
+            spread = f"{c.spread[0]:.3g} to {c.spread[1]:.3g}"
+            rows.append((mark, str(c), f"{c.ns:.3g}", spread, f"{c.error:.3g}", str(c.code), kept))
+        said = [f"{self.program}: time against error", *columns(rows, left=(0, 1, 6))]
+        return "\n".join([*said, *(f"  not run: {what}: {why}" for what, why in self.skipped)])
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def json(self) -> dict[str, Any]:
+        """Every candidate, for `json.dump`."""
+        chosen = next((c for c in self.candidates if c.held), None)
+        front = {id(c) for c in self.frontier}
+        rows = [
+            {
+                "backend": c.variant.backend,
+                "math": c.variant.math,
+                "precision": c.variant.precision,
+                "picks": c.picks,
+                "ns": c.ns,
+                "spread": c.spread,
+                "error": c.error,
+                "code": c.code,
+                "held": c.held,
+                "frontier": id(c) in front,
+                "best": c is chosen,
+            }
+            for c in self.candidates
+        ]
+        budget = {"limit": self.budget.limit, "unit": self.budget.unit}
+        return {"program": self.program, "budget": budget, "candidates": rows, "skipped": list(self.skipped)}
+
+    def plot(self, path: str | Path) -> None:
+        """Draw time against error with the frontier and the budget; JSON of the same name goes beside it."""
+        plt = pyplot()
+        figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
+        for c in self.candidates:
+            error = max(c.error, 1e-3 if self.budget.unit == "ulp" else 1e-9)
+            (dot,) = axes.plot(c.ns, error, "o", fillstyle="full" if c.held else "none")
+            axes.annotate(str(c), (c.ns, error), fontsize=7, xytext=(4, 4), textcoords="offset points")
+            axes.plot(c.spread, (error, error), "-", color=dot.get_color(), linewidth=1)
+        front = [c for c in self.frontier if np.isfinite(c.error)]
+        axes.plot([c.ns for c in front], [c.error for c in front], ":", color="grey")
+        axes.axhline(self.budget.limit, color="black", linewidth=0.5)
+        axes.set(xscale="log", yscale="log", xlabel="ns per element", ylabel=f"largest error, {self.budget.unit}")
+        axes.set_title(f"{self.program}: time against error")
+        figure.savefig(path)
+        plt.close(figure)
+        write_json(Path(path).with_suffix(".json"), self.json())
+
+
+def tradeoff(
+    program: Program | Choice,
+    domain: Domain,
+    budget: Budget,
+    backends: Iterable[str] | str | None = None,
+    math: Iterable[str] | str | None = None,
+    precision: Iterable[str] | str | None = ("f32", "f16", "f64"),
+    reference: Kind = "mpmath",
+    samples: int = 1000,
+    elements: int = 100_000,
+    rounds: int = 7,
+    seed: int = 0,
+) -> Tradeoff:
+    """Run every variant (backend, mode, precision, the user's choices) and pick the fastest that keeps `budget`.
+
+    Errors are those on `samples` elements of the domain and the special values inside it, against the first
+    alternatives without rounding. Times are of `elements` elements from call to result, warmed up, all variants in
+    turn, `rounds` times. The pick holds on four times as many unseen elements as well, else the next is taken. What a
+    target cannot do is skipped, and said so.
+    """
+    made = list(combinations(program))
+    first = made[0][1]
+    search = _Search(first, domain, budget, reference, samples, seed)
+    found: list[Candidate] = []
+    skipped: list[tuple[str, str]] = []
+    for picks, one in made:
+        for variant in variants(backends, math, precision):
+            try:
+                kernel = one.compile(variant.backend, **variant.options)
+                candidate = Candidate(variant, picks, one, kernel, code=len(kernel.source))
+                candidate.error = search.error(candidate)
+                found.append(candidate)
+            except (BackendUnavailable, CompileError) as error:
+                skipped.append((" ".join([str(variant), *picks.values()]), error.message))
+    if not found:
+        raise ShpyError(f"no variant of {first.name} can be run", loc=here(), cure=skipped[0][1] if skipped else None)
+    _time(found, draw(first, domain, elements, np.random.default_rng(seed + 2), special=False), rounds)
+    found.sort(key=lambda c: c.ns)
+    for candidate in (c for c in found if c.error <= budget.limit):
+        candidate.held = search.holds(candidate)
+        if candidate.held:
+            break
+    return Tradeoff(first.name, budget, tuple(found), tuple(skipped))
+
+
+class _Search:
+    """The inputs of a search with what they must give, and those that are kept back."""
+
+    def __init__(
+        self, program: Program, domain: Domain, budget: Budget, reference: Kind, samples: int, seed: int
+    ) -> None:
+        self.program, self.domain, self.budget, self.reference = program, domain, budget, reference
+        self.samples, self.seed = samples, seed
+        self.drawn = draw(program, domain, samples, np.random.default_rng(seed))
+        self.truth = self.exact(self.drawn, reference)
+        self.unseen: tuple[Samples, Truth] | None = None
+
+    def exact(self, drawn: Samples, reference: Kind) -> Truth:
+        return evaluate(Setting(self.program, drawn.inputs, {}, None, {}), reference)
+
+    def error(self, candidate: Candidate) -> float:
+        """The candidate's largest error inside the domain."""
+        return self._error(candidate, self.drawn, self.truth)
+
+    def holds(self, candidate: Candidate) -> bool:
+        """Whether it keeps the budget on inputs that were kept back."""
+        if self.unseen is None:
+            rng = np.random.default_rng(self.seed + 1)
+            drawn = draw(self.program, self.domain, _UNSEEN * self.samples, rng)
+            self.unseen = drawn, self.exact(drawn, self.quick())
+        return self._error(candidate, *self.unseen) <= self.budget.limit
+
+    def quick(self) -> Kind:
+        """binary64 as the reference, if it is as good as exact by the budget's measure; else what was asked for."""
+        if self.reference == "f64":
+            return "f64"
+        double = Candidate(
+            Variant("numpy", None, "f64"), {}, self.program, self.program.compile("numpy", precision="f64")
+        )
+        return "f64" if self.error(double) <= 0.01 * self.budget.limit else self.reference
+
+    def _error(self, candidate: Candidate, drawn: Samples, truth: Truth) -> float:
+        setting = Setting(candidate.program, drawn.inputs, {}, None, candidate.variant.options)
+        found = run(setting, candidate.variant.backend)
+        counted = drawn.inside & (found.written | truth.written)
+        if found.flushes:
+            counted &= ~meets_denormals(setting)
+        largest = 0.0
+        for output, slot in enumerate(self.program.ir.entry.outputs[: len(truth.outputs)]):
+            dtype = {"d": np.float64, "h": np.float16}.get(slot.type.base.value, np.float32)
+            errors = error_of(found, truth, output, dtype)[self.budget.unit != "ulp"]
+            largest = max(largest, float(errors[counted].max(initial=0.0)))
+        return largest
+
+
+def _time(candidates: list[Candidate], drawn: Samples, rounds: int) -> None:
+    """Set each candidate's time: warmed up, all in turn, the median of the rounds and their quartiles."""
+    taken: list[list[float]] = [[] for _ in candidates]
+    for k in range(-1, rounds):
+        for candidate, times in zip(candidates, taken, strict=True):
+            start = time.perf_counter()
+            candidate.kernel.run(*drawn.inputs)
+            if k >= 0:
+                times.append((time.perf_counter() - start) * 1e9 / drawn.count)
+    for candidate, times in zip(candidates, taken, strict=True):
+        low, candidate.ns, high = (float(v) for v in np.quantile(times, (0.25, 0.5, 0.75)))
+        candidate.spread = low, high

@@ -1,0 +1,119 @@
+"""Choices: alternatives that a user writes for one thing, among which `sh.accuracy.tradeoff` searches.
+
+Stage: above programs. A choice is called like any of its alternatives; it records the first, unless another is picked.
+
+    intersect = sh.choice("method", {"moller_trumbore": f, "watertight": g})
+
+    @sh.program
+    def nearest(ray: Ray) -> sh.Attrib1f:
+        return intersect(ray)
+
+    with_picks(nearest, {"method": "watertight"})       # the program with g
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any
+
+from shpy.errors import ShpyTypeError
+from shpy.lang.location import here
+from shpy.program import Program
+from shpy.program import program as record_program
+
+__all__ = ["Choice", "choice", "combinations", "with_picks"]
+
+
+@dataclass
+class _Picking:
+    """What is picked, and which choices were met."""
+
+    picks: Mapping[str, str]
+    met: dict[str, Choice] = field(default_factory=dict)
+
+
+_picking: ContextVar[_Picking | None] = ContextVar("picking", default=None)
+
+
+class Choice:
+    """Alternatives under a name. Calling it calls the one that is picked, the first if none is."""
+
+    def __init__(self, name: str, alternatives: Mapping[str, Callable[..., Any]]) -> None:
+        self.name = name
+        self.alternatives = dict(alternatives)
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        """Call the alternative that is picked."""
+        return self.picked()(*args, **named)
+
+    def picked(self) -> Callable[..., Any]:
+        """The alternative that a recording takes now."""
+        picking = _picking.get()
+        if picking is None:
+            return next(iter(self.alternatives.values()))
+        picking.met[self.name] = self
+        return self.alternatives[picking.picks.get(self.name, next(iter(self.alternatives)))]
+
+    def __repr__(self) -> str:
+        return f"choice({self.name!r}, {', '.join(self.alternatives)})"
+
+
+def choice(name: str, alternatives: Mapping[str, Callable[..., Any]]) -> Choice:
+    """Alternatives, functions or programs, that take and give the same; see the module.
+
+    A program may call it, and `tradeoff` then records that program with each alternative; or it may be given to
+    `tradeoff` itself. Raises ShpyTypeError for no alternatives, or for one that cannot be called.
+    """
+    if not alternatives or not all(callable(f) for f in alternatives.values()):
+        raise ShpyTypeError(
+            f"the choice {name} needs functions to choose from",
+            loc=here(),
+            cure='sh.choice("method", {"fast": f, "exact": g})',
+        )
+    return Choice(name, alternatives)
+
+
+@contextmanager
+def _picks(picks: Mapping[str, str]) -> Iterator[_Picking]:
+    picking = _Picking(picks)
+    token = _picking.set(picking)
+    try:
+        yield picking
+    finally:
+        _picking.reset(token)
+
+
+def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Program, dict[str, Choice]]:
+    """The program with these picks, and every choice that it meets."""
+    with _picks(picks) as picking:
+        if isinstance(program, Choice):
+            made: Any = program.picked()
+            made = made if isinstance(made, Program) else record_program(made)
+        else:
+            # Joined and specialised programs have no function: what they were made of is fixed.
+            function = getattr(program, "__wrapped__", None)
+            made = program if function is None else record_program(function)
+        return made, picking.met
+
+
+def with_picks(program: Program | Choice, picks: Mapping[str, str]) -> Program:
+    """The program recorded anew with these alternatives, by the names of their choices."""
+    return _recorded(program, picks)[0]
+
+
+def combinations(program: Program | Choice) -> Iterator[tuple[dict[str, str], Program]]:
+    """Every combination of alternatives, with the program that it makes; one without picks where there is no choice."""
+
+    def inner(picks: dict[str, str]) -> Iterator[tuple[dict[str, str], Program]]:
+        made, met = _recorded(program, picks)
+        open_ = next((c for name, c in met.items() if name not in picks), None)
+        if open_ is None:
+            yield picks, made
+            return
+        for alternative in open_.alternatives:
+            yield from inner({**picks, open_.name: alternative})
+
+    yield from inner({})
