@@ -28,7 +28,9 @@ Progress = Callable[[int, int], None]
 """Called with the rows that are done and all rows, after each band."""
 
 _BAND = 1 << 14
-"""Rays of a band: enough to keep a device busy, few enough for progress to be seen and Ctrl-C to be heard."""
+"""Rays of a band on numpy: few enough for progress to be seen and Ctrl-C to be heard."""
+_DEVICE_BAND = 1 << 18
+"""Rays of a band on a device: enough to keep it busy."""
 
 
 class Renderer:
@@ -86,7 +88,7 @@ class Renderer:
         layers = _blank(width, height, self.scene.background)
         if self.layout is not None:
             self._aim(camera or self.scene.camera, width * fine, height * fine)
-            rows = max(1, _BAND // (width * fine * fine))
+            rows = max(1, (_BAND if self.backend == "numpy" else _DEVICE_BAND) // (width * fine * fine))
             for top in range(0, height, rows):
                 count = min(rows, height - top)
                 self._band(layers, top, count, width, fine)
@@ -116,17 +118,20 @@ class Renderer:
         """Trace rows `top` to `top + count` and put them into the layers."""
         assert self.layout is not None
         self.program.params["first_row"].value = top * fine
-        shape = (count * fine, width * fine)
-        color, depth, normal, triangle, rays = self.kernel(shape=shape)
+        color, depth, normal, triangle, rays = self.kernel(shape=(count * fine, width * fine))
+        if fine > 1:
+            color = color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
+            rays = rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+            middle = slice(fine // 2, None, fine)
+            depth, normal, triangle = (layer[middle, middle] for layer in (depth, normal, triangle))
         rows = slice(top, top + count)
-        layers["pixels"][rows] = color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
-        layers["rays"][rows] = rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
-        middle = slice(fine // 2, None, fine)
-        hit = triangle[middle, middle] >= 0
-        objects = self.layout.object_of[np.maximum(triangle[middle, middle], 0)]
-        layers["object_id"][rows] = np.where(hit, objects, -1)
-        layers["depth"][rows] = np.where(hit, depth[middle, middle], np.inf)
-        layers["normal"][rows] = normal[middle, middle]
+        layers["pixels"][rows] = color
+        layers["rays"][rows] = rays
+        layers["normal"][rows] = normal
+        hit = triangle >= 0
+        layers["depth"][rows] = np.where(hit, depth, np.float32(np.inf))
+        objects = self.layout.object_of.take(triangle, mode="clip")
+        layers["object_id"][rows] = np.where(hit, objects, np.int32(-1))
 
 
 def eye_rays(tracer: Tracer) -> Any:
