@@ -18,7 +18,7 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
 from raytracer.kernels.triangle import FAR, Hit, TriangleTest, farther, higher, lower
-from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
+from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
 """Of where a ray meets a face, in units of the last place: three roundings there, as many in the test of triangles."""
@@ -38,8 +38,11 @@ class BvhIntersector:
         self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
         boxes = np.pad(np.stack([bvh.low, bvh.high], axis=1).reshape(-1, 3), ((0, 0), (0, 1)))
         self.boxes = sh.Table(boxes, sh.Attrib4f, "boxes")
-        self.links = sh.Table(bvh.links.reshape(-1, 2), sh.Attrib2i, "links")
+        first, past = bvh.links.reshape(-1, 2).T
+        self.first = sh.Table(first, sh.Attrib1i, "first")
+        self.past = sh.Table(past, sh.Attrib1i, "past")
         self.nodes = len(bvh.low)
+        self.low, self.high = bvh.low[0], bvh.high[0]
         working = np.finfo(bvh.low.dtype)
         self.margin = MARGIN * float(working.eps)
         self.steepest = min(float(working.max), FAR)
@@ -48,41 +51,43 @@ class BvhIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
+        box = BoxTest(ray, eye, near, self.margin, self.steepest)
+        reach = farther(limit)
+        with SH_IF((near < limit) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
+            self.walk(ray, eye, near, any_hit, box, reach, hit)
+        return hit
+
+    def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Hit) -> None:
+        """Go through all nodes whose boxes are met no farther than `reach`."""
         test = TriangleTest(ray, eye, self.roundoff)
-        inverse = sh.clamp(1 / ray, -self.steepest, self.steepest)  # finite, so that 0 times it is 0
         octant = sh.Attrib1i(0)
         for axis in range(3):
             with SH_IF(self.vote(ray[axis] < 0)):
                 octant += 1 << axis
         links = octant * self.nodes
         node = sh.Attrib1i(0)
-        reach = farther(limit)
-        with SH_IF(near < limit), SH_DO():
+        with SH_DO():
             # All rays go on to a leaf, or to the end, before any tries triangles.
             leaf = sh.Attrib1i(0)
-            inside = sh.Attrib1b(False)
-            with SH_DO():
-                t0 = (self.boxes[2 * node].xyz - eye) * inverse
-                t1 = (self.boxes[2 * node + 1].xyz - eye) * inverse
-                near_side = lower(t0, t1)
-                far_side = higher(t0, t1)
-                enter = higher(higher(near, near_side.x), higher(near_side.y, near_side.z))
-                enter -= self.margin * abs(enter)
-                meets = enter <= lower(lower(reach, far_side.x), lower(far_side.y, far_side.z))
-                link = self.links[links + node]
-                node[:] = link.y
-                with SH_IF(self.vote(meets)):
-                    with SH_IF(link.x >= 0):
-                        node[:] = link.x
-                    with SH_ELSE():
-                        leaf[:] = -1 - link.x
-                        inside[:] = meets
-                SH_UNTIL((node < 0) | (leaf > 0))
-            with SH_IF(inside):
+            there = sh.Attrib1i(0)
+            with SH_WHILE(lambda: node >= 0):
+                there[:] = node
+                node[:] = self.past[links + there]
+                with SH_IF(self.vote(self.meets(box, there, reach))):
+                    link = self.first[links + there]
+                    with SH_IF(link < 0):
+                        leaf[:] = -1 - link
+                        SH_BREAK()
+                    node[:] = link
+            # Met once more: a mask that lives on from the loop costs each turn of it more.
+            with SH_IF((leaf > 0) & self.meets(box, there, reach)):
                 self.try_leaf(leaf, near, test, hit)
                 reach[:] = farther(hit.l)
             SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))
-        return hit
+
+    def meets(self, box: BoxTest, node: Any, reach: Any) -> Any:
+        """Whether the ray meets a node's box before `reach`."""
+        return box(self.boxes[2 * node].xyz, self.boxes[2 * node + 1].xyz, reach)
 
     def try_leaf(self, leaf: Any, near: Any, test: TriangleTest, hit: Hit) -> None:
         """Try the triangles of a leaf."""
@@ -92,3 +97,20 @@ class BvhIntersector:
             test(self.leaves, item, near, hit, numbers=self.items)
             item += 1
             SH_UNTIL(item >= end)
+
+
+class BoxTest:
+    """What a ray needs to be tried against many boxes, with a margin for rounding."""
+
+    def __init__(self, ray: Any, eye: Any, near: Any, margin: float, steepest: float) -> None:
+        self.inverse = sh.clamp(1 / ray, -steepest, steepest)  # finite, so that 0 times it is 0
+        self.eye, self.near, self.margin = eye, near, margin
+        self.forward = isinstance(near, float | int) and near >= 0
+
+    def __call__(self, low: Any, high: Any, reach: Any) -> Any:
+        """Whether the ray meets the box before `reach`."""
+        t0, t1 = (low - self.eye) * self.inverse, (high - self.eye) * self.inverse
+        first, last = lower(t0, t1), higher(t0, t1)
+        enter = higher(higher(self.near, first.x), higher(first.y, first.z))
+        soon = enter * (1 - self.margin) if self.forward else enter - self.margin * abs(enter)
+        return soon <= lower(lower(reach, last.x), lower(last.y, last.z))

@@ -13,6 +13,7 @@ every box up to the part `REACH` behind its nearest hit then finds the same hit 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
@@ -35,32 +36,51 @@ class Hit:
         self.l, self.uv, self.id = l, uv, id
 
 
+class Sight:
+    """The view along a ray, its axes turned so that z is the ray's largest component.
+
+    `slope` is how far the ray goes along x and y for each step of z, `pace` how far it goes along z.
+    """
+
+    def __init__(self, ray: Any, eye: Any) -> None:
+        size = abs(ray)
+        self.by_x = (size.x >= size.y) & (size.x >= size.z)
+        self.by_xy = self.by_x | (size.y >= size.z)
+        self.eye = self.turned(eye)
+        self.inverse = self.turned(inverse_of(ray))
+        self.ray = self.turned(ray)
+        x, y, self.pace = self.ray
+        self.slope = (x / self.pace, y / self.pace)
+
+    def turned(self, v: Any) -> tuple[Any, Any, Any]:
+        """The components of a vector along x, y and z as they are turned."""
+        x, y = sh.cond(self.by_x, v.y, v.x), sh.cond(self.by_xy, v.z, v.y)
+        return x, y, sh.cond(self.by_x, v.x, sh.cond(self.by_xy, v.y, v.z))
+
+    def edges(self, a: Any, b: Any, c: Any) -> tuple[Any, Any, Any]:
+        """The edge functions of a triangle, opposite to each of its corners, which are relative to the ray's origin."""
+        (ax, ay), (bx, by), (cx, cy) = map(self.project, (a, b, c))
+        return bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+
+    def project(self, p: Any) -> tuple[Any, Any]:
+        """A point relative to the ray's origin, seen along the ray."""
+        return p[0] - self.slope[0] * p[2], p[1] - self.slope[1] * p[2]
+
+    def begin(self, a: Any, b: Any, c: Any) -> Any:
+        """Where the box round a triangle begins, less a part of that distance."""
+        begins = highest(*(lowest(*(corner[k] * self.inverse[k] for corner in (a, b, c))) for k in range(3)))
+        return begins - (REACH / 2) * abs(begins)
+
+
 class TriangleTest:
     """What a ray needs to be tried against many triangles.
-
-    `across` and `along` are the rows of the projection: for a ray whose largest component is z they are (1, 0, -x/z)
-    and (0, 1, -y/z), which takes the ray to the origin; `ahead` is then (0, 0, 1), and `pace` the component itself.
 
     With `roundoff`, the largest relative error of one rounding, only triangles are met that lie ahead beyond doubt:
     a ray of unit length that starts from a triangle does not meet it again, however far its corners are.
     """
 
     def __init__(self, ray: Any, eye: Any, roundoff: float | None = None) -> None:
-        self.ray, self.roundoff = ray, roundoff
-        size = abs(ray)
-        by_x = (size.x >= size.y) & (size.x >= size.z)
-        by_y = size.y >= size.z
-        pace = sh.cond(by_x, ray.x, sh.cond(by_y, ray.y, ray.z))
-        q = ray / pace
-        across = sh.cond(by_x, sh.Vector3f(-q.y, 1, 0), sh.cond(by_y, sh.Vector3f(1, -q.x, 0), sh.Vector3f(1, 0, -q.x)))
-        along = sh.cond(by_x, sh.Vector3f(-q.z, 0, 1), sh.cond(by_y, sh.Vector3f(0, -q.z, 1), sh.Vector3f(0, 1, -q.y)))
-        ahead = sh.cond(by_x, sh.Vector3f(1, 0, 0), sh.cond(by_y, sh.Vector3f(0, 1, 0), sh.Vector3f(0, 0, 1)))
-        self.eye, self.across, self.along, self.ahead, self.pace = eye, across, along, ahead, pace
-        self.inverse = inverse_of(ray)
-
-    def project(self, p: Any) -> Any:
-        """A point relative to the ray's origin, seen along the ray."""
-        return sh.Attrib2f(sh.dot(self.across, p), sh.dot(self.along, p))
+        self.sight, self.roundoff = Sight(ray, eye), roundoff
 
     def __call__(self, triangles: Any, k: Any, near: Any, hit: Hit, *, numbers: Any = None) -> None:
         """Store triangle `k` in `hit` if the ray meets it at a distance in [near, hit.l).
@@ -69,24 +89,17 @@ class TriangleTest:
         the table of `layout.triangle_rows`, `numbers` that of the numbers by which they are known, if not k itself.
         A triangle without area, or edge-on, is never met.
         """
+        sight = self.sight
         rows = [triangles[3 * k + corner] for corner in range(3)]
-        corners = [row.xyz - self.eye for row in rows]
-        a, b, c = map(self.project, corners)
-        wa = b.x * c.y - b.y * c.x
-        wb = c.x * a.y - c.y * a.x
-        wc = a.x * b.y - a.y * b.x
-        left = (wa >= 0) & (wb >= 0) & (wc >= 0)
-        right = (wa <= 0) & (wb <= 0) & (wc <= 0)
+        a, b, c = ([part - eye for part, eye in zip(sight.turned(row), sight.eye, strict=True)] for row in rows)
+        wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
-        with SH_IF((left | right) & (whole != 0)):
-            depth = [sh.dot(self.ahead, corner) for corner in corners]
-            t = (wa * depth[0] + wb * depth[1] + wc * depth[2]) / (whole * self.pace)
-            begin = lowest(*(corner * self.inverse for corner in corners))
-            begins = highest(begin.x, begin.y, begin.z)
+        with SH_IF(same_side(wa, wb, wc) & (whole != 0)):
+            t = product((wa, wb, wc), (a[2], b[2], c[2])) / (whole * sight.pace)
             ahead = t >= near
             if self.roundoff is not None:
-                ahead &= self.surely_ahead(sh.Normal3f(*(row.w for row in rows)), corners[0])
-            t = higher(t, begins - (REACH / 2) * abs(begins))
+                ahead &= self.surely_ahead(sight.turned(sh.Normal3f(*(row.w for row in rows))), a)
+            t = higher(t, sight.begin(a, b, c))
             number = k if numbers is None else numbers[k]
             with SH_IF(ahead & ((t < hit.l) | ((t == hit.l) & (number < hit.id)))):
                 hit.l[:] = t
@@ -101,9 +114,20 @@ class TriangleTest:
         """
         assert self.roundoff is not None
         doubt = 6 * self.roundoff
-        slope = sh.dot(normal, self.ray)
-        away = sh.dot(normal, corner)
-        return (sh.cond(slope < 0, -away, away) > doubt * sh.dot(abs(normal), abs(corner))) & (abs(slope) > doubt)
+        slope = product(normal, self.sight.ray)
+        away = product(normal, corner)
+        size = product([abs(n) for n in normal], [abs(p) for p in corner])
+        return (sh.cond(slope < 0, -away, away) > doubt * size) & (abs(slope) > doubt)
+
+
+def product(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """The scalar product of vectors that are given by components."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def same_side(a: Any, b: Any, c: Any) -> Any:
+    """Whether no two of the numbers, which are never NaN, have opposite signs."""
+    return (lowest(a, b, c) >= 0) | (highest(a, b, c) <= 0)
 
 
 def inverse_of(ray: Any) -> Any:

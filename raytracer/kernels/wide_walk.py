@@ -18,7 +18,7 @@ import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.wide import BASES, BLOCKS_FROM, LEAF, NUMBERS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
-from raytracer.kernels.triangle import FAR, REACH, Hit, farther, higher, highest, inverse_of, lower, lowest
+from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, lower, same_side
 from shpy import SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 ROWS_OF_A_NODE = 8
@@ -139,40 +139,24 @@ def sorted_keys(keys: Any) -> list[Any]:
 
 
 class BlockTest:
-    """`TriangleTest` for four triangles at a time: the ray's largest component is z here, by the choice of rows."""
+    """`TriangleTest` for four triangles at a time; the axes are turned by the choice of rows."""
 
     def __init__(self, ray: Any, eye: Any, near: Any) -> None:
-        size = abs(ray)
-        by_x = (size.x >= size.y) & (size.x >= size.z)
-        by_y = size.y >= size.z
-        largest = sh.cond(by_x, 0, sh.cond(by_y, 1, 2))
-        self.rows = (sh.cond(by_x, 1, 0), sh.cond(by_x | by_y, 2, 1), largest)
-
-        def turned(v: Any) -> tuple[Any, Any, Any]:
-            x = sh.cond(by_x, v.y, v.x)
-            y = sh.cond(by_x | by_y, v.z, v.y)
-            return x, y, sh.cond(by_x, v.x, sh.cond(by_y, v.y, v.z))
-
         self.near = near
-        self.eye = turned(eye)
-        self.inverse = turned(inverse_of(ray))
-        x, y, self.pace = turned(ray)
-        self.slope = (x / self.pace, y / self.pace)
+        self.sight = Sight(ray, eye)
+        by_x, by_xy = self.sight.by_x, self.sight.by_xy
+        self.rows = (sh.cond(by_x, 1, 0), sh.cond(by_xy, 2, 1), sh.cond(by_x, 0, sh.cond(by_xy, 1, 2)))
 
     def __call__(self, blocks: Any, row: Any, hit: Hit) -> None:
         """Store a block's triangle in `hit` if the ray meets it; see `TriangleTest`."""
+        sight = self.sight
         a, b, c = ([self.side(blocks, row + 3 * k, axis) for axis in range(3)] for k in range(3))
-        (ax, ay), (bx, by), (cx, cy) = map(self.project, (a, b, c))
-        wa = bx * cy - by * cx
-        wb = cx * ay - cy * ax
-        wc = ax * by - ay * bx
+        wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
-        one_side = (lowest(wa, wb, wc) >= 0) | (highest(wa, wb, wc) <= 0)
-        t = (wa * a[2] + wb * b[2] + wc * c[2]) / (whole * self.pace)
-        met = one_side & (whole != 0) & (t >= self.near) & (t <= hit.l)
+        t = (wa * a[2] + wb * b[2] + wc * c[2]) / (whole * sight.pace)
+        met = same_side(wa, wb, wc) & (whole != 0) & (t >= self.near) & (t <= hit.l)
         with SH_IF(met.x | met.y | met.z | met.w):
-            begins = highest(*(lowest(*(corner[k] * self.inverse[k] for corner in (a, b, c))) for k in range(3)))
-            t = higher(t, begins - (REACH / 2) * abs(begins))
+            t = higher(t, sight.begin(a, b, c))
             numbers = sh.Attrib4i(blocks[row + NUMBERS])
             for k in range(WIDTH):
                 nearer = (t[k] < hit.l) | ((t[k] == hit.l) & (numbers[k] < hit.id))
@@ -183,8 +167,4 @@ class BlockTest:
 
     def side(self, blocks: Any, row: Any, axis: int) -> Any:
         """A coordinate of a corner of each triangle, relative to the ray's origin."""
-        return sh.float_from_bits(blocks[row + self.rows[axis]]) - self.eye[axis]
-
-    def project(self, p: Any) -> Any:
-        """A point relative to the ray's origin, seen along the ray."""
-        return p[0] - self.slope[0] * p[2], p[1] - self.slope[1] * p[2]
+        return sh.float_from_bits(blocks[row + self.rows[axis]]) - self.sight.eye[axis]

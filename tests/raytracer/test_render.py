@@ -129,7 +129,7 @@ def test_features_say_what_is_in_and_out():
     assert full.features["lights"] == 2
     assert full.features["smooth normals"] is True
     assert full.features["materials"] == 4
-    assert set(bare.program.tables) == {"triangles", "boxes", "links", "leaves", "items"}
+    assert set(bare.program.tables) == {"triangles", "boxes", "first", "past", "leaves", "items"}
     assert set(full.program.tables) == {*bare.program.tables, "normals", "materials", "material_of", "lights"}
     assert "pow" not in str(bare.program.ir)
     assert "pow" in str(full.program.ir)
