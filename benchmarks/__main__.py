@@ -130,7 +130,7 @@ def write(
         found["studies"] = [vars(table) for table in tables]
         options.json.write_text(json.dumps(found, indent=1) + "\n")
     if options.markdown:
-        parts = [report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
+        parts = [report.PREFACE, report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
         parts += [*(report.markdown(m) for m in results), *(t.markdown() for t in tables)]
         options.markdown.write_text("\n".join(parts))
     if options.plot and results:

@@ -173,8 +173,17 @@ def jax(size):
     import jax
     import jax.numpy as jnp
 
-    kernel = jax.jit(lambda: all_rays(jnp, size))
-    return lambda: np.asarray(kernel())
+    def step(_, state):
+        value, o, d, weight = state
+        light, goes_on, o, d, weight = followed(jnp, o, d, weight)
+        return value + light, o, d, jnp.where(goes_on, weight, 0)
+
+    @jax.jit
+    def kernel():
+        o, d, weight = eye_rays(jnp, size)
+        return jax.lax.fori_loop(0, RAYS, step, (jnp.zeros_like(weight), o, d, weight))[0]
+
+    return lambda: np.asarray(kernel()).reshape(size, size)
 
 
 for name, version in spheres_of_peers.VERSIONS.items():
