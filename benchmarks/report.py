@@ -24,14 +24,14 @@ OURS = {
 PREFACE = """\
 # Benchmarks
 
-Made by `python -m benchmarks --mesh bunny.obj --markdown FILE`; `pip install 'shpy-dsl[bench]'` brings the peers, of which
+Made by `python -m benchmarks --mesh bunny.obj --markdown FILE`; `pip install 'shpy-dsl[bench]'` brings the peers, and
 those that are missing are left out. Everything runs in one process, in turns: each contender once, then each again,
 round after round, after a warm-up that compiles what is to be compiled. Answers are compared with numpy's, in the
 tolerance that the source of each work states.
 
-- **ms** is the median of the rounds, with the first and the third quartile; **best** the fastest single call; **CPU** the
-  time that all threads of the process spent computing, of which threads that wait for work by looking for it have more
-  than they need. **ratio** is how many times as long as the first row a contender took, round by round.
+- **ms** is the median of the rounds, with the first and the third quartile; **best** the fastest single call; **CPU**
+  the time that all threads of the process spent computing, of which threads that wait for work by looking for it have
+  more than they need. **ratio** is how many times as long as the first row a contender took, round by round.
 - Time begins with arrays in the host's memory and ends with an array there. Pictures that are computed from nothing but
   their size have no inputs. Mitsuba and embreex hold rays as arrays of their own from the start.
 - Every contender uses the cores that it uses by default: all, but for numpy, embreex and Warp, which use one. All work
