@@ -194,6 +194,9 @@ class TableView:
 
     def at(self, index: Array) -> Array:
         """The element at a uniform index, clamped on every axis."""
+        if len(self._extents) == 1:
+            only: Array = self._columns[min(max(index.item(), 0), self._extents[0] - 1)]
+            return only
         flat = 0
         for i, extent in zip(np.ravel(index).tolist(), self._extents, strict=True):
             flat = flat * extent + min(max(i, 0), extent - 1)
