@@ -20,7 +20,7 @@ from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.terms import Term, define, where
 
-__all__ = ["DEFINITIONS", "INLINE", "Library", "definition"]
+__all__ = ["CORRECTABLE", "DEFINITIONS", "INLINE", "Library", "definition"]
 
 
 def _mad(a: Term, b: Term, c: Term) -> Term:
@@ -145,6 +145,9 @@ DEFINITIONS: dict[str, Callable[..., Term]] = {
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """What `lower_half` needs besides."""
 
+CORRECTABLE = frozenset({"div", "sqrt"})
+"""Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong."""
+
 INLINE = frozenset({"mad", "rsqrt", "fract", "clamp", "step"})
 """Those that are short enough to stand where they are used."""
 
@@ -158,6 +161,10 @@ def definition(name: str, types: tuple[Type, ...]) -> Function:
 
         base = "_d" if first.base is Base.D else ""
         return define(f"{name}_strict{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
+    if name in CORRECTABLE:
+        from shpy.passes.strict.arithmetic import CORRECTED
+
+        return define(f"{name}_corrected{first.size if first.size > 1 else ''}", CORRECTED[name], types)
     suffix = "d" if first.base is Base.D and name in DEFINITIONS else ""
     return define(f"{name}{first.size}{suffix}", DEFINITIONS.get(name) or _ROUNDINGS[name], types)
 

@@ -5,6 +5,7 @@ closely enough for the mode, becomes a call of a pure function of the library, o
 
     %d = dot %a, %b : f         ->   %d = call dot3 %a, %b : f       (and the function dot3 before all others)
     %s = sin %a : f             ->   %s = call sin_strict %a : f     (the same bits on every target)
+    %q = div %a, %b : f         ->   %q = call div_corrected %a, %b : f      (on a device that rounds it wrong)
     %m = mad %a, %b, %c : f     ->   %p = mul %a, %b : f
                                      %m = add %p, %c : f
 
@@ -17,29 +18,43 @@ from collections.abc import Mapping
 
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.types import Base
 from shpy.passes.library import DEFINITIONS, INLINE, Library, definition
 from shpy.passes.rewriter import Rewriter, each_function
 
 __all__ = ["lower"]
 
 
-def lower(module: Module, native: frozenset[str] = frozenset()) -> Module:
-    """The module without composite operations and transcendentals, but for those in `native`."""
+def lower(module: Module, native: frozenset[str] = frozenset(), corrected: frozenset[str] = frozenset()) -> Module:
+    """The module without composite operations and transcendentals, but for those in `native`.
+
+    Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well.
+    """
     library = Library(module)
-    lowered = each_function(module, lambda f, functions: _Lower(f, functions, native, library).run())
+    lowered = each_function(module, lambda f, functions: _Lower(f, functions, native, corrected, library).run())
     return library.added(lowered)
 
 
 class _Lower(Rewriter):
     def __init__(
-        self, function: Function, functions: Mapping[str, Function], native: frozenset[str], library: Library
+        self,
+        function: Function,
+        functions: Mapping[str, Function],
+        native: frozenset[str],
+        corrected: frozenset[str],
+        library: Library,
     ) -> None:
         super().__init__(function, functions)
         self.native = native
+        self.corrected = corrected
         self.library = library
 
     def let(self, let: Let) -> None:
         op = let.op
+        if op in self.corrected and let.value.type.base is Base.F:
+            callee = self.library.use(op, tuple(self.types[a] for a in let.args))
+            self.emit(Let(let.value, "call", let.args, callee.name))
+            return
         if op in self.native or (op not in DEFINITIONS and op not in TRANSCENDENTALS):
             self.emit(let)
             return
@@ -51,7 +66,7 @@ class _Lower(Rewriter):
             self.emit(Let(let.value, "call", let.args, callee.name))
 
     def _lowered(self, function: Function) -> Function:
-        return _Lower(function, self.functions, self.native, self.library).run()
+        return _Lower(function, self.functions, self.native, self.corrected, self.library).run()
 
     def _inline(self, let: Let, definition: Function) -> None:
         """Emit the definition's operations; the last one gives the value."""

@@ -39,7 +39,8 @@ class Target:
     """What a target can do.
 
     `native`: the composite operations that it does itself, with exactly the table's meaning, and the transcendentals
-    that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `functions`: it has
+    that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
+    it rounds wrong, and that are to be corrected. `functions`: it has
     subroutines. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to `vectorize`,
     which takes no subroutines.
     """
@@ -47,6 +48,7 @@ class Target:
     name: str
     native: frozenset[str] = frozenset()
     fast: frozenset[str] = frozenset()
+    wrong: frozenset[str] = frozenset()
     functions: bool = True
     loop_flags: bool = False
     vector: bool = False
@@ -90,7 +92,8 @@ class Prepared:
 
 def prepare(module: Module, options: Options, target: Target) -> Prepared:
     """A recorded module made ready for a target's printer."""
-    lowered = lower(lower_half(set_precision(module, options.precision)), target.does(options.math))
+    corrected = target.wrong if options.math != "fast" else frozenset()
+    lowered = lower(lower_half(set_precision(module, options.precision)), target.does(options.math), corrected)
     if not target.functions or target.vector:
         lowered = inline_calls(lowered)
     ending, status, loops = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags)

@@ -237,26 +237,3 @@ def test_a_component_at_an_index_is_the_nearest(base: str, size: int) -> None:
 def test_an_element_is_alone(op: str) -> None:
     arrays = [np.resize([True, False], N)]
     check(run((vec("b"),), vec("b"), arrays, lambda b, i: b.let(op, *i, type=vec("b"))), arrays[0], arrays)
-
-
-@pytest.mark.parametrize("name", ["div", "sqrt"])
-def test_a_device_that_rounds_wrong_is_mended(name: str) -> None:
-    """The integer forms that are printed for such a device, run here."""
-    from shpy.backends.glsl.context import open_context
-    from shpy.backends.glsl.printer import Printer
-    from shpy.backends.glsl.runtime import Runtime
-
-    rng = np.random.default_rng(10)
-    types = (vec("f"),) * (2 if name == "div" else 1)
-    hard = (rng.standard_normal((2, 1 << 19)) * 10.0 ** rng.uniform(-30, 30, (2, 1 << 19))).astype(np.float32)
-    arrays = [np.concatenate([s, h]) for s, h in zip(values(types), hard, strict=False)]
-    b = Builder("op")
-    inputs = [b.input(t, n) for t, n in zip(types, "ab", strict=False)]
-    b.store(b.output(vec("f"), "r"), b.let(name, *inputs))
-    module = Module("op", tuple(Port(str(i.name), "") for i in inputs), (Port("r", ""),), (), (), (b.finish(),))
-    runtime = Runtime(open_context(0))
-    shader = Printer(module, exact_division=False, exact_root=False).shader()
-    assert f"sh_{name}(" in shader.source
-    out = np.zeros_like(arrays[0])
-    runtime.run((runtime.build(shader, None),), ((0,),), Call(out.shape, tuple(arrays), (out,), {}, {}))
-    check(out, expected_of(name, arrays, vec("f")), arrays)

@@ -12,17 +12,19 @@ may take as many gets flags that tell (`passes/exits.py`), and its status is DEV
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from shpy.backends.base import Array, Call, Device, Options
 from shpy.backends.glsl.context import Context, open_context
 from shpy.backends.glsl.printer import FAST, NATIVE, Printer
 from shpy.backends.glsl.runtime import Program, Runtime, unsupported
+from shpy.backends.probe import notes_of, refuse_wrong
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.nodes import Loc, Module, Value, Variable
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base
 from shpy.passes.exits import few_turns
+from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Target, prepare
 from shpy.passes.specialise import select_outputs
 
@@ -70,10 +72,12 @@ class GlslBackend:
         """Prepare, print and build; CompileError, at the user's line, for what GLSL or the device has not."""
         if options.lanes not in ("auto", 1):
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
-        prepared = prepare(module, options, TARGET)
-        _refuse(prepared.module)
         runtime = self._runtime(options.device or 0)
         limits = runtime.context.limits
+        prepared = prepare(module, options, replace(TARGET, wrong=limits.wrong & CORRECTABLE))
+        _refuse(prepared.module)
+        if options.math == "strict":
+            refuse_wrong(prepared.module, limits.wrong, "this device")
         count = len(prepared.module.entry.outputs)
         groups = tuple(
             tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
@@ -83,8 +87,6 @@ class GlslBackend:
             part = select_outputs(prepared.module, group) if len(groups) > 1 else prepared.module
             printer = Printer(
                 part,
-                exact_division=limits.exact_division,
-                exact_root=limits.exact_root,
                 loops_stop=not few_turns(part),
                 limited=options.loop_limit is not None,
             )
@@ -110,7 +112,7 @@ def _described(context: Context) -> Device:
 
 def _notes(context: Context) -> tuple[str, ...]:
     limits = context.limits
-    notes = []
+    notes = list(notes_of(limits.wrong))
     if not limits.keeps_denormals:
         notes.append("this device flushes denormals to zero")
     if not limits.keeps_order:

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from shpy.backends.probe import COUNT, hard_inputs, wrong_operations
 from shpy.errors import BackendUnavailable, ShpyError
 
 T = TypeVar("T")
@@ -32,14 +33,22 @@ void main() {
 }
 """
 
-# Divisions and roots that a device with approximate ones gets wrong, and a product that is denormal.
+# The operations that a device may get wrong, and a product that is denormal.
 _PROBE = """\
 #version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
 uniform sampler2D pairs;
-out vec4 found;
+layout(location = 0) out vec4 first;
+layout(location = 1) out vec4 second;
 void main() {
     vec4 p = texelFetch(pairs, ivec2(gl_FragCoord.xy), 0);
-    found = vec4(p.x / p.y, sqrt(p.x), p.z * p.w, 0.0);
+    precise vec4 found = vec4(p.x + p.y, p.x - p.y, p.x * p.y, p.x / p.y);
+    first = found;
+    second = vec4(sqrt(p.x), floor(p.x), float(int(min(p.x, 16777215.0))), p.z * p.w);
 }
 """
 
@@ -51,8 +60,7 @@ class Limits:
     width: int
     outputs: int
     textures: int
-    exact_division: bool = True
-    exact_root: bool = True
+    wrong: frozenset[str] = frozenset()
     keeps_denormals: bool = True
     keeps_order: bool = True
 
@@ -123,25 +131,29 @@ class Context:
 
     def _probe(self) -> Limits:
         gl = self.gl
-        rng = np.random.default_rng(1)
-        pairs = rng.uniform(1, 2, (64 * 64, 4)).astype(np.float32)
-        pairs[:, 2:] = (1.1754944e-38, 0.5)
-        texture = gl.texture((64, 64), 4, pairs.tobytes(), dtype="f4")
-        target = gl.framebuffer([gl.texture((64, 64), 4, dtype="f4")])
+        size = (32, COUNT // 32)
+        pairs = np.full((COUNT, 4), (0, 0, 1.1754944e-38, 0.5), np.float32)
+        pairs[:, 0], pairs[:, 1] = hard_inputs()
+        texture = gl.texture(size, 4, pairs.tobytes(), dtype="f4")
+        target = gl.framebuffer([gl.texture(size, 4, dtype="f4") for _ in range(2)])
         target.use()
         texture.use(0)
         program = self.program(_PROBE)
         gl.vertex_array(program, []).render(self.moderngl.TRIANGLES, 3)
-        found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(-1, 4)
+        read = [target.read(components=4, dtype="f4", attachment=n) for n in range(2)]
+        found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in read])
+        results = dict(zip(("add", "sub", "mul", "div", "sqrt", "floor"), found.T, strict=False))
+        wrong = wrong_operations(results)
+        if not np.array_equal(found[:, 6], np.trunc(np.minimum(pairs[:, 0], np.float32(2**24 - 1)))):
+            wrong |= {"convert"}
         self.resting.use()
         check(gl, "probe the device")
         return Limits(
             width=min(gl.info["GL_MAX_TEXTURE_SIZE"], *gl.info["GL_MAX_VIEWPORT_DIMS"]),
             outputs=min(gl.info["GL_MAX_DRAW_BUFFERS"], gl.info["GL_MAX_COLOR_ATTACHMENTS"]),
             textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
-            exact_division=bool(np.array_equal(found[:, 0], pairs[:, 0] / pairs[:, 1])),
-            exact_root=bool(np.array_equal(found[:, 1], np.sqrt(pairs[:, 0]))),
-            keeps_denormals=bool(found[0, 2] != 0),
+            wrong=wrong,
+            keeps_denormals=bool(found[0, 7] != 0),
             keeps_order="GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400,
         )
 

@@ -98,17 +98,14 @@ class Printer(CLike):
         self,
         module: Module,
         *,
-        exact_division: bool = True,
-        exact_root: bool = True,
         loops_stop: bool = False,
         limited: bool = True,
     ) -> None:
-        """What to mind: divisions or roots that the device rounds wrong, and loops that it stops of its own accord.
+        """What to mind: loops that the device stops of its own accord.
 
         `limited` says that loops without a known bound have a limit of ours.
         """
         super().__init__(module)
-        self.exact = {"div": exact_division, "sqrt": exact_root}
         self.loops_stop = loops_stop
         self.limited = limited
         self.sheltered = sheltered_functions(module)
@@ -373,14 +370,14 @@ class Printer(CLike):
     def function(self, op: str, types: tuple[Type, ...]) -> str:
         """GLSL's function, or one of the prologue."""
         of_ints = not types[0].is_float and op in _OWN_OF_INTS
-        if op in _OWN and self.exact.get(op, True):
+        if op in _OWN:
             return _OWN[op]
         return op if of_ints else self.prologue.use(_HELPERS.get(op, f"sh_{op}"), types)
 
     def infix(self, let: Let) -> Expr:
-        """Operators; those that GLSL has not for vectors of bools, and a division that must be mended, by a helper."""
+        """Operators; those that GLSL has not for vectors of bools by a helper."""
         type = let.value.type
-        if (type.is_bool and type.size > 1) or (let.op == "div" and not self.exact["div"]):
+        if type.is_bool and type.size > 1:
             return self.plain_call(let)
         if let.op not in ("shl", "shr"):
             return super().infix(let)

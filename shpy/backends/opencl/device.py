@@ -26,6 +26,7 @@ from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.pace import Pace
+from shpy.backends.probe import COUNT, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.tabledata import TableData
 
@@ -44,6 +45,20 @@ _PROBES = {
     **{f"signs{n}": (f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};") for n, text in SIGNS.items()},
 }
 """What a compiler may have besides OpenCL C: the type of `a`, and statements that need it."""
+_EXACTNESS = """\
+#pragma OPENCL FP_CONTRACT OFF
+__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *r, __global intWIDE *n) {
+    size_t i = get_global_id(0), all = get_global_size(0);
+    floatWIDE x = a[i], y = b[i];
+    r[i] = x + y;
+    r[all + i] = x - y;
+    r[2 * all + i] = x * y;
+    r[3 * all + i] = x / y;
+    r[4 * all + i] = sqrt(x);
+    r[5 * all + i] = floor(x);
+    n[i] = convert_intWIDE_sat(x);
+}
+"""
 _POOLED_BYTES = 1 << 28
 """Buffers that are kept for the next run, in bytes a device."""
 _WORTH_LENDING = 1 << 16
@@ -82,17 +97,13 @@ def devices() -> list[Device]:
             d.name.strip(),
             f"{d.platform.name.strip()}, {d.version.strip()}",
             tuple(name for name, extension in _FEATURES.items() if extension in d.extensions.split()),
-            _notes(d),
+            machine_of(at).notes,
         )
-        for d in _found(os.getpid())
+        for at, d in enumerate(_found(os.getpid()))
     ]
 
 
 _FEATURES = {"f64": "cl_khr_fp64", "f16": "cl_khr_fp16"}
-
-
-def _notes(device: Any) -> tuple[str, ...]:
-    return () if _rounds_correctly(device) else ("division and square root are not correctly rounded",)
 
 
 def _rounds_correctly(device: Any) -> bool:
@@ -123,9 +134,8 @@ class Machine:
         self.queue = self.cl.CommandQueue(self.context)
         self.lock = threading.RLock()
         self.doubles = "cl_khr_fp64" in device.extensions.split()
-        self.notes = _notes(device)
         self._options = ["-cl-std=CL1.2", "-w"]
-        if not self.notes:
+        if _rounds_correctly(device):
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
         self._programs: dict[tuple[str, Math], Any] = {}
         self._from_disk: set[tuple[str, Math]] = set()
@@ -273,6 +283,38 @@ class Machine:
         There dispatches are not divided, as PoCL generates code once more for one that does not begin at 0.
         """
         return not self.device.type & self.cl.device_type.CPU
+
+    @cached_property
+    def wrong(self) -> frozenset[str]:
+        """The operations that this device gets wrong: asked once, and kept on disk."""
+        key = self._key(_EXACTNESS, "strict")
+        kept = store.load(key)
+        known = None if kept is None else frozenset(kept.decode(errors="replace").split())
+        if known is None or not known <= set(PROBED):
+            known = self._asked()
+            store.save(key, " ".join(sorted(known)).encode())
+        return known
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of this device."""
+        return notes_of(self.wrong)
+
+    def _asked(self) -> frozenset[str]:
+        lanes = self.lanes
+        text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
+        with self.lock:
+            a, b = (self.upload(array) for array in hard_inputs())
+            results, ints = np.empty((6, COUNT), np.float32), np.empty(COUNT, np.int32)
+            outputs = [self.take(array.nbytes) for array in (results, ints)]
+            kernel = self.cl.Kernel(self.build(text), "probe")
+            kernel.set_args(a, b, *outputs)
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // lanes,), None)
+            self.download(results, outputs[0])
+            self.download(ints, outputs[1])
+            self.queue.finish()
+            self.give_back([a, b, *outputs])
+        return wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints})
 
     @cached_property
     def abilities(self) -> Abilities:

@@ -25,11 +25,13 @@ from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
 from shpy.backends.opencl.spelling import FAST
 from shpy.backends.pace import Pace
+from shpy.backends.probe import refuse_wrong
 from shpy.errors import CompileError, ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
+from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
 
 TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
@@ -68,7 +70,10 @@ class OpenCLBackend:
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
-    prepared = prepare(module, options, TARGET if lanes == 1 else PACKET_TARGET)
+    target = TARGET if lanes == 1 else PACKET_TARGET
+    prepared = prepare(module, options, replace(target, wrong=machine.wrong & CORRECTABLE))
+    if options.math == "strict":
+        refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     if lanes == 1:
         kernel = print_kernel(prepared.module, options.math)
     else:
