@@ -409,3 +409,23 @@ def test_random_programs(seed: int) -> None:
     assert results[0][0] == results[1][0]
     for found, expected in zip(results[0][1:], results[1][1:], strict=True):
         same(found, expected)
+
+
+@pytest.mark.parametrize("few", [True, False])
+def test_a_large_kernel_calls_a_function_whose_code_is_generated_once(few: bool) -> None:
+    @sh.program
+    def steps(a: sh.Attrib2f, b: sh.Attrib1f) -> tuple[sh.Attrib2f, sh.Attrib1i]:
+        x, n = sh.Attrib2f(a), sh.Attrib1i(0)
+        for k in range(2 if few else 60):
+            with SH_IF(x.x * x.y > b + k):
+                x *= 0.75 - 0.5 * b
+                n += 1
+            x.x += 0.5 * x.y - b * k
+        return x, n
+
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(size=(37, 2)).astype(np.float32), rng.normal(size=37).astype(np.float32)
+    packets, single = (steps.compile("opencl", lanes=lanes) for lanes in (8, 1))
+    assert ("noinline)) void steps_packet(" not in packets.source) == few
+    for found, expected in zip(packets(a, b), single(a, b), strict=True):
+        np.testing.assert_array_equal(found, expected)

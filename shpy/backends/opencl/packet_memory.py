@@ -21,7 +21,7 @@ from shpy.backends.opencl.packet_types import rows_of
 from shpy.backends.opencl.prologue import SCALARS
 from shpy.ir.types import Base, Type
 
-__all__ = ["COLUMNS", "HEX", "INLINE", "PacketMemory", "spelled_wide", "struct_text"]
+__all__ = ["COLUMNS", "HEX", "INLINE", "NOINLINE", "PacketMemory", "spelled_wide", "struct_text"]
 
 COLUMNS: Final = 4
 """Elements that lie side by side in a packet."""
@@ -30,6 +30,8 @@ _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
 INLINE: Final = "__attribute__((always_inline))"
 """Before functions that take a packet, which is many registers, or an array that is to be registers."""
+NOINLINE: Final = "__attribute__((noinline))"
+"""Before functions that are rarely called, or large."""
 
 Pick = tuple[str, int]
 """A vector's name, and a place in each group of four of its numbers."""
@@ -127,7 +129,7 @@ typedef struct {{
         what = "A vector" if size > 1 else "A number"
         return "\n".join([
             f"// {what} for each lane of an array, one after the other.",
-            f"__attribute__((noinline)) {result} {name}_each(__global const {element} *a, int{lanes} at) {{",
+            f"{NOINLINE} {result} {name}_each(__global const {element} *a, int{lanes} at) {{",
             f"    int place[{lanes}];",
             f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
             f"    vstore{lanes}(at, 0, place);",
@@ -163,7 +165,7 @@ typedef struct {{
         what = "vector" if size > 1 else "number"
         return "\n".join([
             f"// Each lane's {what} into its element of an array, one after the other.",
-            f"__attribute__((noinline)) void {name}_each(",
+            f"{NOINLINE} void {name}_each(",
             f"    __global {element} *a, {value} v, int{lanes} at, int{lanes} active) {{",
             f"    int place[{lanes}], there[{lanes}];",
             f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",

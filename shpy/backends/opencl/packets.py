@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from shpy.backends.expressions import Expr
-from shpy.backends.opencl.packet_memory import spelled_wide
+from shpy.backends.opencl.packet_memory import NOINLINE, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packet_spelling import PacketSpelling
 from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of, widen
@@ -32,6 +32,9 @@ from shpy.passes.pipeline import Math, optimise
 from shpy.passes.vectorize import vectorize
 
 __all__ = ["print_packets"]
+
+_LARGE = 400
+"""A kernel of more statements is a function that the kernel calls: PoCL generates the code of a kernel three times."""
 
 
 def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math = "strict") -> Kernel:
@@ -86,10 +89,11 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
 
     def _kernel(self, entry: Function) -> None:
         name = self.function_names[entry.name]
-        early = leaves_early(entry)
-        inner = self.globals.take(f"{name}_packet") if early else ""
-        if early:
-            self._function(entry, inner)
+        large = sum(1 for _ in walk(entry.body)) > _LARGE
+        apart = large or leaves_early(entry)
+        inner = self.globals.take(f"{name}_packet") if apart else ""
+        if apart:
+            self._function(entry, inner, NOINLINE + " " if large else "")
         self.begin(entry)
         self.prologue.packet()
         read = [i for i in entry.inputs if isinstance(i, Value) and self.layout.uses[i.id]]
@@ -105,7 +109,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
                 type = self.ports.inputs[at].type
                 function = self.prologue.memory("read", type.base, type.size)
                 self.bind(value, Expr(f"{function}({array}, {step}, {self.packet})"))
-            if early:
+            if apart:
                 self._call_packet(entry, inner)
             else:
                 self.body(entry, returns=False)

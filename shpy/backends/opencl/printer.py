@@ -176,7 +176,7 @@ class OpenCLPrinter(Spelling):
         """`&x`."""
         return f"&{name}"
 
-    def _function(self, function: Function, name: str) -> None:
+    def _function(self, function: Function, name: str, prefix: str = "") -> None:
         self.begin(function)
         single = len(function.outputs) == 1
         declarations = [self._parameter(port) for port in function.inputs]
@@ -185,7 +185,7 @@ class OpenCLPrinter(Spelling):
         declarations += [declaration for declaration, _ in self._handed(function)]
         self.emit("")
         result = self.type_name(function.outputs[0].type) if single else "void"
-        self._head(f"{result} {name}", declarations, function.loc)
+        self._head(f"{prefix}{result} {name}", declarations, function.loc)
         with self.block(scope=False):
             if not single:
                 for output in (o for o in function.outputs if self.layout.places[o.id].zero):
