@@ -60,6 +60,7 @@ def _add_diff(commands: Any) -> None:
     command.add_argument("--count", type=int, default=64, help="elements to run (default: 64)")
     command.add_argument("--seed", type=int, default=0, help="of the inputs (default: 0)")
     command.add_argument("--precision", default="f32", help="the working precision (default: f32)")
+    command.add_argument("--math", default="strict", help="strict, relaxed or fast (default: strict)")
     command.set_defaults(run=diff)
 
 
@@ -75,7 +76,7 @@ def diff(options: argparse.Namespace) -> int:
         shape = (max(1, round(options.count ** (1 / rank))),) * rank
         # Beyond one axis, inputs are the same for every element: their place is what tells those apart.
         inputs = testing.inputs(program, options.count if rank == 1 else 1, options.seed)
-        settings = {"ulp": options.ulp, "shape": shape, "precision": options.precision}
+        settings = {"ulp": options.ulp, "shape": shape, "precision": options.precision, "math": options.math}
         print(testing.assert_equivalent(program, *inputs, backends=names, **settings))
     except AssertionError as difference:
         print(difference)

@@ -89,6 +89,7 @@ class GlslBackend:
                 part,
                 loops_stop=not few_turns(part),
                 limited=options.loop_limit is not None,
+                exact=options.math != "fast",
             )
             programs.append(runtime.build(printer.shader(), module.entry.loc))
         sources = [p.shader.source for p in programs]

@@ -45,8 +45,9 @@ from shpy.ir.types import Base, Type, vec
 NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
 
-FAST: Final = TRANSCENDENTALS | {"rsqrt"}
-"""Operations that are one call here, of which GLSL says nothing or too little."""
+GEOMETRIC: Final = frozenset({"dot", "length", "distance", "normalize", "cross", "reflect", "refract", "faceforward"})
+FAST: Final = TRANSCENDENTALS | GEOMETRIC | {"rsqrt"}
+"""Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _HEAD: Final = """\
 #version 330 core
@@ -61,7 +62,7 @@ _FOLD_BITS: Final = FOLD.bit_length() - 1
 _WRITTEN_OUT: Final = 16
 _SAMPLERS: Final = {Base.F: "sampler2D", Base.I: "isampler2D", Base.U: "usampler2D", Base.B: "usampler2D"}
 
-# The functions of GLSL that do what the table says; transcendentals come here in fast mode alone.
+# The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {
     "abs": "abs",
     "floor": "floor",
@@ -72,7 +73,7 @@ _OWN: Final[Mapping[str, str]] = {
     "any": "any",
     "all": "all",
     "float_from_bits": "uintBitsToFloat",
-    **{name: name for name in TRANSCENDENTALS},
+    **{name: name for name in TRANSCENDENTALS | GEOMETRIC},
     "atan2": "atan",
     "rsqrt": "inversesqrt",
 }
@@ -100,14 +101,16 @@ class Printer(CLike):
         *,
         loops_stop: bool = False,
         limited: bool = True,
+        exact: bool = True,
     ) -> None:
         """What to mind: loops that the device stops of its own accord.
 
-        `limited` says that loops without a known bound have a limit of ours.
+        `limited` says that loops without a known bound have a limit of ours, `exact` that operations keep their order.
         """
         super().__init__(module)
         self.loops_stop = loops_stop
         self.limited = limited
+        self.exact = exact
         self.sheltered = sheltered_functions(module)
         self.guarded = False
         self.prologue = Prologue()
@@ -235,7 +238,8 @@ class Printer(CLike):
     def begin(self, function: Function) -> None:
         """Plan the function; conditions on floats are not printed where they are used."""
         super().begin(function)
-        self.layout.inlined -= precise_conditions(function, self.callees)
+        if self.exact:
+            self.layout.inlined -= precise_conditions(function, self.callees)
 
     def _function(self, function: Function) -> str:
         self.begin(function)
@@ -304,7 +308,7 @@ class Printer(CLike):
 
     def declaration(self, type: Type, name: str, passed: str = "") -> str:
         """`precise float x`; how a parameter is passed comes after `precise`, as it must before GLSL 4.20."""
-        precise = "precise " if type.is_float or type.is_bool else ""
+        precise = "precise " if self.exact and (type.is_float or type.is_bool) else ""
         return f"{precise}{passed}{spelled(type)} {name}"
 
     def declare_array(self, variable: Variable, name: str) -> str:
@@ -332,9 +336,9 @@ class Printer(CLike):
         if type.is_int:
             return _signed(str(component)) if component != -(2**31) else Expr("(-2147483647 - 1)")
         rounded = np.float32(component)
-        if rounded == 0:
+        if rounded == 0 and self.exact:
             return Expr(f"-{self.zero_name}", Level.UNARY) if np.signbit(rounded) else Expr(self.zero_name)
-        if not np.isfinite(rounded) or abs(rounded) < np.finfo(np.float32).tiny:
+        if not np.isfinite(rounded) or 0 < abs(rounded) < np.finfo(np.float32).tiny:
             return Expr(f"uintBitsToFloat(0x{rounded.view(np.uint32):08x}u)")
         return _signed(str(rounded))
 

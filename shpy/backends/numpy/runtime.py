@@ -30,8 +30,8 @@ from shpy.passes.vectorize import vectorize
 
 __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
-TILE: Final = 65_536
-"""Lanes that run together."""
+TILE: Final = 32_768
+"""Lanes that run together. Arrays of 128 KiB are as large as malloc keeps: larger ones are mapped anew each time."""
 TARGET: Final = Target("numpy", native=frozenset(OPS), functions=False, vector=True)
 
 
