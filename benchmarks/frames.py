@@ -47,6 +47,7 @@ def _work(mesh: Mesh, size: int) -> Work:
         share=0.03,
         note="`path` also follows light between the mesh's own parts; the tracer of its own does what ours does.",
     )
+    work.group = "frames"
     slow = ("numpy",) if size == 256 else ()
     work.ours_on("opencl", "glsl", *slow)(partial(_ours, mesh=mesh))
     work.version("mitsuba")(partial(_mitsuba_path, mesh=mesh))

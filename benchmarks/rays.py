@@ -45,6 +45,7 @@ def _work(mesh: Mesh, name: str) -> Work:
         within=1e-3,
         share=1e-3,
         note=EDGES,
+        group="coherent rays" if primary else "incoherent rays",
     )
     ours = ours_primary if primary else ours_given
     work.ours_on("opencl", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))

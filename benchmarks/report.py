@@ -136,15 +136,17 @@ def geometric_means(results: Iterable[Measured], base: str) -> dict[str, tuple[f
 
 
 def means(results: Sequence[Measured], bases: Sequence[str] = ("opencl", "numpy")) -> str:
-    """The geometric means over all works, as Markdown that a terminal shows well too."""
+    """The geometric means over each group of works, as Markdown that a terminal shows well too."""
     lines = []
-    for base in bases:
-        found = geometric_means(results, base)
-        if found:
-            lines += [f"How many times as long as {label(base)} they take, geometric mean of the works:", ""]
-            lines += ["| | medians | best calls | CPU | least median | works |", "|---|---:|---:|---:|---:|---:|"]
-            lines += [f"| {label(n)} | {' | '.join(f'{x:.2f}' for x in m)} | {c} |" for n, (*m, c) in found.items()]
-            lines.append("")
+    for group in dict.fromkeys(m.work.group for m in results):
+        members = [m for m in results if m.work.group == group]
+        for base in bases:
+            found = geometric_means(members, base)
+            if found:
+                lines += [f"How many times as long as {label(base)} they take, geometric means of {group}:", ""]
+                lines += ["| | medians | best calls | CPU | least median | works |", "|---|---:|---:|---:|---:|---:|"]
+                lines += [f"| {label(n)} | {' | '.join(f'{x:.2f}' for x in m)} | {c} |" for n, (*m, c) in found.items()]
+                lines.append("")
     return "\n".join(lines)
 
 

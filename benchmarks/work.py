@@ -44,7 +44,7 @@ class Work:
     `size` and `quick` are what `inputs` is called with. Answers agree if all but the `share` of their elements differ
     from the reference by at most `within`, times the larger of 1 and the reference's magnitude. The reference is what
     the version `masks` gives, or else the first that ran.
-    `each`: what is counted, and how many of it there are, for a rate (pixels, rays).
+    `group`: what means are taken over.
     """
 
     name: str
@@ -55,8 +55,7 @@ class Work:
     within: float
     share: float = 0.0
     note: str = ""
-    count: Callable[[int], int] | None = None
-    unit: str = ""
+    group: str = "kernels"
     versions: dict[str, Version] = field(default_factory=dict)
 
     def version(self, name: str) -> Callable[[Version], Version]:

@@ -26,8 +26,6 @@ WORK = Work(
     within=0.0,
     share=0.01,
     note="Points on the border leave some turns earlier or later where products and sums are fused.",
-    count=lambda size: size * size,
-    unit="pixel",
 )
 
 
