@@ -85,8 +85,10 @@ class Renderer:
         if fine < 1 or fine * fine != samples or fine > 8:
             raise SceneError(f"samples is a square number from 1 to 64, not {samples!r}")
         started = time.perf_counter()
-        layers = _blank(width, height, self.scene.background)
-        if self.layout is not None:
+        layers = _unset(width, height)
+        if self.layout is None:
+            _clear(layers, self.scene.background)
+        else:
             self._aim(camera or self.scene.camera, width * fine, height * fine)
             rows = max(1, (_BAND if self.backend == "numpy" else _DEVICE_BAND) // (width * fine * fine))
             for top in range(0, height, rows):
@@ -183,12 +185,19 @@ def _checked(size: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _blank(width: int, height: int, background: Any) -> dict[str, Any]:
-    """The layers of a picture that shows nothing but the background."""
+def _unset(width: int, height: int) -> dict[str, Any]:
+    """The layers of a picture, to be filled."""
     return {
-        "pixels": np.broadcast_to(np.asarray(background, dtype=np.float32), (height, width, 3)).copy(),
-        "depth": np.full((height, width), np.inf, dtype=np.float32),
-        "normal": np.zeros((height, width, 3), dtype=np.float32),
-        "object_id": np.full((height, width), -1, dtype=np.int32),
-        "rays": np.ones((height, width), dtype=np.int32),
+        "pixels": np.empty((height, width, 3), dtype=np.float32),
+        "depth": np.empty((height, width), dtype=np.float32),
+        "normal": np.empty((height, width, 3), dtype=np.float32),
+        "object_id": np.empty((height, width), dtype=np.int32),
+        "rays": np.empty((height, width), dtype=np.int32),
     }
+
+
+def _clear(layers: dict[str, Any], background: Any) -> None:
+    """Fill the layers with what is seen where nothing is hit."""
+    nothing = {"pixels": background, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
+    for name, value in nothing.items():
+        layers[name][:] = value

@@ -41,6 +41,7 @@ class SurfaceTables:
         self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
         self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
         self.highlights = bool((layout.materials[1::2, 1] > 0).any())
+        self.dark = bool((layout.materials[1::2, :2] == 0).all(axis=1).any())
         self.one = layout.materials if len(layout.materials) == 2 else None
         if self.one is None:
             self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
@@ -81,6 +82,12 @@ class SurfaceTables:
             row.rgb if self.colors is None else barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
         )
         return row.a
+
+    def lights_seen(self, surface: Surface, count: int) -> Any:
+        """How many of the lights show on the surface: none on a perfect mirror, which no shadow ray need start from."""
+        if not self.dark:
+            return count
+        return sh.cond((surface.coefficients.x > 0) | (surface.coefficients.y > 0), count, 0)
 
     def shade(self, surface: Surface, light: Any) -> Any:
         """The colour under white light from direction `light`."""

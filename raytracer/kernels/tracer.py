@@ -90,7 +90,7 @@ class Tracer:
                     with SH_IF(pixel.triangle < 0):
                         note(pixel, hit, surface)
                     scolor[:] = self.ambient * surface.color
-                    shadows[:] = self.lights.count
+                    shadows[:] = self.surfaces.lights_seen(surface, self.lights.count)
                 with SH_ELSE():
                     scolor[:] = self.background
                     rn.y = 0

@@ -161,6 +161,17 @@ def test_a_mirror_shows_what_is_behind_the_viewer():
     np.testing.assert_allclose(pixels, np.broadcast_to([1, 0, 0], (16, 16, 3)), atol=1e-6)
 
 
+def test_no_shadow_ray_starts_from_a_perfect_mirror():
+    dark = floor(4, Material((1, 1, 1), diffuse=0, specular=0, reflectivity=1))
+    light = (PointLight((0, 3, 0)),)
+    for material, rays in ((dark.material, 2), (dataclasses.replace(dark.material, specular=0.1), 3)):
+        scene = Scene([dark.with_material(material), box().moved((50, 0, 0))], light, Camera((0, 2, 0.1), fov=30))
+        image = render(scene, (8, 8), backend="numpy", bounces=1)
+        assert np.all(image.object_id == 0)
+        assert np.all(image.rays == rays)
+        np.testing.assert_array_equal(image.pixels[0, 0], np.float32(scene.background))
+
+
 def test_samples_are_averages():
     scene = small()
     fine = render(scene, (64, 48), backend="numpy", bounces=1)
