@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import frames, machine, peers, plot, rays, record, report, rounds, startup, studies
+from benchmarks import frames, functions, machine, peers, plot, rays, record, report, rounds, startup, studies
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
@@ -29,7 +29,11 @@ from raytracer.meshes.shapes import knot
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
 """The names of what is run side by side."""
-STUDIES = studies.STUDIES | {"compiling": startup.compiling, "starting": startup.starting}
+STUDIES = studies.STUDIES | {
+    "compiling": startup.compiling,
+    "starting": startup.starting,
+    "functions": functions.functions,
+}
 """What is measured of ours alone, mostly."""
 
 

@@ -1,0 +1,130 @@
+"""What strict mode's functions cost and how exact they are: each against the target's own, in core-nanoseconds a call.
+
+    python -m benchmarks --only functions
+
+A program calls a function eight times for each element; one that only adds is taken off. Times are of all cores, so
+that others at work matter little, and the least of several calls, strict and relaxed in turns. Errors are the greatest
+over binary32 in a stride, against binary64.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.studies import Table
+from raytracer import Mesh
+from shpy.ir.ops import OPS, TRANSCENDENTALS
+
+CALLS = 8
+ROUNDS = 7
+MODES = ("strict", "relaxed")
+BINARY = ("pow", "atan2")
+REDUCED = 2.0**20
+"""Angles are bounded up to here."""
+
+
+def repeated(function: Callable[..., Any], arguments: int) -> sh.Program:
+    """The program that adds up a function of eight numbers near its input."""
+    if arguments == 2:
+
+        def of_two(x: sh.Attrib1f) -> sh.Attrib1f:
+            total = sh.Attrib1f(0)
+            for n in range(CALLS):
+                total += function(x + n * 0.001, x + 0.5)
+            return total
+
+        return sh.program(of_two)
+
+    def of_one(x: sh.Attrib1f) -> sh.Attrib1f:
+        total = sh.Attrib1f(0)
+        for n in range(CALLS):
+            total += function(x + n * 0.001)
+        return total
+
+    return sh.program(of_one)
+
+
+def named(name: str) -> sh.Program:
+    """The program of one of shpy's functions."""
+    return repeated(getattr(sh, name), 1 + (name in BINARY))
+
+
+def core_seconds(kernel: Any, x: Any) -> float:
+    """Of one call, on all cores together."""
+    start = time.process_time()
+    kernel(x)
+    return time.process_time() - start
+
+
+def times(name: str, backend: str, count: int) -> list[float]:
+    """Core-nanoseconds a call in each of MODES."""
+    low = 1.25 if name == "acosh" else 0.1
+    x = np.linspace(low, low + 0.8, count, dtype=np.float32)
+    empty = repeated(lambda *a: a[0], 1)
+    kernels = [p.compile(backend, math=mode) for p in (named(name), empty) for mode in MODES]  # type: ignore[arg-type]
+    for kernel in kernels:
+        kernel(x)
+    least = [min(found) for found in zip(*([core_seconds(k, x) for k in kernels] for _ in range(ROUNDS)), strict=True)]
+    return [max(0.0, least[k] - least[k + 2]) / count / CALLS * 1e9 for k in range(2)]
+
+
+def greatest_error(name: str, stride: int) -> tuple[float, str]:
+    """In units in the last place, in strict mode, and at which input."""
+    function = getattr(sh, name)
+    bits = np.arange(0, 1 << 32, stride, dtype=np.uint64).astype(np.uint32)
+    x = bits.view(np.float32)
+    kept = np.isfinite(x) & (np.abs(x) >= 2.0**-126)
+    if name in ("sin", "cos", "tan"):
+        kept &= np.abs(x) <= REDUCED
+    x = x[kept]
+    others = ()
+    if name in BINARY:
+        rng = np.random.default_rng(1)
+        x = (rng.uniform(0.5, 2, len(x)) * 2.0 ** rng.integers(-9, 10, len(x))).astype(np.float32)
+        others = ((rng.standard_normal(len(x)) * 9).astype(np.float32),)
+    meaning = OPS[name].meaning
+    assert meaning is not None
+    with np.errstate(all="ignore"):
+        exact = np.asarray(meaning(x.astype(np.float64), *(o.astype(np.float64) for o in others)))
+        found = _program(function, len(others))(x, *others)
+        place = 2.0 ** (np.floor(np.log2(np.maximum(np.abs(exact), 2.0**-126))) - 23)
+        off = np.abs(found.astype(np.float64) - exact) / place
+    off = np.where(np.isfinite(found) & (np.abs(exact) < 3.4e38), off, 0)
+    worst = int(np.argmax(off))
+    return float(off[worst]), ", ".join(f"{v[worst]:.9g}" for v in (x, *others))
+
+
+def _program(function: Callable[..., Any], others: int) -> sh.Program:
+    if others:
+
+        def of_two(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+            return function(x, y)
+
+        return sh.program(of_two)
+
+    def of_one(x: sh.Attrib1f) -> sh.Attrib1f:
+        return function(x)
+
+    return sh.program(of_one)
+
+
+def functions(mesh: Mesh, quick: bool) -> Table:
+    """A row for each function: its bound, the greatest error found, and what it costs in each mode."""
+    available = [b.name for b in sh.backends() if b.available and b.name != "glsl"]
+    stride, count = (65_521, 1 << 16) if quick else (1_021, 1 << 19)
+    rows = []
+    for name in sorted(TRANSCENDENTALS):
+        error, at = greatest_error(name, stride)
+        row = [f"`{name}`", f"{OPS[name].tolerance.ulp:g}", f"{error:.2f}", at]
+        for backend in available:
+            strict, relaxed = times(name, backend, count)
+            row += [f"{strict:.2f}", f"{relaxed:.2f}"]
+        rows.append(row)
+    head = ["function", "bound", "greatest error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
+    note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call."
+    return Table("What strict functions cost", note, head, rows)
