@@ -31,7 +31,8 @@ from shpy.passes.vectorize import vectorize
 __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
 TILE: Final = 32_768
-"""Lanes that run together. Arrays of 128 KiB are as large as malloc keeps: larger ones are mapped anew each time."""
+"""Lanes that run together."""
+_KEPT_MEMORY: Final = 1 << 24
 TARGET: Final = Target("numpy", native=frozenset(OPS), functions=False, vector=True)
 
 
@@ -39,6 +40,11 @@ class NumpyBackend:
     """The backend: see `base.Backend`."""
 
     name = "numpy"
+
+    def __init__(self) -> None:
+        # glibc gives memory back to the system as soon as more than 128 KiB are free, and a tile's arrays would be mapped
+        # anew at every operation. Once a block has been freed it keeps twice as much: nothing is written to this one.
+        np.empty(_KEPT_MEMORY, np.uint8)
 
     def devices(self) -> list[Device]:
         """The processor, by numpy."""
