@@ -43,6 +43,23 @@ def test_examples_run_as_scripts(name, tmp_path):
     assert done.stdout.strip()
 
 
+SHOWN = {
+    "mandelbrot": lambda m, backend: m.draw(60, 40, backend),
+    "planet": lambda m, backend: m.draw(48, 48, backend),
+    "algebra": lambda m, backend: m.draw(40, backend),
+    "blur": lambda m, backend: m.blurred(np.linspace(0, 1, 900, dtype=np.float32).reshape(15, 20, 3), 5, backend),
+    "nbody": lambda m, backend: np.hstack(m.simulation(*m.galaxies(64), 0.01, backend)()),
+    "life": lambda m, backend: m.game(m.r_pentomino(32), backend)(),
+}
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_every_backend_shows_the_same_to_the_last_bit(name):
+    shown = [SHOWN[name](example(name), backend) for backend in ("numpy", "opencl", "glsl")]
+    np.testing.assert_array_equal(shown[0], shown[1])
+    np.testing.assert_array_equal(shown[0], shown[2])
+
+
 @on_every_backend
 def test_mandelbrot(backend):
     m = example("mandelbrot")

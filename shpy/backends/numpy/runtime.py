@@ -42,8 +42,8 @@ class NumpyBackend:
     name = "numpy"
 
     def __init__(self) -> None:
-        # glibc gives memory back to the system as soon as more than 128 KiB are free, and a tile's arrays would be mapped
-        # anew at every operation. Once a block has been freed it keeps twice as much: nothing is written to this one.
+        # glibc gives memory back to the system as soon as more than 128 KiB are free, and a tile's arrays would be
+        # mapped anew at every operation. Once a block was freed it keeps twice as much; nothing is written to this one.
         np.empty(_KEPT_MEMORY, np.uint8)
 
     def devices(self) -> list[Device]:
