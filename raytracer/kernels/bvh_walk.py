@@ -17,7 +17,7 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import FAR, Hit, TriangleTest, farther, higher, lower
+from raytracer.kernels.triangle import FAR, Hit, TriangleTest, farther, higher, is_ray, lower
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -53,7 +53,7 @@ class BvhIntersector:
         hit = Hit(limit)
         box = BoxTest(ray, eye, near, self.margin, self.steepest)
         reach = farther(limit)
-        with SH_IF((near < limit) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
+        with SH_IF((near < limit) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
             self.walk(ray, eye, near, any_hit, box, reach, hit)
         return hit
 

@@ -130,6 +130,12 @@ def same_side(a: Any, b: Any, c: Any) -> Any:
     return (lowest(a, b, c) >= 0) | (highest(a, b, c) <= 0)
 
 
+def is_ray(ray: Any, eye: Any) -> Any:
+    """Whether these are a direction and a place: nothing NaN or infinite, and somewhere to go."""
+    along = abs(ray.x) + abs(ray.y) + abs(ray.z)
+    return (along > 0) & (along + (abs(eye.x) + abs(eye.y) + abs(eye.z)) <= FAR)
+
+
 def inverse_of(ray: Any) -> Any:
     """1 / ray by component, and FAR where a component is too small for that: 0 times it is 0."""
     return sh.clamp(1 / ray, -FAR, FAR)

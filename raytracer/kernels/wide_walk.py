@@ -18,7 +18,7 @@ import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.wide import BASES, BLOCKS_FROM, LEAF, NUMBERS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
-from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, lower, same_side
+from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, is_ray, lower, same_side
 from shpy import SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 ROWS_OF_A_NODE = 8
@@ -53,7 +53,7 @@ class WideIntersector:
         stack = Stack(self.deepest)
         reach = farther(limit) + LEAST
         code = sh.Attrib1i(0)
-        with SH_IF(near < limit), SH_DO():
+        with SH_IF((near < limit) & is_ray(ray, eye)), SH_DO():
             with SH_WHILE(lambda: code >= 0):
                 keys, inner, leaves = node(self.nodes, ROWS_OF_A_NODE * code, reach)
                 for key in keys[:0:-1]:
