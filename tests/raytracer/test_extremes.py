@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from oracle import closest
 
 import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
