@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from benchmarks.work import Work
+from benchmarks.work import TARGETS, Work
 from raytracer import Camera, Intersector, Mesh
 from raytracer.accel.choice import build
+from raytracer.intersector import alike
 from raytracer.kernels.walk import walk_through
+from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layout import triangle_rows
 
 NAMES = ("primary", "primary-any", "secondary", "secondary-any")
@@ -117,14 +119,18 @@ def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
 
 
 def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
-    """What is timed: rays given as arrays."""
-    walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
+    """What is timed: rays given as arrays, with the walk that `Intersector` chooses for such rays."""
+    structure, rows = _structure(mesh)
+    alone = compiled.keywords == TARGETS["opencl"] and not alike(
+        origins.astype(np.float64), directions.astype(np.float64), structure.low[0], structure.high[0]
+    )
+    walk = WideIntersector(structure, rows) if alone else walk_through(structure, rows, compiled.keywords["backend"])
 
     @sh.program
     def secondary(eye: sh.Point3f, ray: sh.Vector3f) -> sh.Attrib1f:
         return _answer(walk(ray, eye, 0.0, sh.Attrib1f(1e30), any_hit), any_hit)
 
-    kernel = compiled(secondary, loop_limit=None)
+    kernel = compiled(secondary, loop_limit=None, **({"lanes": 1} if alone else {}))
     return lambda: kernel(origins, directions)
 
 
