@@ -56,9 +56,12 @@ class WideIntersector:
         with SH_IF((near < limit) & is_ray(ray, eye)), SH_DO():
             with SH_WHILE(lambda: code >= 0):
                 keys, inner, leaves = node(self.nodes, ROWS_OF_A_NODE * code, reach)
-                for key in keys[:0:-1]:
-                    stack.push(key, code_of(key, inner, leaves), key != NONE)
-                code[:] = code_of(keys[0], inner, leaves)
+                codes = [code_of(key, inner, leaves) for key in keys]
+                with SH_IF(keys[2] != NONE):  # more than two are met seldom enough for a branch
+                    stack.push(keys[3], codes[3])
+                    stack.push(keys[2], codes[2])
+                stack.push(keys[1], codes[1])
+                code[:] = codes[0]
                 with SH_IF(keys[0] == NONE):
                     stack.pop(code, reach)
             with SH_IF(code != END):
@@ -85,11 +88,11 @@ class Stack:
         begins[0] = -FAR
         self.codes, self.begins, self.top = codes, begins, top
 
-    def push(self, key: Any, code: Any, really: Any) -> None:
-        """Put a box on the stack, if it `really` is to be there: without a branch, which nobody could foresee."""
+    def push(self, key: Any, code: Any) -> None:
+        """Put a box on the stack if it is met: without a branch, which nobody could foresee."""
         self.codes[self.top] = code
         self.begins[self.top] = sh.float_from_bits(key)
-        self.top += sh.cond(really, 1, 0)
+        self.top += sh.cond(key != NONE, 1, 0)
 
     def pop(self, code: Any, reach: Any) -> None:
         """Take off what begins beyond `reach`, and store the code of the first that does not."""
