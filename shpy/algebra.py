@@ -10,6 +10,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import groupby
+from keyword import iskeyword
 from typing import Any
 
 from shpy.errors import ShpyTypeError
@@ -49,7 +50,7 @@ def _join(parts: list[_Part]) -> Layout:
         return parts[0][1]
     names = tuple(name for name, _ in parts if name is not None)
     if len(names) == len(parts) == len(set(names)):
-        return Group("namedtuple", names, tuple(p for _, p in parts), namedtuple("Outputs", names))
+        return Group("namedtuple", names, tuple(p for _, p in parts), _tuple_class("Outputs", names))
     return Group("tuple", tuple(map(str, range(len(parts)))), tuple(p for _, p in parts))
 
 
@@ -227,9 +228,15 @@ def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
         else:
             inner = _tree(tuple(Port(m.name.partition(".")[2], m.kind) for m in members))
             names = tuple(inner)
-            cls = namedtuple(head, names) if head.isidentifier() else namedtuple("Parts", names)
+            cls = _tuple_class(head, names)
             found[head] = Group("namedtuple", names, tuple(inner.values()), cls)
     return found
+
+
+def _tuple_class(name: str, names: tuple[str, ...]) -> Any:
+    """A class for parts of these names. Any text is a name in the IR; what Python cannot call so is numbered."""
+    make: Any = namedtuple
+    return make(name if name.isidentifier() and not iskeyword(name) else "Parts", names, rename=True)
 
 
 def _class_named(kind: str, base: Any = None, size: int | None = None) -> Any:

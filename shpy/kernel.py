@@ -90,6 +90,7 @@ class Kernel:
         dtypes = host.dtypes_at(self.options.precision)
         inputs = host.streams(recorded.inputs, given, dtypes)
         tables = host.tables(recorded.inputs, given, recorded.tables)
+        self._check_sizes(tables)
         common = host.common_shape(inputs, shape)
         self._check_rank(common)
         targets = host.targets(recorded.output, dtypes, common, out)
@@ -107,6 +108,17 @@ class Kernel:
         for target in targets:
             target.finish()
         return self._result(common, [t.given if t.given is not None else t.array for t in targets], status, out)
+
+    def _check_sizes(self, tables: dict[str, Table]) -> None:
+        """A size that is written down is folded into the text: the data must have it."""
+        for declared in self._recorded.module.tables:
+            shape = tuple(int(n) for n in tables[declared.name].shape)
+            if declared.size not in (None, shape):
+                raise ShpyTypeError(
+                    f"{declared.name} is declared with the shape {declared.size}, and this table has {shape}",
+                    loc=here(),
+                    cure="data of that shape, or a program recorded with a Table of this one",
+                )
 
     def _data(self, table: Table, dtypes: Any) -> Any:
         return table.data(dtypes[table.type.base])

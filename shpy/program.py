@@ -31,6 +31,7 @@ from shpy.ir.nodes import Loc, Module
 from shpy.ir.parser import parse as parse_text
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel
+from shpy.lang.claims import checked
 from shpy.lang.inline import call_recorded
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded, record
@@ -63,9 +64,13 @@ class Program:
 
     @classmethod
     def from_ir(cls, module: Module) -> Program:
-        """Make a module runnable: its tables become inputs. Raises VerifyError for a module that breaks a rule."""
+        """Make a module runnable: its tables become inputs. Raises VerifyError for a module that breaks a rule.
+
+        Whoever wrote it need not be trusted: a loop that does not show that it takes the turns that it promises has a
+        budget (`loop_limit`), and nothing in a name reaches a target as code.
+        """
         verify(module)
-        return cls(algebra.recorded_from(module))
+        return cls(algebra.recorded_from(checked(module)))
 
     @property
     def name(self) -> str:

@@ -21,6 +21,7 @@ from shpy.ir.types import Type
 
 MAX_REGION_DEPTH = 64
 MAX_LOOP_DEPTH = 12
+MAX_ARRAY = 4096
 
 
 @dataclass(frozen=True, slots=True)

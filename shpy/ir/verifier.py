@@ -19,6 +19,7 @@ from typing import NoReturn
 from shpy.errors import VerifyError
 from shpy.ir.nodes import (
     EXITS,
+    MAX_ARRAY,
     MAX_LOOP_DEPTH,
     MAX_REGION_DEPTH,
     Break,
@@ -220,6 +221,13 @@ class _Function:
             self.fail(f"${slot.id} is declared twice" if slot.id >= 0 else "ids count from 0", slot.loc)
         if slot.length is not None and slot.length < 1:
             self.fail("an array has at least one element", slot.loc)
+        if slot.length is not None and slot.length > MAX_ARRAY:
+            # Drivers take minutes, or fall over: every element that runs at the same time has an array of its own.
+            self.fail(
+                f"an array of one element's own has at most {MAX_ARRAY} elements, not {slot.length}",
+                slot.loc,
+                cure="an sh.Table, for data that all elements share",
+            )
         self.scope.variables[slot.id] = slot
 
     def make(self, value: Value) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from shpy.errors import ShpyIndexError, ShpyTypeError
+from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
 from shpy.lang import arithmetic
 from shpy.lang.coerce import Literal
@@ -37,6 +38,12 @@ class Array:
         count = len(values) if values is not None else length
         if not isinstance(count, int) or count < 1:
             raise ShpyTypeError("an Array holds one element or more", loc=here(), cure="sh.Array(sh.Attrib1f, 8)")
+        if count > MAX_ARRAY:
+            raise ShpyTypeError(
+                f"an Array is each element's own and holds at most {MAX_ARRAY}, not {count}",
+                loc=here(),
+                cure="an sh.Table, for data that all elements share",
+            )
         self._frame = frame
         self._length: int = count
         self._layout: Layout = layout_of(type_, "element")

@@ -52,14 +52,16 @@ class Runtime:
     def __init__(self, context: Context) -> None:
         self.context = context
         self.store = Store(context)
-        self._programs: weakref.WeakValueDictionary[str, Program] = weakref.WeakValueDictionary()
+        self._programs: weakref.WeakValueDictionary[tuple[Any, ...], Program] = weakref.WeakValueDictionary()
 
     def build(self, shader: Shader, loc: Loc | None) -> Program:
         """The program of this text; CompileError if the device refuses it, or it reads too many textures."""
-        known = self._programs.get(shader.source)
+        # Two texts may be the same where the names behind them, by which data come, are not.
+        key = (shader.source, shader.inputs, shader.tables, *shader.params.items())
+        known = self._programs.get(key)
         if known is None:
             known = self.context.call(lambda: self._link(shader, loc))
-            self._programs[shader.source] = known
+            self._programs[key] = known
         return known
 
     def _link(self, shader: Shader, loc: Loc | None) -> Program:

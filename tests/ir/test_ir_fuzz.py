@@ -1,0 +1,118 @@
+"""Texts of the IR, broken at random: the parser and the verifier refuse them with an error of their own, or take them.
+
+What they take runs, within its budget of turns, alike on the interpreter and on numpy.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, seed, settings
+from hypothesis import strategies as st
+
+import shpy as sh
+
+ROOT = Path(__file__).parents[2]
+TEXTS = re.findall(r"```ir\n(.*?)```", (ROOT / "docs/ir.md").read_text(), re.DOTALL)
+TOKEN = re.compile(r"[%$][\w.]+|\w+|[^\w\s]|\n|[ ]+")
+TOKENS = sorted({t for text in TEXTS for t in TOKEN.findall(text)})
+WORDS = [
+    "f",
+    "f2",
+    "f4",
+    "i",
+    "u",
+    "b",
+    "d",
+    "h",
+    "b3",
+    "%0",
+    "%1",
+    "%99",
+    "$0",
+    "$1",
+    "0",
+    "1",
+    "-1",
+    "4294967296",
+    "nan",
+]
+
+
+@st.composite
+def broken(draw):
+    """A text with a few tokens or lines left out, doubled, exchanged or replaced."""
+    text = draw(st.sampled_from(TEXTS))
+    pieces = TOKEN.findall(text) if draw(st.booleans()) else text.splitlines(True)
+    for _ in range(draw(st.integers(1, 4))):
+        if not pieces:
+            break
+        at = draw(st.integers(0, len(pieces) - 1))
+        how = draw(st.integers(0, 4))
+        if how == 0:
+            del pieces[at]
+        elif how == 1:
+            pieces.insert(at, pieces[draw(st.integers(0, len(pieces) - 1))])
+        elif how == 2:
+            other = draw(st.integers(0, len(pieces) - 1))
+            pieces[at], pieces[other] = pieces[other], pieces[at]
+        elif how == 3:
+            pieces[at] = draw(st.sampled_from(TOKENS) | st.sampled_from(WORDS))
+        else:
+            pieces[at] = draw(st.text(max_size=4))
+    return "".join(pieces)
+
+
+def check(text: str) -> bool:
+    """Whether the text is a program; then it runs, and the interpreter gives what numpy gives."""
+    try:
+        module = sh.parse(text)
+        assert sh.parse(str(module)) == module
+        program = sh.Program.from_ir(module)
+        inputs = sh.testing.inputs(program, 3)
+        rank = program.compile("numpy", loop_limit=40)._rank
+    except sh.ShpyError:
+        return False
+    shape = (3,) if rank is None else (1,) * (rank - 1) + (3,)
+    sh.testing.assert_equivalent(
+        program, *inputs, backends=["interpreter", "numpy"], loop_limit=40, shape=shape, ulp=16
+    )
+    return True
+
+
+def fuzz(shard: int, examples: int) -> None:
+    taken = []
+
+    @seed(shard)
+    @settings(max_examples=examples, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @given(broken())
+    def run(text):
+        taken.append(check(text))
+
+    run()
+    assert 0 < sum(taken) < len(taken)
+
+
+def test_broken_texts_are_refused_or_run():
+    fuzz(1, 400)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shard", range(100, 110))
+def test_many_broken_texts_are_refused_or_run(shard):
+    fuzz(shard, 2000)
+
+
+@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin1")))
+def test_any_text_is_refused(text):
+    with pytest.raises(sh.ParseError):
+        sh.parse(text)
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda text: text.split()[1])
+def test_the_texts_themselves_are_programs(text):
+    if re.search(r"status\.\d|lane_mask", text):  # what the passes make
+        return
+    assert check(text)
