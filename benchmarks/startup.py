@@ -27,7 +27,8 @@ from shpy.passes.pipeline import prepare
 from shpy.passes.size import count_ops
 
 CHILD = "import sys; from benchmarks.startup import child; child(*sys.argv[1:])"
-RENDER = ["-m", "raytracer.cli", "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
+COMMAND = "import sys; from raytracer.cli import main; sys.exit(main())"
+RENDER = ["-c", COMMAND, "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
 
 
 def branchy(lines: int) -> Any:
@@ -118,6 +119,8 @@ def starting(mesh: Mesh, quick: bool) -> Table:
         with tempfile.TemporaryDirectory() as cache:
             command = [part.format(backend=backend, out=os.path.join(cache, "boxes.png")) for part in RENDER]
             cold, *warm = [_run(command, cache)[1] for _ in range(2 if quick else 4)]
+            if not os.path.exists(command[-1]):
+                raise RuntimeError(f"no picture was made by {command}")
         rows.append([backend, f"{cold:.2f}", f"{min(warm):.2f}"])
     note = "Seconds of `raytracer render boxes --size 256x256` in a new process, Python's own start included."
     return Table("starting", note, ["target", "cold", "warm"], rows)
