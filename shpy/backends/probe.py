@@ -33,27 +33,29 @@ COUNT: Final = 1024
 def hard_inputs() -> tuple[Array, Array]:
     """Two arrays of COUNT positive binary32 numbers; no sum, product, quotient or root of them is a denormal.
 
-    A third each: quotients and roots that lie as close as possible to the middle of two numbers, and random ones.
+    A third each: quotients and roots that lie as close as possible to the middle of two numbers, and others.
     """
-    rng = np.random.default_rng(1)
     third = COUNT // 3
-    divisor = rng.integers(2**23, 2**24, 1 << 13).astype(np.int64)
-    middle = rng.integers(2**24, 2**25, 1 << 13).astype(np.int64) | 1
+    divisor, root = 2**23 + _scattered(0, 23), 2**23 + _scattered(1, 23)
+    middle = 2**24 + _scattered(2, 24) | 1
     product = divisor * middle
     dividend = (product + 2**24) >> 25
     closest = np.argsort(np.abs(product - (dividend << 25)))[:third]
-    root = rng.integers(2**23, 2**24, 1 << 13).astype(np.int64) * 2 + 1
-    square = root * root
+    square = (2 * root + 1) ** 2
     radicand = (square + 2**25) >> 26
     nearest = np.argsort(np.abs(square - (radicand << 26)))[:third]
     rest = COUNT - 2 * third
-    a = np.concatenate(
-        [dividend[closest], radicand[nearest], rng.uniform(1, 2, rest) * 2.0 ** rng.integers(-30, 31, rest)]
-    )
-    b = np.concatenate(
-        [divisor[closest], rng.uniform(1, 2, third), rng.uniform(1, 2, rest) * 2.0 ** rng.integers(-30, 31, rest)]
-    )
+    x, y = ((2**23 + _scattered(n, 23)[:rest]) * 2.0 ** (_scattered(n + 2, 6)[:rest] - 54) for n in (3, 4))
+    a = np.concatenate([dividend[closest], radicand[nearest], x])
+    b = np.concatenate([divisor[closest], root[nearest], y])
     return a.astype(np.float32), b.astype(np.float32)
+
+
+def _scattered(stream: int, bits: int) -> Array:
+    """4,096 whole numbers of so many bits, by PCG's output function; numpy's generators take long to import."""
+    state = (np.arange(1 + 4096 * stream, 4097 + 4096 * stream, dtype=np.uint64) * 747796405 + 2891336453) & 0xFFFFFFFF
+    word = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF
+    return ((word >> 22) ^ word).astype(np.int64) & ((1 << bits) - 1)
 
 
 def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
