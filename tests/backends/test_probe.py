@@ -76,8 +76,8 @@ def test_devices_here_round_correctly() -> None:
 
 def test_the_probe_finds_what_is_off_by_one() -> None:
     a, b = probe.hard_inputs()
-    exact = {"add": a + b, "div": a / b, "sqrt": np.sqrt(a), "convert": np.minimum(a, 2**31 - 1).astype(np.int32)}
-    assert probe.wrong_operations({n: exact[n] for n in ("add", "div", "sqrt")}) == frozenset()
+    exact = {"add": a + b, "div": a / b, "sqrt": np.sqrt(a)}
+    assert probe.wrong_operations(exact) == frozenset()
     reciprocal = a * (np.float32(1) / b)
     assert probe.wrong_operations({"add": exact["add"], "div": reciprocal}) == {"div"}
     assert probe.wrong_operations({"sqrt": np.nextafter(exact["sqrt"], np.float32(0))}) == {"sqrt"}
