@@ -33,6 +33,7 @@ STUDIES = studies.STUDIES | {
     "compiling": startup.compiling,
     "starting": startup.starting,
     "functions": functions.functions,
+    "modes": functions.modes,
 }
 """What is measured of ours alone, mostly."""
 

@@ -1,22 +1,25 @@
 """What strict mode's functions cost and how exact they are: each against the target's own, in core-nanoseconds a call.
 
-    python -m benchmarks --only functions
+    python -m benchmarks --only functions,modes
 
 A program calls a function eight times for each element; one that only adds is taken off. Times are of all cores, so
 that others at work matter little, and the least of several calls, strict and relaxed in turns. Errors are the greatest
-over binary32 in a stride, against binary64.
+over binary32 in a stride, against binary64. `modes` compares whole kernels in the same way.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
+from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.studies import Table
+from benchmarks.work import Work
 from raytracer import Mesh
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 
@@ -128,3 +131,35 @@ def functions(mesh: Mesh, quick: bool) -> Table:
     head = ["function", "bound", "greatest error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
     note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call."
     return Table("What strict functions cost", note, head, rows)
+
+
+KERNELS = (mandelbrot, nbody, polynomial, shader, spheres, blur)
+
+
+def of_kernel(work: Work, target: str, size: int) -> list[float]:
+    """Core-seconds of our version in each of MODES, in turns."""
+    version: Any = work.versions[target]
+    inputs = work.inputs(size)
+    runs = [version.func(partial(version.args[0], math=mode), *inputs) for mode in MODES]
+    least = [float("inf")] * len(runs)
+    for turn in range(ROUNDS):
+        for k, run in enumerate(runs):
+            start = time.process_time()
+            run()
+            if turn:  # the first compiles
+                least[k] = min(least[k], time.process_time() - start)
+    return least
+
+
+def modes(mesh: Mesh, quick: bool) -> Table:
+    """A row for each kernel: how many times relaxed mode's time strict mode takes."""
+    available = [b.name for b in sh.backends() if b.available]
+    rows = []
+    for work in (module.WORK for module in KERNELS):
+        row = [work.name]
+        for target in available:
+            strict, relaxed = of_kernel(work, target, work.quick if quick or target != "opencl" else work.size)
+            row.append(f"{strict / relaxed:.2f}")
+        rows.append(row)
+    note = "Core time in strict mode, in multiples of that in relaxed mode."
+    return Table("What strict mode costs", note, ["kernel", *available], rows)
