@@ -20,6 +20,7 @@ from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.exits import make_exits_explicit
 from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
+from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
 from shpy.passes.precision import Precision, set_precision
@@ -115,7 +116,7 @@ def optimise(module: Module, *, fixed: bool = True) -> Module:
     """The same module, simpler. `fixed` says that its working precision is: without it, f is not computed with."""
     for _ in range(_ROUNDS):
         before = _control(module := promote(module))
-        module = fold(module, fixed=fixed)
+        module = inline_independent(fold(module, fixed=fixed))
         if _control(module) == before:
             break
     return remove_dead(merge_common(module))

@@ -1,0 +1,72 @@
+"""A pure function whose result does not depend on its arguments is put where it is called.
+
+Stage: improve, once functions are simple. Takes and gives a module. What folds to a constant in a function is then one
+outside as well; and no pass or printer has to ask whether the result of a call with varying arguments varies.
+
+    pure function f(%a.0: f) -> ($0: f) {
+      %1: f = const 0x1p+0                           |
+      store $0 = %1                           ->     |   %9: f = const 0x1p+0
+    }                                                |
+    %9: f = call f(%8)                               |
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Function, Let, Module, Stmt, Store
+from shpy.ir.traverse import rewrite, walk
+
+__all__ = ["inline_independent"]
+
+
+def inline_independent(module: Module) -> Module:
+    """The module without calls of such functions; the same object if there is none."""
+    found: dict[str, tuple[Let, ...]] = {}
+    functions = []
+    for function in module.functions:
+        changed = _inlined(function, found) if found else function
+        functions.append(changed)
+        needed = _independent(changed)
+        if needed:
+            found[function.name] = needed
+    same = all(a is b for a, b in zip(functions, module.functions, strict=True))
+    return module if same else replace(module, functions=tuple(functions))
+
+
+def _independent(function: Function) -> tuple[Let, ...]:
+    """What makes the result, the result last, if no input has a part in it; else nothing."""
+    lets = {s.value.id: s for s in function.body if isinstance(s, Let)}
+    stores = [s for s in walk(function.body) if isinstance(s, Store)]
+    if not function.pure or len(stores) != 1 or len(lets) + 1 != len(function.body) or stores[0].components:
+        return ()
+    needed: list[Let] = []
+    pending = [stores[0].value]
+    while pending:
+        let = lets.get(pending.pop())
+        if let is None or let.op in ("load", "grid_index"):
+            return ()
+        needed.append(let)
+        pending.extend(let.args)
+    order = {id: n for n, id in enumerate(lets)}
+    return tuple(sorted({let.value.id: let for let in needed}.values(), key=lambda let: order[let.value.id]))
+
+
+def _inlined(function: Function, found: dict[str, tuple[Let, ...]]) -> Function:
+    b = Builder(function=function)
+
+    def change(s: Stmt) -> Stmt | tuple[Stmt, ...]:
+        if not (isinstance(s, Let) and s.op == "call" and s.attr in found):
+            return s
+        fresh: dict[int, int] = {}
+        made: list[Stmt] = []
+        *before, last = found[str(s.attr)]
+        for let in before:
+            value = b.value(let.value.type, let.value.name, s.value.loc)
+            fresh[let.value.id] = value.id
+            made.append(replace(let, value=value, args=tuple(fresh[a] for a in let.args)))
+        return (*made, replace(last, value=s.value, args=tuple(fresh[a] for a in last.args)))
+
+    body = rewrite(function.body, change)
+    return function if body is function.body else replace(function, body=body)
