@@ -141,13 +141,17 @@ class Tradeoff:
         """Draw time against error with the frontier and the budget; JSON of the same name goes beside it."""
         plt = pyplot()
         figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
-        for c in self.candidates:
-            error = max(c.error, 1e-3 if self.budget.unit == "ulp" else 1e-9)
-            (dot,) = axes.plot(c.ns, error, "o", fillstyle="full" if c.held else "none")
-            axes.annotate(str(c), (c.ns, error), fontsize=7, xytext=(4, 4), textcoords="offset points")
-            axes.plot(c.spread, (error, error), "-", color=dot.get_color(), linewidth=1)
+        least = 1e-3 if self.budget.unit == "ulp" else 1e-9
         front = [c for c in self.frontier if np.isfinite(c.error)]
-        axes.plot([c.ns for c in front], [c.error for c in front], ":", color="grey")
+        for c in self.candidates:
+            error = max(c.error, least)
+            (dot,) = axes.plot(c.ns, error, "o", fillstyle="full" if c.held else "none", label=str(c))
+            axes.plot(c.spread, (error, error), "-", color=dot.get_color(), linewidth=1)
+            if c in front:
+                axes.annotate(str(c), (c.ns, error), fontsize=8, xytext=(6, 6), textcoords="offset points")
+        axes.plot([c.ns for c in front], [max(c.error, least) for c in front], ":", color="grey")
+        if len(self.candidates) <= 30:
+            axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1, 0.5))
         axes.axhline(self.budget.limit, color="black", linewidth=0.5)
         axes.set(xscale="log", yscale="log", xlabel="ns per element", ylabel=f"largest error, {self.budget.unit}")
         axes.set_title(f"{self.program}: time against error")
