@@ -187,9 +187,35 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray(total)
 
 
+RANGES: dict[str, tuple[float, float, float]] = {
+    "f": (2.0**-50, 2.0**62, 2.0**100),
+    "d": (2.0**-450, 2.0**500, 2.0**700),
+}
+"""Of binary32 and binary64: components below and above which squares lose bits, and by what those are scaled."""
+
+
+def in_range(squares: Array) -> bool:
+    """Whether every sum of squares is one that no scaling would change."""
+    low, high, _ = RANGES[squares.dtype.char]
+    return bool(np.all((squares >= 4 * low * low) & (squares <= high * high)))
+
+
+def _scale(v: Array) -> Array:
+    """A power of two by which v can be squared: 1 but for very large and very small vectors."""
+    size = np.abs(v)
+    largest = size if v.ndim == 0 else np.max(size, axis=0)
+    low, high, factor = RANGES[v.dtype.char]
+    return np.where(largest > high, 1 / factor, np.where(largest < low, factor, 1.0)).astype(v.dtype)
+
+
 def length(v: Array) -> Array:
-    """sqrt(dot(v, v))."""
-    return np.sqrt(dot(v, v))
+    """sqrt(dot(v, v)), also where the squares would overflow or vanish."""
+    squares = dot(v, v)
+    if in_range(squares):
+        return np.sqrt(squares)
+    scale = _scale(v)
+    scaled = v * scale
+    return np.asarray(np.sqrt(dot(scaled, scaled)) / scale)
 
 
 def distance(a: Array, b: Array) -> Array:
@@ -199,7 +225,8 @@ def distance(a: Array, b: Array) -> Array:
 
 def normalize(v: Array) -> Array:
     """v / length(v); zero for the zero vector."""
-    size = length(v)
+    v = np.asarray(v * _scale(v))
+    size = np.sqrt(dot(v, v))
     return np.where(size > 0, v / np.where(size > 0, size, np.asarray(1, dtype=v.dtype)), np.asarray(0, dtype=v.dtype))
 
 

@@ -146,7 +146,7 @@ _op("float_from_bits", "u: T -> F", lambda x: x.view(np.float32), "the binary32 
 # Geometry
 _op("dot", "f: T T -> S", m.in_f32(m.dot), "summed from the first component on")
 _op("cross", "f: V3 V3 -> V3", m.in_f32(m.cross), "")
-_op("length", "f: T -> S", m.in_f32(m.length), "sqrt(dot(v, v))")
+_op("length", "f: T -> S", m.in_f32(m.length), "sqrt(dot(v, v)), scaled where squares would overflow or vanish")
 _op("distance", "f: T T -> S", m.in_f32(m.distance), "length(a - b)")
 _op("normalize", "f: T -> T", m.in_f32(m.normalize), "v / length(v); 0 for the zero vector")
 _op("reflect", "f: T T -> T", m.in_f32(m.reflect), "i - 2 * dot(n, i) * n")

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 
+from shpy.ir.meaning import RANGES
 from shpy.ir.nodes import Function, Module
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
@@ -68,8 +69,19 @@ def _cross(a: Term, b: Term) -> Term:
     return a.pick(1, 2, 0) * b.pick(2, 0, 1) - a.pick(2, 0, 1) * b.pick(1, 2, 0)
 
 
+def _scales(v: Term) -> tuple[Term, Term]:
+    """By what v can be squared, a power of two, and what undoes it: 1 but for very large and very small vectors."""
+    low, high, factor = RANGES["d" if v.type.base is Base.D else "f"]
+    largest = reduce(lambda a, b: a.op("max", b), [v[k].op("abs") for k in range(v.type.size)]).named("largest")
+    one, up, down = v[0].constant(1), v[0].constant(factor), v[0].constant(1 / factor)
+    large, small = largest > high, largest < low
+    return where(large, down, where(small, up, one)), where(large, up, where(small, down, one))
+
+
 def _length(v: Term) -> Term:
-    return v.op("dot", v).op("sqrt")
+    scale, back = _scales(v)
+    scaled = (v * scale).named("scaled")
+    return scaled.op("dot", scaled).op("sqrt") * back
 
 
 def _distance(a: Term, b: Term) -> Term:
@@ -77,8 +89,9 @@ def _distance(a: Term, b: Term) -> Term:
 
 
 def _normalize(v: Term) -> Term:
-    size = v.op("length").named("size")
-    return where(size > 0, v / where(size > 0, size, size.constant(1)), v.constant(0))
+    scaled = (v * _scales(v)[0]).named("scaled")
+    size = scaled.op("dot", scaled).op("sqrt").named("size")
+    return where(size > 0, scaled / where(size > 0, size, size.constant(1)), v.constant(0))
 
 
 def _reflect(i: Term, n: Term) -> Term:

@@ -123,9 +123,9 @@ def clamp(x: Any, low: Any, high: Any) -> Array:
 
 
 def normalize(v: Array) -> Array:
-    """The op `normalize`, by a division alone where no vector is zero."""
-    size = meaning.length(v)
-    return v / size if (size > 0).all() else meaning.normalize(v)
+    """The op `normalize`, by a division alone where no vector is zero, or too large or small to be squared."""
+    squares = meaning.dot(v, v)
+    return v / np.sqrt(squares) if meaning.in_range(squares) else meaning.normalize(v)
 
 
 def few(live: Array) -> bool:

@@ -9,14 +9,13 @@ float dot3(float3 a, float3 b) {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-float length3(float3 v) {
-    return sqrt(dot3(v, v));
-}
-
 float3 normalize3(float3 v) {
-    float size = length3(v);
-    bool t = size > 0.0f;
-    return t ? v / (t ? size : 1.0f) : (float3)(0.0f);
+    float largest = sh_max(sh_max(fabs(v.x), fabs(v.y)), fabs(v.z));
+    float3 t = (float3)(largest > 4.611686e+18f ? 7.888609e-31f : (largest < 8.881784e-16f ? 1.2676506e+30f : 1.0f));
+    float3 scaled = v * t;
+    float size = sqrt(dot3(scaled, scaled));
+    bool t2 = size > 0.0f;
+    return t2 ? scaled / (t2 ? size : 1.0f) : (float3)(0.0f);
 }
 
 __kernel void lit(  // snapshot_programs.py:137

@@ -28,15 +28,12 @@ float dot3(precise vec3 a, precise vec3 b) {
     return result;
 }
 
-float length3(precise vec3 v) {
-    precise float result = sqrt(dot3(v, v));
-    return result;
-}
-
 vec3 normalize3(precise vec3 v) {
-    precise float size = length3(v);
+    precise float largest = sh_max(sh_max(abs(v.x), abs(v.y)), abs(v.z));
+    precise vec3 scaled = v * (largest > 4.611686e+18 ? 7.888609e-31 : (largest < 8.881784e-16 ? 1.2676506e+30 : 1.0));
+    precise float size = sqrt(dot3(scaled, scaled));
     precise bool t = size > 0.0;
-    precise vec3 result = t ? v / (t ? size : 1.0) : vec3(0.0);
+    precise vec3 result = t ? scaled / (t ? size : 1.0) : vec3(0.0);
     return result;
 }
 
