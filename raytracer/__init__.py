@@ -13,6 +13,7 @@ from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.renderer import Renderer, render
 from raytracer.scene import Scene
+from raytracer.trade import tradeoff
 
 __all__ = [
     "Camera",
@@ -27,4 +28,5 @@ __all__ = [
     "Scene",
     "SceneError",
     "render",
+    "tradeoff",
 ]

@@ -1,7 +1,8 @@
-"""The command `raytracer`: render a scene to a file, list the built-in scenes, say what is installed.
+"""The command `raytracer`: render a scene to a file, trade time for error, list scenes, say what is installed.
 
 raytracer render bunny.obj -o bunny.png
 raytracer render mixed --size 1024x768 --backend opencl --bounces 3 --samples 4
+raytracer tradeoff mixed --error 0.5 -o tradeoff.png
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from raytracer.image import Image, writer
 from raytracer.renderer import Progress, render
 from raytracer.scene import Scene
 from raytracer.scenes import SCENES
+from raytracer.trade import tradeoff
 
 _PATIENCE = 2.0
 """Seconds until a progress bar appears."""
@@ -50,7 +52,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--bounces", type=int, default=3, help="how often a ray may be mirrored (3)")
     command.add_argument("--samples", type=int, default=1, help="rays for each pixel: 1, 4, 9, 16, ... (1)")
     command.add_argument("--accel", choices=ACCELERATORS, default="bvh", help="how rays find triangles (bvh)")
+    command.add_argument("--error", type=float, help="render the fastest variant within this error, in 255ths")
     command.set_defaults(run=_render)
+    command = commands.add_parser("tradeoff", help="time and error of every variant of a scene, and the one to take")
+    command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
+    command.add_argument("--error", type=float, default=1.0, help="root mean square error allowed, in 255ths (1)")
+    command.add_argument("-o", "--output", type=Path, help="draw time against error there; JSON goes beside it")
+    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    command.add_argument("--bounces", type=int, default=3, help="how often the reference's rays may be mirrored (3)")
+    command.set_defaults(run=_tradeoff)
     command = commands.add_parser("scenes", help="list the built-in scenes")
     command.set_defaults(run=_scenes)
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
@@ -77,9 +87,25 @@ def _render(options: argparse.Namespace) -> int:
             bounces=options.bounces,
             samples=options.samples,
             accel=options.accel,
+            max_error=options.error,
             progress=progress,
         )
+    if image.stats.picked:
+        print(f"within {options.error:g}/255: {image.stats.picked}")
     print(f"{image.save(output)}: {_summary(image)}")
+    return 0
+
+
+def _tradeoff(options: argparse.Namespace) -> int:
+    scene = find_scene(options.scene)
+    with progress_bar(f"{scene.name}: variants") as progress:
+        found = tradeoff(
+            scene, max_error=options.error, backend=options.backend, bounces=options.bounces, progress=progress
+        )
+    print(found.table())
+    if options.output is not None:
+        found.plot(options.output)
+    print(f"within {options.error:g}/255: {found.pick.variant}")
     return 0
 
 

@@ -25,9 +25,18 @@ from raytracer.errors import SceneError
 Array = NDArray[Any]
 
 
+def encoded(pixels: Array) -> Array:
+    """Linear RGB (..., 3), clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1), in binary64."""
+    linear = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
 @dataclass(frozen=True, slots=True)
 class Stats:
-    """What a rendering took: times in seconds, rays and triangles in numbers, `features` what the kernel contains."""
+    """What a rendering took: times in seconds, rays and triangles in numbers, `features` what the kernel contains.
+
+    `picked` is the variant that `max_error` chose, if it was given.
+    """
 
     backend: str
     seconds: float
@@ -37,6 +46,7 @@ class Stats:
     rays: int
     triangles: int
     features: Mapping[str, bool | int] = field(default_factory=dict)
+    picked: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +68,7 @@ class Image:
     @property
     def srgb(self) -> NDArray[np.uint8]:
         """The pixels as sRGB bytes (IEC 61966-2-1), clipped to [0, 1]."""
-        linear = np.clip(np.nan_to_num(self.pixels.astype(np.float64)), 0, 1)
-        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        return np.asarray(np.rint(encoded * 255), dtype=np.uint8)
+        return np.asarray(np.rint(encoded(self.pixels) * 255), dtype=np.uint8)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); gives the path.

@@ -8,9 +8,10 @@ Stage: render. A `Renderer` keeps the compiled kernel of one scene; `render` mak
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import time
 from collections.abc import Callable
+from math import isqrt
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ class Renderer:
         backend: str | None = None,
         bounces: int = 3,
         precision: str = "f32",
+        math: str = "strict",
         accel: str = "bvh",
     ) -> None:
         if isinstance(bounces, bool) or not isinstance(bounces, int) or not 0 <= bounces <= 64:
@@ -67,7 +69,7 @@ class Renderer:
         self.program = eye_rays(tracer)
         recorded = time.perf_counter()
         # No budget of turns: each turn of the walk leaves a triangle or a cell behind, each of the tracer's a ray.
-        self.kernel = self.program.compile(self.backend, precision=precision, loop_limit=None)
+        self.kernel = self.program.compile(self.backend, precision=precision, math=math, loop_limit=None)
         self.record_seconds = recorded - started
         self.compile_seconds = time.perf_counter() - recorded
 
@@ -81,7 +83,7 @@ class Renderer:
     ) -> Image:
         """A picture of `size` = (width, height) pixels; see `render`."""
         width, height = _checked(size)
-        fine = math.isqrt(samples) if isinstance(samples, int) and samples > 0 else 0
+        fine = isqrt(samples) if isinstance(samples, int) and samples > 0 else 0
         if fine < 1 or fine * fine != samples or fine > 8:
             raise SceneError(f"samples is a square number from 1 to 64, not {samples!r}")
         started = time.perf_counter()
@@ -161,17 +163,32 @@ def render(
     bounces: int = 3,
     samples: int = 1,
     precision: str = "f32",
+    math: str = "strict",
     accel: str = "bvh",
+    max_error: float | None = None,
     progress: Progress | None = None,
 ) -> Image:
     """The picture of a scene from its camera, `size` = (width, height) pixels.
 
     `bounces` is how often a ray may be mirrored; `samples` how many rays there are for each pixel, a square number,
-    on a regular grid (colours are averaged, the other layers show the middle one); `accel` is "bvh",
-    "grid" or "brute", which differ in time alone. An empty scene shows its background. Raises SceneError for sizes and
-    numbers that make no picture and for another accelerator, sh.BackendUnavailable for a backend that is not there.
+    on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are those of
+    `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone. An empty scene shows its
+    background.
+
+    With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
+    rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
+
+    Raises SceneError for sizes and numbers that make no picture, for another accelerator, and for an error that no
+    variant keeps; sh.BackendUnavailable for a backend that is not there.
     """
-    renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, accel=accel)
+    if max_error is not None and scene.triangles:
+        from raytracer.trade import tradeoff
+
+        variant = tradeoff(scene, max_error=max_error, backend=backend, bounces=bounces).pick.variant
+        chosen = Renderer(scene, backend=backend, **dataclasses.asdict(variant))
+        image = chosen.render(size, samples=samples, progress=progress)
+        return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))
+    renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, math=math, accel=accel)
     return renderer.render(size, samples=samples, progress=progress)
 
 

@@ -1,0 +1,257 @@
+"""Time against error for one scene: every way of rendering it that there is, and the fastest that is close enough.
+
+Stage: measure. A picture in f64 is the reference. The variants are precision, math mode, accelerator and number of
+bounces; each is rendered small, from the scene's camera and, as a check on pixels that the choice was not made on, from
+beside it.
+
+    t = tradeoff(Scene.builtin("boxes"), max_error=1.0, backend="opencl")
+    print(t.table())
+    t.pick.variant                    # Variant(precision='f32', math='fast', accel='bvh', bounces=1)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from raytracer.accel.choice import ACCELERATORS
+from raytracer.camera import Camera
+from raytracer.errors import SceneError
+from raytracer.image import Image, encoded
+from raytracer.renderer import Renderer
+from raytracer.scene import Scene
+
+__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "tradeoff"]
+
+Told = Callable[[int, int], None]
+"""Called with the variants that are done and all variants."""
+
+SIZE = (160, 120)
+"""Pixels of the pictures that are compared."""
+ROUNDS = 5
+_MARKERS = "os^DvPX*"
+"""In plots a sign for each kind of arithmetic and accelerator; bounces are colours."""
+_BRUTE = 2_000
+"""Triangles up to which every ray tries every triangle, as a variant and for the reference."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One way to render a scene: the arguments of `render`."""
+
+    precision: str
+    math: str
+    accel: str
+    bounces: int
+
+    def __str__(self) -> str:
+        return f"{self.precision} {self.math} {self.accel}, {self.bounces} bounces"
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A variant and what it was measured to do.
+
+    `seconds` of a picture of SIZE, the median of the rounds, and `spread`, their quartiles; `error` (see `errors`) and
+    `unseen`, the same from beside the camera.
+    """
+
+    variant: Variant
+    seconds: float
+    spread: tuple[float, float]
+    error: dict[str, float]
+    unseen: dict[str, float]
+
+    @property
+    def worst(self) -> float:
+        """The larger of the two root mean square errors, in 255ths."""
+        return max(self.error["rmse"], self.unseen["rmse"])
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """Every candidate, fastest first, and what could not be run with the reason."""
+
+    scene: str
+    backend: str
+    max_error: float
+    candidates: tuple[Candidate, ...]
+    skipped: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def frontier(self) -> tuple[Candidate, ...]:
+        """The candidates than which none is both faster and closer, fastest first."""
+        found: list[Candidate] = []
+        for candidate in self.candidates:
+            if not found or candidate.worst < found[-1].worst:
+                found.append(candidate)
+        return tuple(found)
+
+    @property
+    def pick(self) -> Candidate:
+        """The fastest candidate whose error is at most `max_error`; SceneError if there is none."""
+        for candidate in self.candidates:
+            if candidate.worst <= self.max_error:
+                return candidate
+        nearest = min(self.candidates, key=lambda c: c.worst)
+        raise SceneError(
+            f"no variant is within {self.max_error:g}/255: "
+            f"the closest, {nearest.variant}, is {nearest.worst:.3g}/255 off"
+        )
+
+    def table(self) -> str:
+        """The candidates as text: `*` marks the frontier, `>` the pick."""
+        front, picked = (
+            {id(c) for c in self.frontier},
+            next((c for c in self.candidates if c.worst <= self.max_error), None),
+        )
+        lines = [f"{self.scene} on {self.backend}, {SIZE[0]} x {SIZE[1]}; errors in 255ths against f64"]
+        lines.append(f"  {'variant':32}{'ms':>9}{'spread':>16}{'rmse':>9}{'max':>9}{'> 1/255':>9}{'other object':>14}")
+        for c in self.candidates:
+            mark = ">" if c is picked else "*" if id(c) in front else " "
+            spread = f"{1e3 * c.spread[0]:.1f} to {1e3 * c.spread[1]:.1f}"
+            lines.append(
+                f"{mark} {c.variant!s:32}{1e3 * c.seconds:9.1f}{spread:>16}{c.worst:9.3g}{c.error['max']:9.3g}"
+                f"{c.error['off']:9.2%}{c.error['objects']:14.2%}"
+            )
+        return "\n".join([*lines, *(f"  not run: {what}: {why}" for what, why in self.skipped)])
+
+    def json(self) -> dict[str, Any]:
+        """Every candidate, for `json.dump`."""
+        rows = [dataclasses.asdict(c) | {"frontier": c in self.frontier} for c in self.candidates]
+        return {"scene": self.scene, "backend": self.backend, "max_error": self.max_error, "candidates": rows}
+
+    def plot(self, path: str | Path) -> None:
+        """Draw time against error, the frontier and the budget; JSON of the same name goes beside it."""
+        try:
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise SceneError("plots need matplotlib: pip install 'shpy-dsl[accuracy]'") from error
+        figure = Figure(figsize=(9, 6), layout="constrained")
+        axes = figure.add_subplot()
+        kinds = sorted({(c.variant.precision, c.variant.math, c.variant.accel) for c in self.candidates})
+        for c in sorted(self.candidates, key=lambda c: str(c.variant)):
+            v = c.variant
+            marker = _MARKERS[kinds.index((v.precision, v.math, v.accel)) % len(_MARKERS)]
+            at = 1e3 * c.seconds, max(c.worst, 1e-6)
+            axes.plot(*at, marker, color=f"C{v.bounces % 10}", label=str(v), alpha=0.8)
+        front = [(1e3 * c.seconds, max(c.worst, 1e-6)) for c in self.frontier]
+        axes.plot(*zip(*front, strict=True), "-", color="grey", zorder=0)
+        axes.axhline(self.max_error, linestyle=":", color="black")
+        axes.set(xscale="log", yscale="log", xlabel="ms a picture", ylabel="root mean square error, 255ths")
+        axes.set_title(f"{self.scene} on {self.backend}: time against error")
+        axes.legend(fontsize=7)
+        path = Path(path)
+        waiting = path.with_name(f".{path.name}")
+        figure.savefig(waiting, format=path.suffix[1:] or "png", dpi=120)
+        waiting.replace(path)
+        beside = path.with_suffix(".json")
+        waiting = beside.with_name(f".{beside.name}")
+        waiting.write_text(json.dumps(self.json(), indent=1))
+        waiting.replace(beside)
+
+
+def errors(image: Image, reference: Image) -> dict[str, float]:
+    """How far a picture is from another, as sRGB in 255ths.
+
+    `rmse` is the root mean square over all channels, `max` the largest; `off` the share of pixels that are more than
+    1/255 off in a channel, `objects` of those that show another object.
+    """
+    off = 255 * np.abs(encoded(image.pixels) - encoded(reference.pixels))
+    return {
+        "rmse": float(np.sqrt(np.mean(off**2))),
+        "max": float(off.max()),
+        "off": float((off.max(axis=-1) > 1).mean()),
+        "objects": float((image.object_id != reference.object_id).mean()),
+    }
+
+
+def tradeoff(
+    scene: Scene, *, max_error: float = 1.0, backend: str | None = None, bounces: int = 3, progress: Told | None = None
+) -> Tradeoff:
+    """Measure every variant of rendering `scene` on one backend.
+
+    `max_error` is the root mean square error that is allowed, in 255ths of sRGB; the reference has `bounces`. Raises
+    SceneError for a scene without triangles, and for an error that is not positive.
+    """
+    if not max_error > 0:
+        raise SceneError(f"max_error is a positive number of 255ths, not {max_error!r}")
+    if not scene.triangles:
+        raise SceneError(f"{scene.name} has no triangles: there is nothing to trade")
+    backend = backend or sh.default_backend()
+    cameras = (scene.camera, beside(scene.camera))
+    references = [_reference(scene, backend, bounces).render(SIZE, camera=camera) for camera in cameras]
+    variants = list(_variants(scene, bounces))
+    made: list[tuple[Variant, Renderer]] = []
+    skipped = []
+    for done, variant in enumerate(variants):
+        if progress is not None:
+            progress(done, len(variants))
+        try:
+            made.append((variant, Renderer(scene, backend=backend, **dataclasses.asdict(variant))))
+        except sh.CompileError as error:
+            skipped.append((str(variant), error.message))
+    if progress is not None:
+        progress(len(variants), len(variants))
+    candidates = [_candidate(v, r, t, cameras, references) for (v, r), t in zip(made, _times(made), strict=True)]
+    candidates.sort(key=lambda c: c.seconds)
+    return Tradeoff(scene.name, backend, max_error, tuple(candidates), tuple(skipped))
+
+
+def beside(camera: Camera | None) -> Camera:
+    """The camera a little to the side and farther off, looking at the same place."""
+    assert camera is not None  # a scene frames one if it has none
+    sight = np.subtract(camera.position, camera.target)
+    side = np.cross(sight, camera.up)
+    x, y, z = (
+        np.add(camera.position, 0.15 * side / np.linalg.norm(side) * np.linalg.norm(sight) + 0.05 * sight)
+    ).tolist()
+    return dataclasses.replace(camera, position=(x, y, z))
+
+
+def _variants(scene: Scene, bounces: int) -> list[Variant]:
+    """All combinations that may differ: a scene in which nothing mirrors has one number of bounces."""
+    mirrors = any(mesh.material.reflectivity > 0 for mesh in scene.meshes)
+    numbers = range(bounces + 1) if mirrors else (0,)
+    accelerators = [a for a in ACCELERATORS if a != "brute" or scene.triangles <= _BRUTE]
+    modes = [("f32", "strict"), ("f32", "relaxed"), ("f32", "fast"), ("f64", "strict"), ("f16", "strict")]
+    made = [Variant(p, m, "bvh", n) for (p, m), n in itertools.product(modes, numbers)]
+    return made + [Variant("f32", "strict", a, bounces if mirrors else 0) for a in accelerators if a != "bvh"]
+
+
+def _reference(scene: Scene, backend: str, bounces: int) -> Renderer:
+    """The picture in f64: on the backend, or on numpy where that has none."""
+    accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # which differ in time alone
+    try:
+        return Renderer(scene, backend=backend, bounces=bounces, precision="f64", accel=accel)
+    except sh.CompileError:
+        return Renderer(scene, backend="numpy", bounces=bounces, precision="f64", accel=accel)
+
+
+def _times(made: Sequence[tuple[Variant, Renderer]]) -> list[list[float]]:
+    """Seconds of each renderer, in turns, after one that is not counted."""
+    taken: list[list[float]] = [[] for _ in made]
+    for turn in range(ROUNDS + 1):
+        for seconds, (_, renderer) in zip(taken, made, strict=True):
+            started = time.perf_counter()
+            renderer.render(SIZE)
+            if turn:
+                seconds.append(time.perf_counter() - started)
+    return taken
+
+
+def _candidate(
+    variant: Variant, renderer: Renderer, taken: list[float], cameras: Sequence[Any], references: Sequence[Image]
+) -> Candidate:
+    low, middle, high = np.percentile(taken, [25, 50, 75]).tolist()
+    found = [errors(renderer.render(SIZE, camera=c), r) for c, r in zip(cameras, references, strict=True)]
+    return Candidate(variant, middle, (low, high), found[0], found[1])

@@ -1,0 +1,113 @@
+"""Variants of a scene, what they cost and how far off they are, and which one is taken."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from raytracer import Material, PointLight, Scene, SceneError, render, trade, tradeoff
+from raytracer.cli import main
+from raytracer.meshes.shapes import box, floor
+from raytracer.trade import Candidate, Tradeoff, Variant, beside, errors
+
+LIGHT = PointLight((2, 4, 3))
+
+
+@pytest.fixture(autouse=True)
+def _quickly(monkeypatch):
+    monkeypatch.setattr(trade, "SIZE", (24, 16))
+    monkeypatch.setattr(trade, "ROUNDS", 1)
+
+
+def mirrors():
+    return Scene([box(), floor(8, Material(reflectivity=0.6))], [LIGHT], name="mirrors")
+
+
+def candidate(seconds, error, name="strict"):
+    found = {"rmse": error, "max": error, "off": 0.0, "objects": 0.0}
+    return Candidate(Variant("f32", name, "bvh", 1), seconds, (seconds, seconds), found, {**found, "rmse": error / 2})
+
+
+def test_errors_are_those_of_the_bytes_of_a_picture():
+    image = render(mirrors(), (6, 4), backend="numpy")
+    assert errors(image, image) == {"rmse": 0, "max": 0, "off": 0, "objects": 0}
+    pixels, objects = image.pixels.copy(), image.object_id.copy()
+    pixels[1, 2] = 0
+    objects[0, :3] += 1
+    other = dataclasses.replace(image, pixels=pixels, object_id=objects)
+    off = image.srgb[1, 2].astype(float)
+    found = errors(other, image)
+    assert found["max"] == pytest.approx(off.max(), abs=0.5)
+    assert found["rmse"] == pytest.approx(np.sqrt((off**2).sum() / 72), rel=0.02)
+    assert found["off"] == pytest.approx(1 / 24)
+    assert found["objects"] == pytest.approx(3 / 24)
+
+
+def test_the_fastest_within_the_error_is_taken_and_what_is_unseen_counts():
+    slow, fast, far = candidate(3.0, 0.1), candidate(2.0, 0.4), candidate(1.0, 9.0)
+    hidden = dataclasses.replace(candidate(0.5, 0.0), unseen={**far.error})
+    t = Tradeoff("s", "numpy", 0.5, (hidden, far, fast, slow))
+    assert t.pick is fast
+    assert t.frontier == (hidden, fast, slow)
+    with pytest.raises(SceneError, match=r"within 0.01/255: the closest, f32 strict bvh, 1 bounces, is 0.1"):
+        _ = dataclasses.replace(t, max_error=0.01).pick
+    lines = t.table().splitlines()
+    assert [line[0] for line in lines[2:]] == ["*", " ", ">", "*"]
+
+
+def test_every_variant_of_a_scene_is_measured():
+    t = tradeoff(mirrors(), max_error=0.5, backend="numpy", bounces=1)
+    assert {c.variant.bounces for c in t.candidates} == {0, 1}
+    assert {c.variant.precision for c in t.candidates} == {"f16", "f32", "f64"}
+    assert {c.variant.accel for c in t.candidates} == {"bvh", "grid", "brute"}
+    by = {c.variant: c for c in t.candidates}
+    assert by[Variant("f64", "strict", "bvh", 1)].worst == 0
+    assert by[Variant("f32", "strict", "bvh", 1)].worst < 0.5 < by[Variant("f32", "strict", "bvh", 0)].worst
+    assert t.pick.worst <= 0.5
+    assert [c.seconds for c in t.candidates] == sorted(c.seconds for c in t.candidates)
+
+
+def test_without_mirrors_no_bounce_is_measured():
+    t = tradeoff(Scene([box()], [LIGHT]), backend="numpy")
+    assert {c.variant.bounces for c in t.candidates} == {0}
+
+
+def test_render_takes_an_error():
+    scene = mirrors()
+    image = render(scene, (32, 24), backend="numpy", bounces=2, max_error=1.0)
+    assert "2 bounces" in image.stats.picked or "1 bounces" in image.stats.picked
+    assert errors(image, render(scene, (32, 24), backend="numpy", bounces=2, precision="f64"))["rmse"] < 1.5
+    assert render(scene, (8, 6), backend="numpy").stats.picked == ""
+
+
+def test_what_cannot_be_traded_is_said():
+    with pytest.raises(SceneError, match="max_error is a positive number of 255ths, not 0"):
+        tradeoff(mirrors(), max_error=0, backend="numpy")
+    with pytest.raises(SceneError, match="has no triangles"):
+        tradeoff(Scene(), backend="numpy")
+
+
+def test_the_other_camera_sees_the_scene_too():
+    scene = mirrors()
+    moved = beside(scene.camera)
+    assert moved.target == scene.camera.target
+    assert moved.position != scene.camera.position
+    seen, other = (
+        (render(dataclasses.replace(scene, camera=c), (24, 16), backend="numpy").object_id >= 0).mean()
+        for c in (scene.camera, moved)
+    )
+    assert 0.7 * seen < other < seen  # from a little farther
+
+
+def test_the_command_prints_and_draws(tmp_path, capsys):
+    picture = tmp_path / "t.png"
+    assert main(["tradeoff", "boxes", "--backend", "numpy", "--bounces", "1", "--error", "2", "-o", str(picture)]) == 0
+    said = capsys.readouterr().out
+    assert "boxes on numpy" in said
+    assert said.splitlines()[-1].startswith("within 2/255: ")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    held = json.loads(picture.with_suffix(".json").read_text())
+    assert held["scene"] == "boxes"
+    assert len(held["candidates"]) == said.count("bounces") - 1
+    assert list(tmp_path.glob(".*")) == []
