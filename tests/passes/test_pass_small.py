@@ -125,7 +125,7 @@ def test_composites_become_calls_or_short_code():
         )
     )
     verify(lowered)
-    assert [f.name for f in lowered.functions] == ["dot3", "length3", "normalize3", "main"]
+    assert [f.name for f in lowered.functions] == ["dot3", "normalize3", "main"]
     assert text(lowered) == "\n".join(
         [
             "%4: f = call dot3(%v.1, %v.1)",

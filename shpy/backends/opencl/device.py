@@ -276,7 +276,7 @@ class Machine:
             return 1
         return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
 
-    @cached_property
+    @property
     def watched(self) -> bool:
         """Whether something may stop a dispatch that takes long, as it may on anything but a CPU.
 
