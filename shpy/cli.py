@@ -13,6 +13,7 @@ Stage: above all others. Takes the words of the command line, prints, gives the 
 from __future__ import annotations
 
 import argparse
+import os
 import platform
 import re
 import sys
@@ -37,6 +38,17 @@ _WIDTH = 8
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; gives the exit status: 0 where what was asked for is there, else 1."""
+    try:
+        status = _run(arguments)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        # Whoever read the output has enough, as `head` has; Python would complain once more when it closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(prog="shpy", description="Kernels written once in Python, run on every target.")
     parser.add_argument("--version", action="version", version=f"shpy {installed(DISTRIBUTION) or 'not installed'}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
