@@ -30,9 +30,11 @@ Version = Callable[..., Run]
 
 TARGETS: dict[str, dict[str, Any]] = {
     "opencl": {"backend": "opencl"},
+    "opencl-relaxed": {"backend": "opencl", "math": "relaxed"},
     "opencl-1": {"backend": "opencl", "lanes": 1},
     "glsl": {"backend": "glsl"},
     "numpy": {"backend": "numpy"},
+    "numpy-relaxed": {"backend": "numpy", "math": "relaxed"},
 }
 """How a program of ours is compiled, by the name of the contender."""
 
