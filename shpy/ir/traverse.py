@@ -107,7 +107,8 @@ def results(statement: Stmt) -> tuple[Value, ...]:
 def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tuple[int, ...]:
     """The ids of the values that the statement itself reads (a Loop: its `until`).
 
-    A Call's arguments are values or variables as its function says: `callees` is needed for those.
+    A Call's arguments are values or variables as its function says; without `callees` all are taken for values, as they
+    are in a module whose functions take values only.
     """
     match statement:
         case Let(_, _, args):
@@ -119,7 +120,9 @@ def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tupl
         case Loop(_, _, until):
             return () if until is None else (until,)
         case Call(name, args):
-            inputs = (callees or {})[name].inputs
+            if callees is None:
+                return args
+            inputs = callees[name].inputs
             return tuple(a for a, port in zip(args, inputs, strict=True) if isinstance(port, Value))
     return ()
 

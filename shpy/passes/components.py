@@ -1,7 +1,7 @@
 """Take vectors apart: a value of three components becomes three values, a slot three slots.
 
-Stage: improve, after `lower` and `inline`, for targets whose registers hold one number for each of many elements.
-Takes a module without `Call`s and composite operations; gives one whose entry computes with scalars:
+Stage: improve, after `lower` and `by_value`, for targets whose registers hold one number for each of many elements.
+Takes a module without composite operations, whose functions take values only; gives one that computes with scalars:
 
     var $z: f2                         var $z_x: f
                                        var $z_y: f
@@ -12,7 +12,8 @@ Takes a module without `Call`s and composite operations; gives one whose entry c
 
 What comes as a vector from elsewhere (an input, a param, an element of a table, the result of a function) stays one,
 and is followed by a swizzle for each component; what is handed on as a vector (an index, an argument) is put together
-again. The entry's outputs become one for each component, and so do the module's; a pure function keeps its own.
+again. The entry's outputs become one for each component, and so do the module's, and the inputs and outputs of
+functions; a pure function keeps its own, as it is called in an expression.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dataclasses import replace
 from functools import reduce
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Function, If, Let, Loop, Module, Port, Region, Stmt, Store, Value, Variable
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
 from shpy.passes.library import DEFINITIONS
 
@@ -68,17 +69,24 @@ class _Apart:
             b.variables += self.slots[variable.id]
         for output in function.outputs:
             self.slots[output.id] = self.split(output)
-            if not self.is_entry and output.type.size > 1:
+            if function.pure and output.type.size > 1:
                 b.variables += self.slots[output.id]
-        if self.is_entry:
+        if not function.pure:
             b.outputs = [part for output in function.outputs for part in self.slots[output.id]]
-        for port in function.inputs:
-            assert isinstance(port, Value)
-            self.keep(port)
+        self.inputs()
         self.statements(function.body)
-        if not self.is_entry:
+        if function.pure:
             self.gather_outputs()
         return b.finish()
+
+    def inputs(self) -> None:
+        """The entry's inputs are vectors in memory, and a pure function's come in an expression: these stay whole."""
+        ports = [port for port in self.function.inputs if isinstance(port, Value)]
+        if self.is_entry or self.function.pure:
+            for port in ports:
+                self.keep(port)
+        else:
+            self.b.inputs = [part for port in ports for part in self.values(port)]
 
     def split(self, variable: Variable) -> tuple[Variable, ...]:
         size = variable.type.size
@@ -146,9 +154,9 @@ class _Apart:
             case _:
                 self.componentwise(let)
 
-    def each(self, let: Let) -> list[Value]:
-        """A scalar value for each component of the one that `let` makes; itself if it has but one."""
-        value, size = let.value, let.value.type.size
+    def values(self, value: Value) -> list[Value]:
+        """A scalar value for each component of a value; itself if it has but one."""
+        size = value.type.size
         if size == 1:
             made = [value]
         else:
@@ -158,13 +166,13 @@ class _Apart:
 
     def constant(self, let: Let) -> None:
         assert isinstance(let.attr, tuple)
-        for value, component in zip(self.each(let), let.attr, strict=True):
+        for value, component in zip(self.values(let.value), let.attr, strict=True):
             self.b.append(Let(value, "const", (), (component,)))
 
     def load(self, let: Let) -> None:
         assert isinstance(let.attr, int)
         args = tuple(self.parts[a][0] for a in let.args)
-        for value, slot in zip(self.each(let), self.slots[let.attr], strict=True):
+        for value, slot in zip(self.values(let.value), self.slots[let.attr], strict=True):
             self.b.append(Let(value, "load", args, slot.id))
 
     def component(self, let: Let) -> None:
@@ -183,7 +191,7 @@ class _Apart:
         if sizes != {let.value.type.size} or not known:
             raise TypeError(f"{let.op} does not work on components: it comes after lower")
         columns = zip(*(self.parts[a] for a in let.args), strict=True)
-        for value, args in zip(self.each(let), columns, strict=True):
+        for value, args in zip(self.values(let.value), columns, strict=True):
             self.b.append(Let(value, let.op, args, let.attr))
 
     # Statements
@@ -209,6 +217,10 @@ class _Apart:
                 body, continuing = self.region(body), self.region(continuing)
                 until = None if until is None else self.parts[until][0]
                 self.b.append(Loop(body, continuing, until, turns, loc))
+            case Call(name, args, results, loc):
+                parts = tuple(part for a in args for part in self.parts[a])
+                made = tuple(part for result in results for part in self.values(result))
+                self.b.append(Call(name, parts, made, loc))
             case _:
                 self.b.append(s)
 

@@ -36,12 +36,17 @@ from shpy.ir.nodes import (
 from shpy.ir.traverse import walk
 from shpy.passes.rewriter import Functions, each_function
 
-__all__ = ["remove_dead", "remove_unused_functions"]
+__all__ = ["remove_dead", "remove_unused_functions", "without_dead"]
 
 
 def remove_dead(module: Module) -> Module:
     """The module without statements and variables that have no effect."""
-    return each_function(module, lambda f, functions: _Marker(f, functions).swept())
+    return each_function(module, without_dead)
+
+
+def without_dead(function: Function, functions: Functions) -> Function:
+    """The function without statements and variables that have no effect; `functions` are those it may call."""
+    return _Marker(function, functions).swept()
 
 
 def remove_unused_functions(module: Module) -> Module:

@@ -22,12 +22,17 @@ from shpy.ir.nodes import Variable as Slot
 from shpy.ir.traverse import variables_of
 from shpy.passes.rewriter import Functions, each_function
 
-__all__ = ["remove_dead_stores"]
+__all__ = ["remove_dead_stores", "without_dead_stores"]
 
 
 def remove_dead_stores(module: Module) -> Module:
     """The module without stores that nobody reads; values that fed them stay for `remove_dead`."""
-    return each_function(module, lambda f, functions: _Liveness(f, functions).run())
+    return each_function(module, without_dead_stores)
+
+
+def without_dead_stores(function: Function, functions: Functions) -> Function:
+    """The function without them; `functions` are those it may call."""
+    return _Liveness(function, functions).run()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,10 @@ Stage: improve, once subroutines are where they will stay. Afterwards there is n
     call f(%x)                     |   call f(%x, $status)
                                    |   if ne $status, 1 { return }
 
-The entry gets one more output, `status`, the last; a function that may end the element takes it by reference. Where
-nothing can end an element early there is no status at all. With `loop_flags`, for devices that stop loops of their
-own accord, every loop that is left in earnest says so in `$ended`; without it the status is DEVICE_STOPPED.
+The entry gets one more output, `status`, the last; a function that may end the element takes it by reference, or, with
+`by_value`, gives one of its own as its last result. Where nothing can end an element early there is no status at all.
+With `loop_flags`, for devices that stop loops of their own accord, every loop that is left in earnest says so in
+`$ended`; without it the status is DEVICE_STOPPED.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ _INT, _BOOL = vec(Base.I), vec(Base.B)
 
 
 def make_exits_explicit(
-    module: Module, loop_limit: int | None = 1_048_576, *, loop_flags: bool = False
+    module: Module, loop_limit: int | None = 1_048_576, *, loop_flags: bool = False, by_value: bool = False
 ) -> tuple[Module, bool, tuple[Loc | None, ...]]:
     """The module, whether it gives a status, and the line of every limited loop: FIRST_LOOP + k is the k-th.
 
@@ -62,7 +63,7 @@ def make_exits_explicit(
     """
     limited = limited_loops(module) if loop_limit is not None else ()
     flags = loop_flags and not few_turns(module)
-    plan = _Plan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags)
+    plan = _Plan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags, by_value)
     functions = tuple(_Ending(f, plan).run() if f.name in plan.ending else f for f in module.functions)
     has_status = module.entry.name in plan.ending
     return replace(module, functions=functions), has_status, tuple(loop.loc for loop in limited)
@@ -92,11 +93,12 @@ def few_turns(module: Module) -> bool:
 class _Plan:
     """What the functions of a module have in common. `ending`: the names of those that may end the element."""
 
-    def __init__(self, module: Module, limited: dict[int, int], limit: int, flags: bool) -> None:
+    def __init__(self, module: Module, limited: dict[int, int], limit: int, flags: bool, by_value: bool) -> None:
         self.entry = module.entry
         self.limited = limited
         self.limit = limit
         self.flags = flags
+        self.by_value = by_value
         self.functions = {f.name: f for f in module.functions}
         self.ending: set[str] = set()
         for function in module.functions:
@@ -121,14 +123,12 @@ class _Ending:
         self.plan = plan
         self.function = function
         self.b = Builder(function=function)
-        if function is plan.entry:
-            self.status = self.b.output(_INT, "status")
-        else:
-            self.status = self.b.reference(_INT, "status")
+        self.gives = function is plan.entry or plan.by_value
+        self.status = (self.b.output if self.gives else self.b.reference)(_INT, "status")
 
     def run(self) -> Function:
         """The function with its exits explicit."""
-        if self.function is self.plan.entry:
+        if self.gives:
             self.b.loc = self.function.loc
             self._set_status(Status.WRITTEN)
         self.b.extend(self._region(self.function.body, None))
@@ -166,12 +166,21 @@ class _Ending:
                 self.b.append(If(condition, self._region(then, ended), self._region(orelse, ended), loc))
             case Loop():
                 self._loop(s)
-            case Call(name, args) if name in self.plan.ending:
-                self.b.append(replace(s, args=(*args, self.status.id)))
+            case Call(name) if name in self.plan.ending:
+                self._call(s)
                 with self.b.when(self.b.let("ne", self.b.load(self.status), self._number(Status.WRITTEN))):
                     self.b.exit(Return)
             case _:
                 self.b.append(s)
+
+    def _call(self, s: Call) -> None:
+        """A call that may end the element; what follows asks for the status."""
+        if not self.plan.by_value:
+            self.b.append(replace(s, args=(*s.args, self.status.id)))
+            return
+        result = self.b.value(_INT, "status")
+        self.b.append(replace(s, results=(*s.results, result)))
+        self.b.store(self.status, result)
 
     def _loop(self, loop: Loop) -> None:
         b = self.b

@@ -1,6 +1,6 @@
 """Put the bodies of subroutines where they are called.
 
-Stage: improve, for targets without functions and before `vectorize`. Functions that are not pure disappear:
+Stage: improve, before `vectorize`, for functions that take arrays: those cannot be handed over by value.
 
     function f(%x, $y) { if %x { return }; store $y = 1.0 }
     ...                                                        ->   ...
@@ -13,6 +13,7 @@ as they are whenever a function starts.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from shpy.errors import CompileError
@@ -49,16 +50,21 @@ _DEEPEST_GUARD = 8
 """How many Returns in a row may each put the rest of the body one region deeper."""
 
 
-def inline_calls(module: Module) -> Module:
-    """The module without functions that are not pure, but for its entry; CompileError where that nests too deep."""
-    if not any(isinstance(s, Call) for f in module.functions for s in walk(f.body)):
-        return replace(module, functions=(*(f for f in module.functions if f.pure), module.entry))
+def inline_calls(module: Module, chosen: Callable[[Function], bool] = lambda function: True) -> Module:
+    """The module without the functions that are `chosen`; CompileError where that nests too deep.
+
+    Pure functions and the entry stay in any case.
+    """
     inlined: dict[str, Function] = {}
+    gone: set[str] = set()
     for function in module.functions:
-        inlined[function.name] = _Inliner(function, inlined).run()
-    entry = inlined[module.entry.name]
-    _check_depth(entry, entry.body, 1, 0)
-    return replace(module, functions=(*(f for f in module.functions if f.pure), entry))
+        made = _Inliner(function, inlined, gone).run() if gone else function
+        inlined[function.name] = made
+        if chosen(function) and not function.pure and function is not module.entry:
+            gone.add(function.name)
+        elif made is not function:
+            _check_depth(made, made.body, 1, 0)
+    return replace(module, functions=tuple(f for name, f in inlined.items() if name not in gone))
 
 
 def _check_depth(function: Function, region: Region, regions: int, loops: int) -> None:
@@ -72,15 +78,16 @@ def _check_depth(function: Function, region: Region, regions: int, loops: int) -
 
 
 class _Inliner:
-    """Copies a function with the bodies of those that it calls; these have no calls left."""
+    """Copies a function with the bodies of those that are to be `gone`, where it calls them."""
 
-    def __init__(self, function: Function, inlined: dict[str, Function]) -> None:
+    def __init__(self, function: Function, inlined: dict[str, Function], gone: set[str]) -> None:
         self.function = function
         self.inlined = inlined
+        self.gone = gone
         self.b = Builder(function=function)
 
     def run(self) -> Function:
-        """The function without calls of functions that are not pure."""
+        """The function without these calls."""
         self.b.extend(self._region(self.function.body, in_loop=False))
         return self.b.finish()
 
@@ -88,7 +95,7 @@ class _Inliner:
         self.b.push()
         for s in region:
             match s:
-                case Call():
+                case Call(name) if name in self.gone:
                     self.b.loc = s.loc
                     self._inline(s, in_loop)
                 case If(condition, then, orelse, loc):
@@ -105,7 +112,7 @@ class _Inliner:
 
     def _inline(self, call: Call, in_loop: bool) -> None:
         callee = returns_outside_loops(self.inlined[call.function])
-        copy = _Copy(self.b)
+        copy = _Copy(self.b, self.inlined)
         for port, argument in zip(callee.inputs, call.args, strict=True):
             (copy.values if isinstance(port, Value) else copy.slots)[port.id] = argument
         for slot in (*callee.outputs, *callee.variables):
@@ -139,8 +146,9 @@ class _Inliner:
 class _Copy:
     """Copies statements with fresh values and other variables: `values` and `slots` say which is which."""
 
-    def __init__(self, b: Builder) -> None:
+    def __init__(self, b: Builder, functions: Mapping[str, Function]) -> None:
         self.b = b
+        self.functions = functions
         self.values: dict[int, int] = {}
         self.slots: dict[int, int] = {}
 
@@ -163,7 +171,19 @@ class _Copy:
             case Loop(body, continuing, until, turns, loc):
                 body, continuing = self.region(body), self.region(continuing)
                 return Loop(body, continuing, None if until is None else self.values[until], turns, loc)
+            case Call():
+                return self._call(s)
         return s
+
+    def _call(self, call: Call) -> Call:
+        ports = self.functions[call.function].inputs
+        args = tuple(
+            (self.values if isinstance(port, Value) else self.slots)[a]
+            for port, a in zip(ports, call.args, strict=True)
+        )
+        made = tuple(self.b.value(r.type, r.name, r.loc) for r in call.results)
+        self.values.update({r.id: new.id for r, new in zip(call.results, made, strict=True)})
+        return Call(call.function, args, made, call.loc)
 
 
 def _returns(region: Region) -> bool:

@@ -53,10 +53,14 @@ class Scope:
 
 
 class LaneBuilder:
-    """What `vectorize` says in one word. `state` holds the variables that vary at this point."""
+    """What `vectorize` says in one word.
 
-    def __init__(self, function: Function) -> None:
+    `given` are the inputs that vary, `state` the variables that do at this point.
+    """
+
+    def __init__(self, function: Function, given: frozenset[int]) -> None:
         self.function = function
+        self.given = given
         variables = (*function.outputs, *function.variables)
         self.arrays = frozenset(v.id for v in variables if v.length is not None)
         self.slots = Slots(variables)
@@ -69,7 +73,7 @@ class LaneBuilder:
     def begin(self) -> None:
         """Forget what one walk makes."""
         self.b = Builder(function=self.function)
-        self.varying = {v.id for v in self.function.inputs}
+        self.varying = set(self.given)
         self.same: dict[int, int] = {}
         self.state = set(self.always)
         running = self.slots.mask("running", -1)

@@ -24,19 +24,23 @@ __all__ = ["ExitBuilder"]
 class ExitBuilder(LaneBuilder):
     """A LaneBuilder that knows exits; each method tells whether nothing comes after it in its region."""
 
-    def __init__(self, function: Function) -> None:
-        super().__init__(function)
+    def __init__(self, function: Function, given: frozenset[int]) -> None:
+        super().__init__(function, given)
         self.outputs = tuple(v.id for v in function.outputs)
 
     def remove(self, slot: Variable, mask: int) -> None:
         """Take the lanes of `mask` out of the mask in `slot`."""
         self.b.store(slot, self.let("and", self.load(slot), self.let("not", mask)))
 
-    def put_aside(self, variables: frozenset[int], mask: int) -> None:
-        """Copy what leaving lanes changed in a loop, and what is needed after it, to the slots outside."""
+    def put_aside(self, changed: frozenset[int], needed: frozenset[int], mask: int) -> None:
+        """Copy what leaving lanes changed in a loop, and what is needed after it, to the slots outside.
+
+        What they need and have not changed is outside already; lanes that stay must not change it there.
+        """
         scope = self.scope
-        for variable in sorted(variables - self.arrays):
-            scope.facts.copied.add(variable)
+        assert scope.note is not None
+        scope.facts.copied |= (scope.note.stored & needed) - self.arrays
+        for variable in sorted((changed & needed) - self.arrays):
             if variable in scope.inner:
                 outside = self.lanes(variable, scope.outer)
                 kept = self.select(mask, self.load(self.current(variable)), self.load(outside))
@@ -53,7 +57,7 @@ class ExitBuilder(LaneBuilder):
             self.b.append(s)
             return True
         mask = self.mask(here)
-        self.put_aside(note.dirty & live, mask)
+        self.put_aside(note.dirty, live, mask)
         if together:
             self.b.append(s)
             return True

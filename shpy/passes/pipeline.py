@@ -2,9 +2,9 @@
 
 Stage: improve. Every pass is a function Module -> Module in a file of its own; this one puts them in order:
 
-    precision -> half -> lower -> inline (targets without functions) -> exits -> optimise -> unused functions
+    precision -> half -> lower -> inline -> by value -> exits -> optimise -> unused functions
 
-`vectorize`, for targets that run packets of elements, comes after that.
+`inline` and `by value` are for targets that run packets of elements; `vectorize`, also theirs, comes after that.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Literal, Protocol
 from shpy.ir.nodes import If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
+from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.exits import make_exits_explicit
@@ -41,16 +42,14 @@ class Target:
 
     `native`: the composite operations that it does itself, with exactly the table's meaning, and the transcendentals
     that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
-    it rounds wrong, and that are to be corrected. `functions`: it has
-    subroutines. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to `vectorize`,
-    which takes no subroutines.
+    it rounds wrong, and that are to be corrected. `loop_flags`: its loops may stop of their own accord. `vector`: what
+    is prepared goes to `vectorize`, whose functions take values only.
     """
 
     name: str
     native: frozenset[str] = frozenset()
     fast: frozenset[str] = frozenset()
     wrong: frozenset[str] = frozenset()
-    functions: bool = True
     loop_flags: bool = False
     vector: bool = False
 
@@ -95,9 +94,11 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     """A recorded module made ready for a target's printer."""
     corrected = target.wrong if options.math != "fast" else frozenset()
     lowered = lower(lower_half(set_precision(module, options.precision)), target.does(options.math), corrected)
-    if not target.functions or target.vector:
-        lowered = inline_calls(lowered)
-    ending, status, loops = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags)
+    if target.vector:
+        lowered = pass_by_value(inline_calls(lowered, takes_array))
+    ending, status, loops = make_exits_explicit(
+        lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector
+    )
     return Prepared(remove_unused_functions(optimise(ending)), status, loops)
 
 

@@ -13,7 +13,8 @@ function; afterwards no `Return` stands inside a loop.
                                      ...
 
 Where `exits.py` has left a status, a Return behind a store of any but WRITTEN becomes a `Discard`, here and inside
-loops: "the status is stored, and nothing else counts any more". The status itself is the flag for what follows a loop.
+loops: "the status is stored, and nothing else counts any more". So does one that is under the question whether a call
+has ended the element. The status itself is the flag for what follows a loop.
 """
 
 from __future__ import annotations
@@ -42,11 +43,9 @@ class _Rewriter:
         self.status = status
         self.b = Builder(function=function)
         self.flag = -1
-        self.ends = {
-            s.value.id
-            for s in walk(function.body)
-            if isinstance(s, Let) and s.op == "const" and s.attr != (Status.WRITTEN,)
-        }
+        constants = [s for s in walk(function.body) if isinstance(s, Let) and s.op == "const"]
+        self.ends = {s.value.id for s in constants if s.attr != (Status.WRITTEN,)}
+        self.ended = self.ended_by_a_call({s.value.id for s in constants} - self.ends)
 
     def run(self) -> Function:
         self.b.extend(self.region(self.function.body, in_loop=False))
@@ -61,6 +60,8 @@ class _Rewriter:
                 case Return(loc) if in_loop:
                     self.raise_flag(loc)
                     self.b.append(Break(loc))
+                case If(condition, (Return(),), (), loc) if condition in self.ended:
+                    self.b.append(If(condition, (Discard(loc=loc),), (), loc))
                 case If(condition, then, orelse, loc):
                     then = self.region(then, in_loop=in_loop)
                     self.b.append(If(condition, then, self.region(orelse, in_loop=in_loop), loc))
@@ -71,6 +72,23 @@ class _Rewriter:
                 case _:
                     self.b.append(statement)
         return self.b.pop()
+
+    def ended_by_a_call(self, written: set[int]) -> set[int]:
+        """The values that say whether the status is another than WRITTEN."""
+        statements = (
+            [s for s in walk(self.function.body) if isinstance(s, Let | Store)] if self.status is not None else []
+        )
+        statuses = {s.value for s in statements if isinstance(s, Store) and s.variable == self.status}
+        statuses |= {
+            s.value.id
+            for s in statements
+            if isinstance(s, Let) and s.op == "load" and s.attr == self.status and not s.args
+        }
+        return {
+            s.value.id
+            for s in statements
+            if isinstance(s, Let) and s.op == "ne" and s.args[0] in statuses and s.args[1] in written
+        }
 
     def ends_element(self, before: Region) -> bool:
         """Whether the status has just been stored, and is not WRITTEN."""

@@ -1,7 +1,7 @@
 """Varying control flow becomes masks; uniform control flow stays: many elements ("lanes") run as one.
 
-Stage: improve. Takes a module whose entry has no `Discard` and no `Call` (see `exits.py`, `inline.py`); gives one whose
-`If`s and `Loop`s ask only uniform values, and tells which values and variables hold one number for every lane.
+Stage: improve. Takes a module without `Discard`, whose functions take values only (`exits.py`, `by_value.py`); gives
+one whose `If`s and `Loop`s ask only uniform values, and tells which values and variables hold a number for each lane.
 
     loop:                                  $live = lane_mask
         %d = dot($z, $z)                   loop:
@@ -37,6 +37,7 @@ from functools import partial
 from shpy.ir.constants import Base
 from shpy.ir.nodes import (
     Break,
+    Call,
     Continue,
     Discard,
     Function,
@@ -48,15 +49,13 @@ from shpy.ir.nodes import (
     Return,
     Stmt,
     Store,
+    Value,
     Variable,
 )
-from shpy.ir.traverse import continues, defined, uses, walk
-from shpy.passes.dead import remove_dead
-from shpy.passes.dead_stores import remove_dead_stores
+from shpy.ir.traverse import continues, uses, walk
+from shpy.passes.calls import CallBuilder, Callees, LaneFacts
 from shpy.passes.lanes import BOOL, Here, Scope
-from shpy.passes.leaving import ExitBuilder
 from shpy.passes.liveness import Note, annotate, stored_in
-from shpy.passes.returns import returns_outside_loops
 from shpy.passes.uniformity import varies
 
 __all__ = ["VectorModule", "vectorize"]
@@ -68,36 +67,41 @@ _FREE = frozenset({"const", "load", "swizzle", "splat", "param"})
 
 @dataclass(frozen=True, slots=True)
 class VectorModule:
-    """A module whose entry runs many lanes at once.
-
-    `varying` are the ids of the entry's values, `slots` of its variables, that hold one number for every lane; `live`
-    are those of the slots that hold which lanes are still in a loop.
-    """
+    """A module whose entry runs many lanes at once, with what varies in it and in each function that is not pure."""
 
     module: Module
-    varying: frozenset[int]
-    slots: frozenset[int]
-    live: frozenset[int] = frozenset()
+    facts: dict[str, LaneFacts]
+
+    @property
+    def entry(self) -> LaneFacts:
+        """What varies in the entry."""
+        return self.facts[self.module.entry.name]
 
 
 def vectorize(module: Module, *, padded: bool = False) -> VectorModule:
     """The module with an entry for many lanes. `padded`: some lanes hold no element (see the op `lane_mask`)."""
-    entry = module.entry
-    status = entry.outputs[-1].id if len(entry.outputs) > len(module.outputs) else None
-    work = _Vectorizer(returns_outside_loops(entry, status), padded)
-    made = remove_dead_stores(replace(module, functions=(*module.functions[:-1], work.run())))
-    made = remove_dead(made)
-    slots = {v.id for v in (*made.entry.outputs, *made.entry.variables)}
-    values = {v.id for v in defined(made.entry)}
-    varying = frozenset(work.slots.varying & slots)
-    return VectorModule(made, frozenset(work.varying & values), varying, work.slots.live() & slots)
+
+    def make(
+        function: Function, given: frozenset[int], mask: Value | None, callees: Callees
+    ) -> tuple[Function, LaneFacts]:
+        work = _Vectorizer(function, given, callees, mask, padded and function.name == module.entry.name)
+        made = work.run()
+        return made, LaneFacts(frozenset(work.varying), frozenset(work.slots.varying), work.slots.live())
+
+    callees = Callees(module, make)
+    named = callees.named(callees.entry())
+    functions = (*(f for f in module.functions if f.pure), *(copy.function for copy in named.values()))
+    return VectorModule(replace(module, functions=functions), {name: copy.facts for name, copy in named.items()})
 
 
-class _Vectorizer(ExitBuilder):
+class _Vectorizer(CallBuilder):
     """Walks the function; loops until their facts hold, the function until its facts and arrays do."""
 
-    def __init__(self, function: Function, padded: bool) -> None:
-        super().__init__(function)
+    def __init__(
+        self, function: Function, given: frozenset[int], callees: Callees, mask: Value | None, padded: bool
+    ) -> None:
+        super().__init__(function, given, callees)
+        self.active = mask
         self.padded = padded
         self.notes = annotate(function)
 
@@ -132,7 +136,9 @@ class _Vectorizer(ExitBuilder):
         return spread - read - self.always
 
     def body(self) -> None:
-        mask = self.let("lane_mask", type=BOOL, name="active") if self.padded else None
+        mask = None if self.active is None else self.active.id
+        if self.padded:
+            mask = self.let("lane_mask", type=BOOL, name="active")
         if self.facts.varying:
             self.b.store(self.scope.live, self.mask(Here(mask, whole=True)))
         if not self.region(self.function.body, self.notes, Here(mask, whole=True)):
@@ -185,6 +191,8 @@ class _Vectorizer(ExitBuilder):
                 return self.uniform_if(s, note, here)
             case Loop():
                 self.loop(s, note, here)
+            case Call():
+                self.call(s, here)
             case Break():
                 return self.leave_loop(s, note, here)
             case Continue():
@@ -194,7 +202,7 @@ class _Vectorizer(ExitBuilder):
             case Return() | Discard():
                 return self.leave_function(s, here)
             case _:
-                raise TypeError(f"vectorize does not know {type(s).__name__}: it comes after exits and inline")
+                raise TypeError(f"vectorize does not know {type(s).__name__}")
         return False
 
     def renamed(self, s: Store) -> Store:
@@ -441,7 +449,7 @@ class _Vectorizer(ExitBuilder):
             return self.varying_test(s, note, self.both(self.mask(here), until, "leaving"))
         self.b.push()
         if note.facts.varying:
-            self.put_aside(note.dirty_at_until & note.after, self.mask(here))
+            self.put_aside(note.dirty_at_until, note.after, self.mask(here))
         else:
             self.meet(note.facts.exit, note.stored - self.arrays, note.after)
         leaving = self.b.pop()
@@ -454,7 +462,7 @@ class _Vectorizer(ExitBuilder):
         scope, facts = self.scope, note.facts
         facts.varying = True
         self.b.push()
-        self.put_aside(note.dirty_at_until & note.after, active)
+        self.put_aside(note.dirty_at_until, note.after, active)
         self.remove(scope.live, active)
         if not facts.jumps:
             self.b.append(If(self.none(self.load(scope.live)), (Break(s.loc),), (), s.loc))
@@ -482,7 +490,7 @@ def _worth_skipping(region: Region) -> bool:
     """Whether asking if any lane is active costs less than running the region for nothing."""
     work = 0
     for s in walk(region):
-        if isinstance(s, Loop) or (isinstance(s, Let) and s.op in ("table", "call")):
+        if isinstance(s, Loop | Call) or (isinstance(s, Let) and s.op in ("table", "call")):
             return True
         work += isinstance(s, Let) and s.op not in _FREE
     return work >= _WORTH_SKIPPING

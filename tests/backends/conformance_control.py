@@ -332,6 +332,9 @@ def survivor_cases() -> Iterator[Case]:
         yield case(f"survivors-of-{kind}-in-a-loop", FORMS["for"](late, 0))
         held = (Write("own", number(1), X), away, *FORMS["do_late"]((Write("own", Name(I, "s"), X), *inner), 0))
         yield case(f"survivors-of-{kind}-with-an-array", held)
+        unread = (plus("x", 4.0), Write("own", number(1), X), Exit("discard"))
+        none = For("i2", (Apply(I, "and", (N, number(1))),), (away, *unread))
+        yield case(f"survivors-that-take-no-turn-before-{kind}", FORMS["for"]((plus("x", 1.0), none), 0))
 
 
 def limit_cases() -> Iterator[Case]:

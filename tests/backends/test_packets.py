@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from backends.test_opencl_ops import ELEMENTS, values
 from passes.random_ir import LOOP_LIMIT, random_module
 
 import shpy as sh
-from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
+from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_WHILE
 from shpy.backends.base import Array, Call, Options, TableData
 from shpy.backends.opencl import backend, runtime
 from shpy.backends.opencl.device import machine_of
@@ -429,3 +430,44 @@ def test_a_large_kernel_calls_a_function_whose_code_is_generated_once(few: bool)
     assert ("noinline)) void steps_packet(" not in packets.source) == few
     for found, expected in zip(packets(a, b), single(a, b), strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+@each_width
+def test_subroutines_are_functions_of_packets(lanes: int) -> None:
+    @sh.subroutine
+    def advance(z: sh.Attrib2f, c: sh.Attrib2f, n: sh.Attrib1i) -> sh.Attrib1b:
+        z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
+        SH_RETURN(sh.Attrib1b(False), sh.dot(z, z) > 4)
+        n += 1
+        return sh.Attrib1b(True)
+
+    @sh.subroutine
+    def tone(n: sh.Attrib1i, most: sh.Attrib1i) -> sh.Color3f:
+        r = sh.Color3f(0.0)
+        with SH_FOR(most) as k:
+            SH_RETURN(r, k > n)
+            SH_DISCARD(n == 3)
+            r += 0.1
+        return r
+
+    most = sh.Param(sh.Attrib1i, 12, name="most")
+
+    @sh.program
+    def picture(c: sh.Attrib2f) -> tuple[sh.Color3f, sh.Color3f, sh.Color3f]:
+        z, n, go = sh.Attrib2f(0, 0), sh.Attrib1i(0), sh.Attrib1b(True)
+        with SH_WHILE(lambda: go & (n < most)):
+            go[:] = advance(z, c, n)
+        return tone(n, most), tone(most, n), tone(most, most)
+
+    c = np.random.default_rng(1).uniform(-2, 1, (1000, 2)).astype(np.float32)
+    found, expected = both(picture, lanes, c)
+    for f, e in zip(found, expected, strict=True):
+        same(f, e)
+    numpy = picture.compile("numpy")
+    for f, e in zip(numpy(c), expected, strict=True):
+        same(f, e)
+    source = picture.compile("opencl", lanes=lanes).source
+    heads = re.findall(r"void (tone\w*)\(\s*(?:// \S+)?\s*(\w+) n,\s*(\w+) most", source)
+    wide = f"int{lanes}"
+    assert heads == [("tone", wide, "int"), ("tone_2", "int", wide), ("tone_3", "int", "int")]
+    assert all(f"\ndef {name}(" in numpy.source for name in ("advance", "tone", "tone_2", "tone_3", "picture"))

@@ -19,7 +19,7 @@ from shpy.ir.verifier import verify
 from shpy.passes.components import take_apart
 from shpy.passes.pipeline import Target, optimise, prepare
 
-TARGET = Target("scalars", functions=False, vector=True)
+TARGET = Target("scalars", vector=True)
 ELEMENTS = 6
 
 

@@ -264,9 +264,10 @@ def test_prepare_leaves_what_a_backend_can_print():
     with_functions = prepare(given, Options(), Target("glsl"))
     assert [f.name for f in with_functions.module.functions] == ["dot3", "length3", "f", "main"]
     assert with_functions.status
-    inlined = prepare(given, Options(), Target("numpy", native=frozenset({"length"}), vector=True))
-    assert [f.name for f in inlined.module.functions] == ["main"]
-    for prepared in (with_functions, inlined):
+    by_value = prepare(given, Options(), Target("numpy", native=frozenset({"length"}), vector=True))
+    assert [f.name for f in by_value.module.functions] == ["f", "main"]
+    assert [o.name for o in by_value.module.functions[0].outputs] == ["r", "status"]
+    for prepared in (with_functions, by_value):
         verify(prepared.module)
         assert run(prepared.module)[0] == pytest.approx(14**0.5)
 

@@ -8,6 +8,7 @@ from shpy.backends.base import Options
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.traverse import limited_loops
 from shpy.ir.verifier import verify
+from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead
 from shpy.passes.dead_stores import remove_dead_stores
@@ -19,10 +20,16 @@ from shpy.passes.pipeline import Target, optimise, prepare
 from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
 
+
+def by_value(module):
+    return pass_by_value(inline_calls(module, takes_array))
+
+
 PASSES = (
     set_precision,
     lower,
     inline_calls,
+    by_value,
     promote,
     remove_dead_stores,
     remove_dead,
@@ -32,7 +39,7 @@ PASSES = (
 )
 TARGETS = (
     Target("plain"),
-    Target("inlined", functions=False),
+    Target("values", vector=True),
     Target("flags", native=frozenset({"dot", "mix"}), loop_flags=True),
 )
 SIZES = (Sizes(5, 3), Sizes(8, 2), Sizes(4, 4))
@@ -84,6 +91,9 @@ def test_passes_keep_the_meaning(group):
             changed, _, loops = make_exits_explicit(module, LOOP_LIMIT, loop_flags=flags)
             verify(changed)
             assert_same(wanted, results(changed, "f32", inputs, loops), f"{seed} exits {flags}")
+        changed, _, loops = make_exits_explicit(by_value(module), LOOP_LIMIT, by_value=True)
+        verify(changed)
+        assert_same(wanted, results(changed, "f32", inputs, loops), f"{seed} exits by value")
 
 
 @pytest.mark.parametrize("group", range(MODULES // GROUP))

@@ -63,7 +63,7 @@ def seconds(module):
     taken = []
     for _ in range(2):
         start = time.process_time()
-        prepare(module, Options(), Target("any", functions=False))
+        prepare(module, Options(), Target("any"))
         taken.append(time.process_time() - start)
     return min(taken)
 
@@ -104,7 +104,7 @@ def a_loop(b, x, o, inner):
 def test_the_deepest_nesting_is_no_problem(deepen, depth):
     module = nested(deepen, depth)
     verify(module)
-    prepared = prepare(module, Options(), Target("flags", functions=False, loop_flags=True))
+    prepared = prepare(module, Options(), Target("flags", loop_flags=True))
     verify(prepared.module)
     (wanted,), _ = Interpreter(module).run_element([2.0])
     (got,), _ = Interpreter(prepared.module).run_element([2.0])

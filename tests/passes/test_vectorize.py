@@ -19,7 +19,7 @@ from shpy.passes.returns import returns_outside_loops
 from shpy.passes.vectorize import vectorize
 
 F, F3, I, B = vec("f"), vec("f", 3), vec("i"), vec("b")  # noqa: E741
-VECTOR = Target("vector", functions=False, vector=True)
+VECTOR = Target("vector", vector=True)
 
 
 class Program:
@@ -67,7 +67,7 @@ class Vectorised:
 
     def varies(self, name):
         """Whether the slots of this name hold one value for every lane; both True and False for one of each."""
-        found = {slot in self.vector.slots for slot, known in self.names.items() if known == name}
+        found = {slot in self.vector.entry.slots for slot, known in self.names.items() if known == name}
         assert len(found) == 1, (name, sorted(self.names.values()))
         return found.pop()
 
@@ -89,11 +89,13 @@ def test_every_condition_is_uniform_afterwards():
         module = random_module(seed)
         made = vectorize(prepare(module, Options(loop_limit=LOOP_LIMIT), VECTOR).module)
         verify(made.module)
-        for s in walk(made.module.entry.body):
-            if isinstance(s, If):
-                assert s.condition not in made.varying
-            if isinstance(s, Loop) and s.until is not None:
-                assert s.until not in made.varying
+        for function in made.module.functions:
+            varying = made.facts[function.name].varying if not function.pure else ()
+            for s in walk(function.body):
+                if isinstance(s, If):
+                    assert s.condition not in varying
+                if isinstance(s, Loop) and s.until is not None:
+                    assert s.until not in varying
 
 
 @pytest.mark.parametrize("padded", [False, True])
@@ -127,7 +129,7 @@ def test_a_counter_in_a_loop_that_lanes_leave_one_by_one_stays_a_scalar():
     assert made.varies("live")
     assert made.selects_into("n_out") == 1, "one exit copy"
     assert made.selects_into("z") == 0, "not needed after the loop"
-    counted = {s.value.id for s in made.ops("add")} - made.vector.varying
+    counted = {s.value.id for s in made.ops("add")} - made.vector.entry.varying
     assert len(counted) == 1, "the counter is added to once, for all lanes"
 
 
@@ -213,7 +215,7 @@ def test_a_table_read_at_a_uniform_index_is_uniform():
     gathered = p.b.let("table", p.n, type=F, attr="nodes")
     p.b.store(p.result, p.b.let("add", read, gathered))
     made = p.vectorised()
-    assert [s.value.id in made.vector.varying for s in made.ops("table")] == [False, True]
+    assert [s.value.id in made.vector.entry.varying for s in made.ops("table")] == [False, True]
 
 
 def test_any_lane_asks_active_lanes_only_and_is_uniform():
@@ -231,7 +233,7 @@ def test_any_lane_asks_active_lanes_only_and_is_uniform():
     asked = {s.args[0] for s in made.ops("lane_any")}
     masks = {s.value.id for s in made.ops("and")}
     assert len(asked & masks) == 2, "and-ed with the lanes that are active"
-    assert all(s.value.id not in made.vector.varying for s in made.ops("lane_any"))
+    assert all(s.value.id not in made.vector.entry.varying for s in made.ops("lane_any"))
 
 
 def test_a_return_masks_what_follows():

@@ -8,10 +8,13 @@ from __future__ import annotations
 import re
 
 from shpy.backends.numpy.operations import Imports
-from shpy.ir.nodes import Let, Module
+from shpy.ir.nodes import Call, Let, Module
 from shpy.ir.traverse import walk
 
-__all__ = ["asked_by", "components_of", "imports_of"]
+__all__ = ["LANES", "asked_by", "components_of", "imports_of"]
+
+LANES = "lanes", ""
+"""What a function asks for that needs the number of lanes."""
 
 
 def imports_of(use: Imports, texts: list[str]) -> str:
@@ -35,8 +38,10 @@ def asked_by(module: Module) -> dict[str, list[tuple[str, str]]]:
         lets = [s for s in walk(function.body) if isinstance(s, Let)]
         found = {(ops.get(s.op, s.op), str(s.attr or "")) for s in lets}
         found |= {key for s in lets if s.op == "call" for key in asked[str(s.attr)]}
+        found |= {key for s in walk(function.body) if isinstance(s, Call) for key in asked[s.function]}
         asked[function.name] = [key for key in order if key in found]
-    asked[module.entry.name].append(("lanes", ""))
+        if not function.pure:
+            asked[function.name].append(LANES)
     return asked
 
 

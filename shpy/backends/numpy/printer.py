@@ -12,28 +12,25 @@ Python module that anyone may run; a tile of lanes is one call of its entry:
         z = np.zeros((2, lanes), np.float32)
         n = np.float32(0.0)
         ...
-
-A value that the user named keeps its name and line. Any other that is used once is written where it is used, unless a
-store to what it reads comes first; one that is used more often gets the name of the variable it is stored into first.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 
 from shpy.backends.naming import Names
 from shpy.backends.numpy import lanes as lane_functions
 from shpy.backends.numpy.compaction import MARK, Compaction, compacted
-from shpy.backends.numpy.expressions import Expr, call, condition, item, method, name, negation
+from shpy.backends.numpy.expressions import Expr, call, condition, method, name, negation
 from shpy.backends.numpy.heading import asked_by, components_of, imports_of
 from shpy.backends.numpy.leaving import ExitCopy, Plan, copied, plans
-from shpy.backends.numpy.operations import Imports, constant, dtype, operation, picked, zeros
+from shpy.backends.numpy.operations import Imports, dtype, zeros
+from shpy.backends.numpy.values import MAX_LENGTH, ValuePrinter, is_partial
 from shpy.ir import meaning
 from shpy.ir.nodes import (
     Break,
+    Call,
     Continue,
     Function,
     If,
@@ -49,14 +46,12 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import defined, regions_of, rewrite, uses, walk
 from shpy.ir.types import Base, Type, vec
+from shpy.passes.calls import LaneFacts
 from shpy.passes.liveness import annotate
 from shpy.passes.vectorize import VectorModule
 
 __all__ = ["Printed", "print_python"]
 
-MAX_DEPTH = 32
-MAX_LENGTH = 88
-"""An expression that is longer gets a name."""
 _RESERVED = ("np", "lanes", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
 
 
@@ -79,27 +74,21 @@ def print_python(vector: VectorModule) -> Printed:
     functions = {f.name: names.take(f.name, "f") for f in module.functions}
     asked = asked_by(module)
     texts = []
-    for function in module.functions[:-1]:
-        if function.pure:
-            varying = frozenset(v.id for v in defined(function))
-            slots = frozenset(v.id for v in (*function.outputs, *function.variables))
-            texts.append(_Printer(function, functions, names.scope(), use, varying, slots, asked).function())
-    printer = _Printer(module.entry, functions, names.scope(), use, vector.varying, vector.slots, asked, vector.live)
-    texts.append(printer.function())
+    for function in module.functions:
+        facts = _all_of(function) if function.pure else vector.facts[function.name]
+        texts.append(_Printer(function, functions, names.scope(), use, facts, asked).function())
     text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
     return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]))
 
 
-def _partial(s: Store) -> bool:
-    return s.components is not None or s.index is not None
+def _all_of(function: Function) -> LaneFacts:
+    """A pure function's arguments may vary, and so may all that it computes."""
+    slots = (*function.outputs, *function.variables)
+    return LaneFacts(frozenset(v.id for v in defined(function)), frozenset(v.id for v in slots))
 
 
-class _Printer:
-    """Prints one function.
-
-    `values`: the expression of each value so far; `left`: how often it will still be asked for; `waiting`: those that
-    are not written yet; `readers`: the values whose expressions read a slot.
-    """
+class _Printer(ValuePrinter):
+    """Prints one function."""
 
     def __init__(
         self,
@@ -107,36 +96,16 @@ class _Printer:
         functions: dict[str, str],
         names: Names,
         use: Imports,
-        varying: frozenset[int],
-        varying_slots: frozenset[int],
+        facts: LaneFacts,
         asked: dict[str, list[tuple[str, str]]],
-        live: frozenset[int] = frozenset(),
     ) -> None:
-        self.f, self.functions, self.names, self.use = function, functions, names, use
-        self.asked = asked
-        self.varying, self.varying_slots = varying, varying_slots
-        self.made = {v.id: v for v in defined(function)}
-        self.slots = {v.id: v for v in (*function.outputs, *function.variables)}
-        self.slot_names: dict[int, str] = {}
-        self.given: dict[tuple[str, str], str] = {}
-        self.uses = Counter(v for s in walk(function.body) for v in uses(s))
-        self.left = Counter(self.uses)
-        self.values: dict[int, Expr] = {}
-        self.waiting: set[int] = set()
-        self.readers: dict[int, set[int]] = {}
-        self.plans = plans(function, live, varying_slots)
-        self.in_place = frozenset(s.variable for s in walk(function.body) if isinstance(s, Store) and _partial(s))
+        super().__init__(function, functions, names, use, facts, asked)
+        self.plans = plans(function, facts.live, facts.slots)
         self.in_place |= frozenset(slot for plan in self.plans.values() for slot in plan.slots)
         self.compactions: dict[int, Compaction] = {}
-        self.lane_names: set[str] = set()
         self.within: list[tuple[Plan, str]] = []
-        self.lanes = "lanes"
-        self.lines: list[str] = []
-        self.indent = 1
-        self.shown: Loc | None = None
         self.loops: list[Loop] = []
         self.loop_head = -2
-        self.stored: list[tuple[int, Expr]] = []
 
     def function(self) -> str:
         """The text of the function, whose arguments besides its inputs are those it asks for."""
@@ -144,10 +113,14 @@ class _Printer:
         for port in self.f.inputs:
             arguments.append(self.names.take(port.name, "x"))
             self.values[port.id] = name(arguments[-1])
+            if port.id in self.varying:
+                self.lane_names.add(arguments[-1])
         for kind, what in self.asked[self.f.name]:
             self.given[kind, what] = self.names.take(what) if what else kind
+        self.slot_names |= self.continued()
         for slot in (*self.f.variables, *self.f.outputs):
-            self.slot_names[slot.id] = self.names.take(slot.name)
+            if slot.id not in self.slot_names:
+                self.slot_names[slot.id] = self.names.take(slot.name)
         blank = self.blank()
         if self.f.pure and blank:
             self.line(f"lanes = lane_count({', '.join(arguments)})")
@@ -159,130 +132,38 @@ class _Printer:
             self.leave(None)
         head = f"def {self.functions[self.f.name]}({', '.join([*arguments, *self.given.values()])}):"
         slots = {text for slot, text in self.slot_names.items() if slot in self.varying_slots}
-        self.lane_names |= {"grid_index", *arguments, *slots}
+        self.lane_names |= {"grid_index", *slots}
         return compacted("\n".join([head, *self.lines]), self.compactions, self.lane_names, self.names)
+
+    def continued(self) -> dict[int, str]:
+        """The slots that begin as an input of their name, which is nothing else: they are that argument."""
+        inputs = {port.id: port for port in self.f.inputs}
+        found: dict[int, str] = {}
+        for s in self.f.body:
+            if not isinstance(s, Store) or s.value not in inputs or is_partial(s):
+                break
+            named = self.slots[s.variable].name == inputs[s.value].name is not None
+            alike = (s.variable in self.varying_slots) == (s.value in self.varying)
+            if named and alike and self.uses[s.value] == 1 and s.variable not in found:
+                found[s.variable] = self.values[s.value].text
+        return found
 
     def blank(self) -> list[Variable]:
         """The slots that may be read, or changed in part, before they are stored as a whole."""
         read = Value(-1, vec(Base.B))
 
         def reading(s: Stmt) -> Stmt | tuple[Stmt, ...]:
-            return (Let(read, "load", (), s.variable), s) if isinstance(s, Store) and _partial(s) else s
+            return (Let(read, "load", (), s.variable), s) if isinstance(s, Store) and is_partial(s) else s
 
         notes = annotate(replace(self.f, body=rewrite(self.f.body, reading)))
         live = notes[0].before if notes else frozenset(v.id for v in self.f.outputs)
         return [v for v in self.slots.values() if v.id in live]
 
-    def line(self, text: str, loc: Loc | None = None) -> None:
-        """Print a line, with the source line that it came from if that is another than before."""
-        self.stored.clear()
-        self.lines.append("    " * self.indent + text + self.comment(loc))
-
-    def comment(self, loc: Loc | None) -> str:
-        if loc is None or loc == self.shown:
-            return ""
-        self.shown = loc
-        file = "".join(c if c.isprintable() else "?" for c in PurePath(loc.file).name)
-        return f"  # {file}:{loc.line}"
-
-    # Values
-
-    def take(self, value: int) -> Expr:
-        """The expression for one use of a value; one that is used again gets a name first."""
-        self.left[value] -= 1
-        if value in self.waiting:
-            if self.left[value] > 0:
-                self.bind(value)
-            else:
-                self.waiting.discard(value)
-        return self.values[value]
-
-    def hold(self, value: int, e: Expr) -> None:
-        """Let `e` stand for a value."""
-        self.values[value] = e
-        for slot in e.reads:
-            self.readers.setdefault(slot, set()).add(value)
-
-    def bind(self, value: int) -> None:
-        """Give a value a name of its own."""
-        self.waiting.discard(value)
-        made, e = self.made[value], self.values[value]
-        bound = self.names.take(made.name)
-        scalar = e.splat
-        self.line(f"{bound} = {self.unshared(scalar or e).own().text}", made.loc)
-        if value in self.varying:
-            self.lane_names.add(bound)
-        whole = name(bound)
-        if scalar is not None:
-            size = made.type.size
-            whole = replace(call(self.use.from_lanes("splat"), whole, str(size)), splat=whole)
-        self.values[value] = whole
-
-    def unshared(self, e: Expr) -> Expr:
-        """A copy, where a later store could change the array that the expression looks into."""
-        return method(e, "copy") if e.shared and e.reads & self.in_place else e
-
-    def settle(self, slots: Iterable[int]) -> None:
-        """Name all that reads one of these slots and will be asked for again: they are about to change."""
-        for slot in slots:
-            for value in sorted(self.readers.pop(slot, ())):
-                if self.left[value] > 0 and value in self.values and slot in self.values[value].reads:
-                    self.bind(value)
-
-    def let(self, s: Let) -> None:
-        value = s.value.id
-        self.left[value] = self.uses[value]
-        if not self.left[value]:
-            self.left.subtract(s.args)
-            return
-        e = self.expression(s)
-        self.hold(value, e)
-        simple = e.splat if e.splat is not None else e
-        if simple.depth == 0 and (simple.shared or simple.literal):
-            return
-        self.waiting.add(value)
-        if s.value.name is not None or e.depth > MAX_DEPTH or len(e.text) > MAX_LENGTH:
-            self.bind(value)
-
-    def expression(self, s: Let) -> Expr:
-        """The expression of an operation."""
-        match s.op, s.attr:
-            case "const", tuple(bits):
-                return constant(s.value.type, bits)
-            case "load", int(slot):
-                return self.loaded(self.slots[slot], s.args)
-            case "swizzle", tuple(components):
-                return picked(self.take(s.args[0]), components)
-            case ("param" | "grid_index" | "grid_shape") as op, what:
-                return name(self.given[op, str(what or "")])
-            case "table_size", str(table):
-                return name(f"{self.given['table', table]}.size")
-            case "table", str(table):
-                method = "gather" if s.args[0] in self.varying else "at"
-                return call(f"{self.given['table', table]}.{method}", self.take(s.args[0]).own())
-            case "lane_mask", _:
-                return call("np.ones", self.lanes, "np.bool_")
-            case "call", str(function):
-                context = [name(self.given[key]) for key in self.asked[function]]
-                return call(self.functions[function], *[self.take(a).own() for a in s.args], *context)
-        args = [self.take(a) for a in s.args]
-        types = [self.made[a].type for a in s.args]
-        return operation(s.op, args, types, s.value.type, s.value.id in self.varying, self.use)
-
-    def loaded(self, slot: Variable, index: tuple[int, ...]) -> Expr:
-        whole = name(self.slot_names[slot.id], [slot.id])
-        if not index:
-            return whole
-        at = self.take(index[0])
-        if at.literal:
-            return item(whole, str(min(max(int(at.text), 0), (slot.length or 1) - 1)))
-        return call(self.use.from_lanes("pick"), whole, at)
-
     # Statements
 
     def region(self, region: Region) -> bool:
         """Print a region; whether it ends in an exit."""
-        for s in region:
+        for at, s in enumerate(region, 1):
             match s:
                 case Let(value) if self.exit_copy(value.id):
                     pass  # written by the store that follows
@@ -298,6 +179,8 @@ class _Printer:
                     self.branch(s)
                 case Loop():
                     self.loop(s)
+                case Call():
+                    self.call(s, region[at:])
                 case Break():
                     self.line("break", s.loc)
                 case Continue():
@@ -308,8 +191,41 @@ class _Printer:
                     raise TypeError(f"{type(s).__name__} has no place in a vectorised function")
         return bool(region) and isinstance(region[-1], (Break, Continue, Return))
 
+    def call(self, s: Call, following: Region) -> None:
+        """A call of a function that is more than an expression: its results get names, of their slots if it can be."""
+        args = [self.take(a).own() for a in s.args]
+        made = call(self.functions[s.function], *args, *self.context(s.function))
+        slots = self.slots_of(s, following)
+        self.settle(slots.values())
+        bound = []
+        for result in s.results:
+            slot = slots.get(result.id)
+            called = self.names.take(result.name) if slot is None else self.slot_names[slot]
+            self.hold(result.id, name(called, () if slot is None else (slot,)))
+            self.left[result.id] = self.uses[result.id]
+            if result.id in self.varying:
+                self.lane_names.add(called)
+            bound.append(called)
+        self.line(f"{', '.join(bound)} = {made.text}" if bound else made.text, s.loc)
+
+    def slots_of(self, s: Call, following: Region) -> dict[int, int]:
+        """The slots that the statements right behind a call store its results into, where these are nothing else."""
+        results = {r.id for r in s.results}
+        found: dict[int, int] = {}
+        for store in following:
+            if not isinstance(store, Store) or store.value not in results or store.value in found or is_partial(store):
+                break
+            slot, value = store.variable, store.value
+            alike = (slot in self.varying_slots) == (value in self.varying)
+            if alike and slot not in self.in_place and slot not in found.values():
+                found[value] = slot
+        return found
+
     def store(self, s: Store) -> None:
         slot, value = self.slots[s.variable], s.value
+        if slot.id not in self.in_place and self.left[value] and self.values[value].text == self.slot_names[slot.id]:
+            self.take(value)
+            return
         alike = (slot.id in self.varying_slots) == (value in self.varying)
         adopted = alike and value in self.waiting and self.left[value] > 1 and self.values[value].splat is None
         if adopted:  # what has no name yet is called by the slot's

@@ -33,7 +33,7 @@ __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 TILE: Final = 32_768
 """Lanes that run together."""
 _KEPT_MEMORY: Final = 1 << 24
-TARGET: Final = Target("numpy", native=frozenset(OPS), functions=False, vector=True)
+TARGET: Final = Target("numpy", native=frozenset(OPS), vector=True)
 
 
 class NumpyBackend:

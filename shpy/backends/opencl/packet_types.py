@@ -9,7 +9,7 @@ same for all lanes keeps its own, and is spread where a varying operation takes 
                                        %5: b16 = gt %3, %6           (int16: -1 where it holds)
 
 A vector that comes from elsewhere is `Rows`, a struct with a packet for each component: `p.x`, `p.y`. Functions are
-copied for packets, and keep their own form for arguments that do not vary.
+copied for packets; a pure one keeps its own form for arguments that do not vary.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from dataclasses import replace
 from functools import cache
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Function, If, Let, Loop, Module, Region, Stmt, Store, Variable
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
 from shpy.ir.types import Base, Type
+from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import remove_unused_functions
 from shpy.passes.uniformity import varies
 from shpy.passes.vectorize import VectorModule
@@ -74,16 +75,16 @@ def rows_of(base: Base, size: int, lanes: int) -> Type:
 
 
 def widen(vector: VectorModule, lanes: int) -> Module:
-    """The module with types that tell what varies. Its functions come twice, as far as they are used."""
-    *functions, entry = vector.module.functions
-    names = {f.name for f in vector.module.functions}
-    uniform = {f.name: _fresh(f"{f.name}_uniform", names) for f in functions}
+    """The module with types that tell what varies. Its pure functions come twice, as far as they are used."""
+    functions = vector.module.functions
+    names = {f.name for f in functions}
+    uniform = {f.name: _fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
     made: list[Function] = []
     for f in functions:
-        made.append(_renamed(f, uniform))
-        varying, slots = _everything_varies(f)
-        made.append(_Widener(f, varying, slots, lanes, uniform).run())
-    made.append(_Widener(entry, vector.varying, vector.slots, lanes, uniform).run())
+        if f.pure:
+            made.append(_renamed(f, uniform))
+        facts = _everything_varies(f) if f.pure else vector.facts[f.name]
+        made.append(_Widener(f, facts, lanes, uniform).run())
     return remove_unused_functions(replace(vector.module, functions=tuple(made)))
 
 
@@ -102,25 +103,23 @@ def _renamed(function: Function, names: dict[str, str]) -> Function:
     return replace(function, name=names[function.name], body=body)
 
 
-def _everything_varies(function: Function) -> tuple[frozenset[int], frozenset[int]]:
+def _everything_varies(function: Function) -> LaneFacts:
     """What varies in a pure function whose arguments do: all slots, and what comes from these and from those."""
     slots = frozenset(v.id for v in (*function.outputs, *function.variables))
     varying = {v.id for v in function.inputs}
     for s in function.body:
         if isinstance(s, Let) and (s.op == "load" or varies(s.op, (a in varying for a in s.args))):
             varying.add(s.value.id)
-    return frozenset(varying), slots
+    return LaneFacts(frozenset(varying), slots)
 
 
 class _Widener:
     """Gives the values of one function their types, and spreads uniform operands."""
 
-    def __init__(
-        self, function: Function, varying: frozenset[int], slots: frozenset[int], lanes: int, uniform: dict[str, str]
-    ) -> None:
+    def __init__(self, function: Function, facts: LaneFacts, lanes: int, uniform: dict[str, str]) -> None:
         self.function = function
-        self.varying = varying
-        self.varying_slots = slots
+        self.varying = facts.varying
+        self.varying_slots = facts.slots
         self.lanes = lanes
         self.uniform = uniform
         self.b = Builder(function=function)
@@ -128,12 +127,15 @@ class _Widener:
 
     def run(self) -> Function:
         """The function with the types of packets."""
-        self.b.inputs = [replace(i, type=self.wide(i.type)) for i in self.function.inputs]
+        self.b.inputs = [replace(i, type=self.type_of(i)) for i in self.function.inputs if isinstance(i, Value)]
         self.statements(self.function.body)
         made = self.b.finish()
         return replace(
             made, outputs=tuple(map(self.slot, made.outputs)), variables=tuple(map(self.slot, made.variables))
         )
+
+    def type_of(self, value: Value) -> Type:
+        return self.wide(value.type) if value.id in self.varying else value.type
 
     def wide(self, type: Type) -> Type:
         return rows_of(type.base, type.size, self.lanes)
@@ -168,6 +170,8 @@ class _Widener:
                     self.b.append(If(condition, self.region(then), self.region(orelse), loc))
                 case Loop(body, continuing, until, turns, loc):
                     self.b.append(Loop(self.region(body), self.region(continuing), until, turns, loc))
+                case Call(_, _, results):
+                    self.b.append(replace(s, results=tuple(replace(r, type=self.type_of(r)) for r in results)))
                 case _:
                     self.b.append(s)
 

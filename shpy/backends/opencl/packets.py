@@ -34,7 +34,10 @@ from shpy.passes.vectorize import vectorize
 __all__ = ["print_packets"]
 
 _LARGE = 400
-"""A kernel of more statements is a function that the kernel calls: PoCL generates the code of a kernel three times."""
+"""A kernel of more statements is a function that the kernel calls: PoCL generates the code of a kernel three times.
+
+Functions of so many are not inlined either.
+"""
 
 
 def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math = "strict") -> Kernel:
@@ -42,6 +45,10 @@ def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math =
     scalar = optimise(take_apart(module))
     packets = widen(vectorize(scalar, padded=True), lanes)
     return PacketPrinter(packets, module.entry, lanes, abilities, math).print()
+
+
+def _is_large(function: Function) -> bool:
+    return sum(1 for _ in walk(function.body)) > _LARGE
 
 
 class PacketPrinter(PacketSpelling, OpenCLPrinter):
@@ -85,15 +92,17 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
     def _index_type(self) -> Type:
         return rows_of(Base.I, max(self.grid_rank, 1), self.lanes)
 
-    # The kernel
+    # Functions and the kernel
+
+    def _function(self, function: Function, name: str, prefix: str = "") -> None:
+        super()._function(function, name, NOINLINE + " " if _is_large(function) else prefix)
 
     def _kernel(self, entry: Function) -> None:
         name = self.function_names[entry.name]
-        large = sum(1 for _ in walk(entry.body)) > _LARGE
-        apart = large or leaves_early(entry)
+        apart = _is_large(entry) or leaves_early(entry)
         inner = self.globals.take(f"{name}_packet") if apart else ""
         if apart:
-            self._function(entry, inner, NOINLINE + " " if large else "")
+            self._function(entry, inner)
         self.begin(entry)
         self.prologue.packet()
         read = [i for i in entry.inputs if isinstance(i, Value) and self.layout.uses[i.id]]

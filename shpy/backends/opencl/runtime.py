@@ -35,7 +35,7 @@ from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
 
 TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
-PACKET_TARGET: Final = replace(TARGET, functions=False, vector=True)
+PACKET_TARGET: Final = replace(TARGET, vector=True)
 _MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """What a component is in a buffer."""
 _WIDE: Final = 32

@@ -1,0 +1,166 @@
+"""Subroutines for many lanes: one copy of a function for each way in which it is called.
+
+Stage: improve. Part of `vectorize`. What a copy is made for is which arguments vary from lane to lane, and whether only
+some lanes are active; then it gets their mask as one more argument, unless it has no use for it:
+
+    %r = call tone(%n, %k)       ->      %r = call tone(%n, %k, %active)      # n varies, k and r do not
+
+A result is uniform where the copy's output is, whatever the arguments are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from shpy.ir.nodes import Call, Function, Module, Stmt, Store, Value
+from shpy.ir.traverse import defined, rewrite, uses, walk
+from shpy.passes.dead import without_dead
+from shpy.passes.dead_stores import without_dead_stores
+from shpy.passes.lanes import BOOL, Here
+from shpy.passes.leaving import ExitBuilder
+from shpy.passes.returns import returns_outside_loops
+
+__all__ = ["CallBuilder", "Callees", "LaneFacts", "LaneFunction"]
+
+
+@dataclass(frozen=True, slots=True)
+class LaneFacts:
+    """What varies in a function that many lanes run at once.
+
+    `varying` are the ids of its values, `slots` of its variables, that hold one number for every lane; `live` are those
+    of the slots that hold which lanes are still in a loop.
+    """
+
+    varying: frozenset[int]
+    slots: frozenset[int]
+    live: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class LaneFunction:
+    """A function for many lanes, `of` its name before. `masked`: its last input is the mask of the active lanes."""
+
+    function: Function
+    of: str
+    facts: LaneFacts
+    masked: bool = False
+
+
+Make = Callable[[Function, frozenset[int], Value | None, "Callees"], tuple[Function, LaneFacts]]
+"""Vectorises a function whose Returns are outside of loops: with the inputs that vary, and the one that is the mask."""
+
+
+class Callees:
+    """Makes the copies when they are first asked for, by `make`."""
+
+    def __init__(self, module: Module, make: Make) -> None:
+        self.module = module
+        self.make = make
+        self.functions = {f.name: f for f in module.functions}
+        self.statuses = _statuses(module)
+        self.taken = set(self.functions)
+        self.made: dict[tuple[str, tuple[bool, ...], bool], LaneFunction] = {}
+
+    def entry(self) -> LaneFunction:
+        """The entry, whose inputs all vary."""
+        entry = self.module.entry
+        return self._made(entry, entry.name, frozenset(port.id for port in entry.inputs), None)
+
+    def called(self, name: str, varying: tuple[bool, ...], *, masked: bool) -> LaneFunction:
+        """The copy for arguments of which these vary, and for some lanes only if it is `masked`."""
+        key = name, varying, masked
+        if key in self.made:
+            return self.made[key]
+        function = self.functions[name]
+        given = frozenset(port.id for port, varies in zip(function.inputs, varying, strict=True) if varies)
+        mask = None
+        if masked:
+            mask = Value(max((v.id for v in defined(function)), default=-1) + 1, BOOL, "active")
+            function = replace(function, inputs=(*function.inputs, mask))
+            given |= {mask.id}
+        copy = self._made(function, _fresh(name, self.taken), given, mask)
+        self.made[key] = copy
+        return copy
+
+    def _made(self, function: Function, name: str, given: frozenset[int], mask: Value | None) -> LaneFunction:
+        function, of = replace(function, name=name), function.name
+        made, facts = self.make(returns_outside_loops(function, self.statuses.get(of)), given, mask, self)
+        functions = {copy.function.name: copy.function for copy in self.made.values()}
+        made = without_dead(without_dead_stores(made, functions), functions)
+        masked = mask is not None and any(mask.id in uses(s) for s in walk(made.body))
+        if mask is not None and not masked:
+            made = replace(made, inputs=made.inputs[:-1])
+        slots = {v.id for v in (*made.outputs, *made.variables)}
+        values = {v.id for v in defined(made)}
+        return LaneFunction(
+            made, of, LaneFacts(facts.varying & values, facts.slots & slots, facts.live & slots), masked
+        )
+
+    def named(self, entry: LaneFunction) -> dict[str, LaneFunction]:
+        """The entry and the copies that it needs, callees first: the first of each function has its name."""
+        needed = {entry.function.name}
+        for copy in (entry, *reversed(self.made.values())):
+            if copy.function.name in needed:
+                needed |= {s.function for s in walk(copy.function.body) if isinstance(s, Call)}
+        names: dict[str, str] = {}
+        taken = set(self.functions)
+        kept = [copy for copy in (*self.made.values(), entry) if copy.function.name in needed]
+        for copy in kept:
+            first = copy.of not in names.values()
+            names[copy.function.name] = copy.of if first else _fresh(copy.of, taken)
+        renamed = [replace(copy, function=_renamed(copy.function, names)) for copy in kept]
+        return {copy.function.name: copy for copy in renamed}
+
+
+def _statuses(module: Module) -> dict[str, int]:
+    """The variable of each function that is its status, by what its callers do with the last result.
+
+    The entry has one more output than the module if it has a status.
+    """
+    entry = module.entry
+    found = {entry.name: entry.outputs[-1].id} if len(entry.outputs) > len(module.outputs) else {}
+    outputs = {f.name: f.outputs for f in module.functions}
+    for function in reversed(module.functions):
+        last = {s.results[-1].id: s.function for s in walk(function.body) if isinstance(s, Call) and s.results}
+        for s in walk(function.body):
+            if isinstance(s, Store) and s.variable == found.get(function.name) and s.value in last:
+                found[last[s.value]] = outputs[last[s.value]][-1].id
+    return found
+
+
+def _fresh(name: str, taken: set[str]) -> str:
+    number = 2
+    while f"{name}_{number}" in taken:
+        number += 1
+    taken.add(f"{name}_{number}")
+    return f"{name}_{number}"
+
+
+def _renamed(function: Function, names: Mapping[str, str]) -> Function:
+    def change(s: Stmt) -> Stmt:
+        return replace(s, function=names[s.function]) if isinstance(s, Call) else s
+
+    return replace(function, name=names[function.name], body=rewrite(function.body, change))
+
+
+class CallBuilder(ExitBuilder):
+    """An ExitBuilder that knows calls."""
+
+    def __init__(self, function: Function, given: frozenset[int], callees: Callees) -> None:
+        super().__init__(function, given)
+        self.callees = callees
+
+    def call(self, s: Call, here: Here) -> None:
+        """A Call, of the copy that fits."""
+        args = tuple(self.same.get(a, a) for a in s.args)
+        varying = tuple(a in self.varying for a in args)
+        copy = self.callees.called(s.function, varying, masked=here.mask is not None)
+        if copy.masked and here.mask is not None:
+            args = (*args, here.mask)
+        self.b.append(Call(copy.function.name, args, s.results, s.loc))
+        for result, output in zip(s.results, copy.function.outputs, strict=True):
+            if output.id in copy.facts.slots:
+                self.varying.add(result.id)
+            else:
+                self.varying.discard(result.id)
