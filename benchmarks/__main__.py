@@ -13,7 +13,6 @@ The exit status is 1 if an answer is wrong or a contender fails.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
 from raytracer import Mesh
 from raytracer.meshes.shapes import knot
+from shpy.accuracy.files import check_folder, replacing, write_json
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
@@ -72,7 +72,7 @@ def arguments(given: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", type=int, help="a size other than a work's own")
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
-    parser.add_argument("--plot", metavar="FILE", help="a picture (needs matplotlib)")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="a picture (needs matplotlib)")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="the tables")
     return parser.parse_args(given)
 
@@ -92,6 +92,8 @@ def main(given: list[str] | None = None) -> int:
         peers.start(name)
     here = machine.describe(found)
     print(report.heading(here, missing), end="\n\n")
+    for path in filter(None, (options.json, options.markdown, options.plot)):
+        check_folder(path)
     results = measure(subjects, [*targets, *found], options)
     print(report.means(results))
     tables = []
@@ -133,11 +135,12 @@ def write(
     if options.json:
         found = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
         found["studies"] = [vars(table) for table in tables]
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
+        write_json(options.json, found)
     if options.markdown:
         parts = [report.PREFACE, report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
         parts += [*(report.markdown(m) for m in results), *(t.markdown() for t in tables)]
-        options.markdown.write_text("\n".join(parts))
+        with replacing(options.markdown) as path:
+            path.write_text("\n".join(parts))
     if options.plot and results:
         plot.draw(results, options.plot)
 

@@ -6,22 +6,17 @@ draw(results, "bench.png")
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from benchmarks.report import base_of, label, spread
 from benchmarks.rounds import Measured
+from shpy.accuracy.files import new_figure, replacing
 
 
-def draw(results: Sequence[Measured], path: str) -> None:
-    """Write the picture; ModuleNotFoundError without matplotlib."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(
-        len(results), 1, figsize=(8, 0.6 + sum(0.5 + 0.22 * len(m.seconds) for m in results)), squeeze=False,
-        height_ratios=[2 + len(m.seconds) for m in results], layout="constrained",
-    )  # fmt: skip
+def draw(results: Sequence[Measured], path: Path) -> None:
+    """Write the picture; ShpyError without matplotlib."""
+    figure = new_figure(8, 0.6 + sum(0.5 + 0.22 * len(m.seconds) for m in results))
+    axes = figure.subplots(len(results), 1, squeeze=False, height_ratios=[2 + len(m.seconds) for m in results])
     for axis, measured in zip(axes[:, 0], results, strict=True):
         base = base_of(measured)
         found = {name: spread(measured.ratios(name, base)) for name in measured.seconds}
@@ -35,5 +30,5 @@ def draw(results: Sequence[Measured], path: str) -> None:
         axis.invert_yaxis()
         axis.set_title(f"{measured.work.name}: time as a multiple of {label(base)}", fontsize=9, loc="left")
         axis.tick_params(labelsize=8)
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=120)

@@ -22,7 +22,7 @@ from raytracer.image import Image, writer
 from raytracer.renderer import Progress, render
 from raytracer.scene import Scene
 from raytracer.scenes import SCENES
-from raytracer.trade import tradeoff
+from raytracer.trade import new_figure, tradeoff
 
 _PATIENCE = 2.0
 """Seconds until a progress bar appears."""
@@ -98,6 +98,8 @@ def _render(options: argparse.Namespace) -> int:
 
 def _tradeoff(options: argparse.Namespace) -> int:
     scene = find_scene(options.scene)
+    if options.output is not None:
+        new_figure(options.output)  # complains now about a path that cannot be written later
     with progress_bar(f"{scene.name}: variants") as progress:
         found = tradeoff(
             scene, max_error=options.error, backend=options.backend, bounces=options.bounces, progress=progress

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import io
 import os
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -78,15 +78,8 @@ class Image:
         """
         path = Path(path)
         write = writer(path)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        try:
-            write(self, name)
-            os.chmod(name, 0o666 & ~_umask())
-            os.replace(name, path)
-        except BaseException:
-            os.unlink(name)
-            raise
+        with replacing(path) as temporary:
+            write(self, str(temporary))
         return path
 
     def _repr_png_(self) -> bytes:
@@ -104,10 +97,15 @@ def writer(path: Path) -> Callable[[Image, str], None]:
     return _WRITERS[path.suffix.lower()]
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A path beside `path`, with its ending, which takes its place unless the block raises."""
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _pillow() -> Any:

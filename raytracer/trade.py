@@ -26,11 +26,11 @@ import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
-from raytracer.image import Image, encoded
+from raytracer.image import Image, encoded, replacing
 from raytracer.renderer import Renderer
 from raytracer.scene import Scene
 
-__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "tradeoff"]
+__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "new_figure", "tradeoff"]
 
 Told = Callable[[int, int], None]
 """Called with the variants that are done and all variants."""
@@ -90,11 +90,8 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        found: list[Candidate] = []
-        for candidate in self.candidates:
-            if not found or candidate.worst < found[-1].worst:
-                found.append(candidate)
-        return tuple(found)
+        found: tuple[Candidate, ...] = sh.accuracy.frontier(self.candidates, lambda c: c.worst)
+        return found
 
     @property
     def pick(self) -> Candidate:
@@ -131,12 +128,12 @@ class Tradeoff:
         return {"scene": self.scene, "backend": self.backend, "max_error": self.max_error, "candidates": rows}
 
     def plot(self, path: str | Path) -> None:
-        """Draw time against error, the frontier and the budget; JSON of the same name goes beside it."""
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise SceneError("plots need matplotlib: pip install 'shpy-dsl[accuracy]'") from error
-        figure = Figure(figsize=(9, 6), layout="constrained")
+        """Draw time against error, the frontier and the budget; JSON of the same name goes beside it.
+
+        Raises as `new_figure`.
+        """
+        path = Path(path)
+        figure = new_figure(path)
         axes = figure.add_subplot()
         kinds = sorted({(c.variant.precision, c.variant.math, c.variant.accel) for c in self.candidates})
         for c in sorted(self.candidates, key=lambda c: str(c.variant)):
@@ -150,14 +147,29 @@ class Tradeoff:
         axes.set(xscale="log", yscale="log", xlabel="ms a picture", ylabel="root mean square error, 255ths")
         axes.set_title(f"{self.scene} on {self.backend}: time against error")
         axes.legend(fontsize=7)
-        path = Path(path)
-        waiting = path.with_name(f".{path.name}")
-        figure.savefig(waiting, format=path.suffix[1:] or "png", dpi=120)
-        waiting.replace(path)
-        beside = path.with_suffix(".json")
-        waiting = beside.with_name(f".{beside.name}")
-        waiting.write_text(json.dumps(self.json(), indent=1))
-        waiting.replace(beside)
+        with replacing(path) as temporary:
+            figure.savefig(temporary, dpi=120)
+        with replacing(path.with_suffix(".json")) as temporary:
+            temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
+
+
+def new_figure(path: Path) -> Any:
+    """A matplotlib Figure that can be written to `path`.
+
+    Raises SceneError for an ending that is no picture's and without matplotlib, FileNotFoundError where the folder does
+    not exist.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise SceneError("plots need matplotlib: pip install 'shpy-dsl[accuracy]'") from error
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    known = sorted(figure.canvas.get_supported_filetypes())
+    if path.suffix[1:].lower() not in known:
+        raise SceneError(f"{path}: plots are written as .{', .'.join(known)}, not as {path.suffix or 'this'}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {path.parent}")
+    return figure
 
 
 def errors(image: Image, reference: Image) -> dict[str, float]:

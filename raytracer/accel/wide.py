@@ -48,11 +48,6 @@ class WideBvh:
     blocks: Words
     depth: int
 
-    @property
-    def bytes(self) -> int:
-        """The size of both tables."""
-        return self.nodes.nbytes + self.blocks.nbytes
-
 
 def widen(bvh: Bvh, corners: NDArray[np.floating]) -> WideBvh:
     """The wide form of a hierarchy over triangles with `corners` (N, 3, 3), all rounded to f32."""

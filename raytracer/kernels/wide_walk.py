@@ -18,7 +18,7 @@ import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.wide import BASES, BLOCKS_FROM, LEAF, NUMBERS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
-from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, is_ray, lower, same_side
+from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, is_ray, lower, product, same_side
 from shpy import SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 ROWS_OF_A_NODE = 8
@@ -156,7 +156,7 @@ class BlockTest:
         a, b, c = ([self.side(blocks, row + 3 * k, axis) for axis in range(3)] for k in range(3))
         wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
-        t = (wa * a[2] + wb * b[2] + wc * c[2]) / (whole * sight.pace)
+        t = product((wa, wb, wc), (a[2], b[2], c[2])) / (whole * sight.pace)
         met = same_side(wa, wb, wc) & (whole != 0) & (t >= self.near) & (t <= hit.l)
         with SH_IF(met.x | met.y | met.z | met.w):
             t = higher(t, sight.begin(a, b, c))

@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from shpy.accuracy.files import check_output, write_json
 from shpy.accuracy.measure import measure
-from shpy.accuracy.report import write_json
 from shpy.accuracy.tradeoff import tradeoff
 from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
@@ -63,6 +63,8 @@ def _add_shared(command: argparse.ArgumentParser, samples: int) -> None:
 
 def _guarded(command: Any, options: argparse.Namespace) -> int:
     try:
+        if options.output is not None:
+            check_output(options.output)
         status: int = command(options)
         return status
     except (ShpyError, OSError, ValueError) as error:

@@ -5,7 +5,6 @@ Stage: measure. Holds the rows of `measure`, one for each output of each variant
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -14,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import ShpyError
+from shpy.accuracy.files import new_figure, save_figure
 
-__all__ = ["BINS", "Report", "Row", "columns", "pyplot", "write_json"]
+__all__ = ["BINS", "Report", "Row", "columns"]
 
 Array = NDArray[Any]
 
@@ -109,12 +108,11 @@ class Report:
     def plot(self, path: str | Path) -> None:
         """Draw errors against the first input, and their distribution, one line of pictures for each output.
 
-        Writes JSON of the same name beside it. Raises ShpyError without matplotlib.
+        Writes JSON of the same name beside it. Raises ShpyError without matplotlib, or for a path that is no picture.
         """
-        plt = pyplot()
         outputs = list(dict.fromkeys(row.output for row in self.rows))
-        size = (12, 4 * len(outputs))
-        figure, axes = plt.subplots(len(outputs), 2, figsize=size, squeeze=False, layout="constrained")
+        figure = new_figure(12, 4 * len(outputs))
+        axes = figure.subplots(len(outputs), 2, squeeze=False)
         for (left, right), output in zip(axes, outputs, strict=True):
             for row in (r for r in self.rows if r.output == output):
                 label = " ".join(filter(None, (row.backend, row.math, row.precision)))
@@ -128,9 +126,7 @@ class Report:
             right.set(xscale="log", xlabel="error in ULP", ylabel="% of elements up to it")
             right.legend()
         figure.suptitle(f"{self.program}, against {self.reference}")
-        figure.savefig(path)
-        plt.close(figure)
-        write_json(Path(path).with_suffix(".json"), self.json())
+        save_figure(figure, Path(path), self.json())
 
     def _along(self, row: Row) -> tuple[str, Array]:
         """What errors are drawn against: the first input, or the length of it."""
@@ -156,34 +152,6 @@ def columns(rows: Sequence[Sequence[str]], left: Iterable[int] = ()) -> list[str
         return "  ".join(cells).rstrip()
 
     return [line(row) for row in rows]
-
-
-def pyplot() -> Any:
-    """matplotlib, drawing without a screen; ShpyError, with the command that brings it, where it is missing."""
-    try:
-        import matplotlib
-        from matplotlib import pyplot as plt
-    except ImportError as error:
-        raise ShpyError("plots need matplotlib", cure="pip install 'shpy-dsl[accuracy]'") from error
-    matplotlib.use("agg")
-    return plt
-
-
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write it with numpy's numbers as plain ones, infinities and NaN as texts."""
-    path.write_text(json.dumps(_plain(content), indent=1) + "\n")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not np.isfinite(value):
-        return str(value)
-    return value
 
 
 def _short(value: Any) -> str:

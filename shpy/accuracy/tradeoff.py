@@ -10,17 +10,18 @@ Stage: measure. Takes a program (or a choice), a domain and a budget, gives a `T
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from shpy.accuracy.domain import Domain, Samples, draw
+from shpy.accuracy.files import new_figure, save_figure
 from shpy.accuracy.measure import Variant, error_of, variants
 from shpy.accuracy.reference import Kind, Truth, evaluate
-from shpy.accuracy.report import columns, pyplot, write_json
+from shpy.accuracy.report import columns
 from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError
@@ -31,7 +32,7 @@ from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
 
-__all__ = ["Candidate", "Tradeoff", "tradeoff"]
+__all__ = ["Candidate", "Tradeoff", "frontier", "tradeoff"]
 
 _UNSEEN = 4
 """How many times as many elements a choice must hold on as it was made on."""
@@ -61,6 +62,22 @@ class Candidate:
         return " ".join([str(self.variant), *(f"{name}={picked}" for name, picked in self.picks.items())])
 
 
+Measured = TypeVar("Measured")
+
+
+def frontier(candidates: Iterable[Measured], error: Callable[[Measured], float]) -> tuple[Measured, ...]:
+    """Of candidates in order of time, fastest first, those whose error is less than that of all before (Pareto).
+
+    >>> frontier([(1, 0.5), (2, 0.7), (3, 0.1)], lambda c: c[1])
+    ((1, 0.5), (3, 0.1))
+    """
+    found: list[Measured] = []
+    for candidate in candidates:
+        if not found or error(candidate) < error(found[-1]):
+            found.append(candidate)
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class Tradeoff:
     """Every candidate, fastest first; what was skipped, and why."""
@@ -73,11 +90,7 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        found: list[Candidate] = []
-        for candidate in self.candidates:
-            if not found or candidate.error < found[-1].error:
-                found.append(candidate)
-        return tuple(found)
+        return frontier(self.candidates, lambda c: c.error)
 
     @property
     def pick(self) -> Candidate:
@@ -138,9 +151,12 @@ class Tradeoff:
         return {"program": self.program, "budget": budget, "candidates": rows, "skipped": list(self.skipped)}
 
     def plot(self, path: str | Path) -> None:
-        """Draw time against error with the frontier and the budget; JSON of the same name goes beside it."""
-        plt = pyplot()
-        figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
+        """Draw time against error with the frontier and the budget; JSON of the same name goes beside it.
+
+        Raises ShpyError without matplotlib, or for a path that is no picture.
+        """
+        figure = new_figure(9, 6)
+        axes = figure.subplots()
         least = 1e-3 if self.budget.unit == "ulp" else 1e-9
         front = [c for c in self.frontier if np.isfinite(c.error)]
         for c in self.candidates:
@@ -155,9 +171,7 @@ class Tradeoff:
         axes.axhline(self.budget.limit, color="black", linewidth=0.5)
         axes.set(xscale="log", yscale="log", xlabel="ns per element", ylabel=f"largest error, {self.budget.unit}")
         axes.set_title(f"{self.program}: time against error")
-        figure.savefig(path)
-        plt.close(figure)
-        write_json(Path(path).with_suffix(".json"), self.json())
+        save_figure(figure, Path(path), self.json())
 
 
 def tradeoff(
