@@ -158,12 +158,12 @@ def _table(name: str, type_: TableType, given: Any) -> Table:
 class Target:
     """One leaf of the outputs: the user's array if there is one, and the contiguous one that the kernel writes."""
 
-    def __init__(self, cls: type[Value], dtype: Any, shape: Shape, given: NDArray[Any] | None) -> None:
+    def __init__(self, cls: type[Value], dtype: Any, shape: Shape, given: NDArray[Any] | None, zeros: bool) -> None:
         tail = (cls.size,) if cls.size > 1 else ()
         self.given = given
         direct = given is not None and given.flags.c_contiguous
         if given is None:
-            self.array: NDArray[Any] = np.zeros(shape + tail, dtype)
+            self.array: NDArray[Any] = (np.zeros if zeros else np.empty)(shape + tail, dtype)
         else:
             self.array = given if direct else np.ascontiguousarray(given)
         self.flat = self.array.reshape((-1, *tail))
@@ -174,8 +174,11 @@ class Target:
             self.given[...] = self.array
 
 
-def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any) -> list[Target]:
-    """The arrays to write, leaf by leaf; ShpyTypeError where `out` has another dtype or shape."""
+def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, *, zeros: bool) -> list[Target]:
+    """The arrays to write, leaf by leaf, zeros at first if need be.
+
+    Raises ShpyTypeError where `out` has another dtype or shape.
+    """
     classes = list(leaves(layout, "out"))
     given: Iterator[Any] = iter(flatten(layout, out, "out") if out is not None else [None] * len(classes))
     found = []
@@ -189,5 +192,5 @@ def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any) 
             )
         if out is not None and not array.flags.writeable:
             raise ShpyTypeError(f"{name} is read only", loc=here(), cure="an array of your own, array.copy()")
-        found.append(Target(cls, dtype, shape, array))
+        found.append(Target(cls, dtype, shape, array, zeros))
     return found

@@ -78,13 +78,23 @@ class Kernel:
 
         Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of turns.
         """
-        return self.run(*arrays, shape=shape, **named).outputs
+        common, outputs, status = self._execute(arrays, named, None, shape)
+        return outputs if status is None else self._result(common, outputs, status).outputs
 
     def run(self, *arrays: Any, out: Any = None, shape: Any = None, **named: Any) -> Result:
         """Run on arrays; gives a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 
         Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs.
         """
+        common, outputs, status = self._execute(arrays, named, out, shape)
+        if status is None:
+            return Result(outputs, np.ones(common, np.bool_), math.prod(common))
+        return self._result(common, outputs, status)
+
+    def _execute(
+        self, arrays: tuple[Any, ...], named: dict[str, Any], out: Any, shape: Any
+    ) -> tuple[tuple[int, ...], Any, NDArray[np.int32] | None]:
+        """Run; gives the element shape, the outputs, and the statuses unless all elements were written."""
         recorded = self._recorded
         given = host.bind(recorded.inputs, arrays, named, recorded.module.name)
         dtypes = host.dtypes_at(self.options.precision)
@@ -93,7 +103,7 @@ class Kernel:
         self._check_sizes(tables)
         common = host.common_shape(inputs, shape)
         self._check_rank(common)
-        targets = host.targets(recorded.output, dtypes, common, out)
+        targets = host.targets(recorded.output, dtypes, common, out, zeros=not self._executable.writes_all)
         flat = [s.flat(common) for s in inputs]
         if out is not None:
             flat = [a.copy() if any(np.may_share_memory(a, t.array) for t in targets) else a for a in flat]
@@ -107,7 +117,10 @@ class Kernel:
         status = self._executable.run(call) if math.prod(common) else None
         for target in targets:
             target.finish()
-        return self._result(common, [t.given if t.given is not None else t.array for t in targets], status, out)
+        if out is None:
+            results = (t.array if t.array.ndim else t.array[()] for t in targets)
+            out = build_arrays(recorded.output, results)
+        return common, out, status
 
     def _check_sizes(self, tables: dict[str, Table]) -> None:
         """A size that is written down is folded into the text: the data must have it."""
@@ -139,12 +152,7 @@ class Kernel:
                 cure=f"shape=({', '.join('hwdn'[: self._rank])}), of rank {self._rank}",
             )
 
-    def _result(self, shape: tuple[int, ...], arrays: list[NDArray[Any]], status: Any, out: Any) -> Result:
-        outputs = out
-        if out is None:
-            outputs = build_arrays(self._recorded.output, iter([a[()] if a.ndim == 0 else a for a in arrays]))
-        if status is None:
-            return Result(outputs, np.ones(shape, np.bool_), math.prod(shape))
+    def _result(self, shape: tuple[int, ...], outputs: Any, status: NDArray[np.int32]) -> Result:
         status = status.reshape(shape)
         written = status == Status.WRITTEN
         result = Result(outputs, written, int(np.count_nonzero(written)))

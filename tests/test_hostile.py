@@ -149,6 +149,7 @@ LIES = {
     "param p is an Attrib3f, whose type is f3": text(head="param p: Attrib3f f = 0x1p+0\n"),
     "the entry has a status": text("  %1: i = const 7\n  store $s.1 = %1", out="$y.0: f, $s.1: i"),
     "discard 7 is made by the passes": text("  discard 7"),
+    "lane_mask is made by the passes": text("  %1: b = lane_mask\n  if %1 {\n  }"),
     'input "a..b" is part of no structure': text(ports='input "a..b": Attrib1f\noutput y: Attrib1f\n'),
     'input "a[7]" is part of no structure': text(ports='input "a[7]": Attrib1f\noutput y: Attrib1f\n'),
     "the parts of input a do not stand together": text(

@@ -81,6 +81,9 @@ class Executable(Protocol):
     loops: tuple[Loc | None, ...]
     """The k-th limited loop's line: status FIRST_LOOP + k names it."""
 
+    writes_all: bool
+    """Whether every element is written, whatever the data: there is no discard and no loop that could be stopped."""
+
     def run(self, call: Call) -> Array | None:
         """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
 

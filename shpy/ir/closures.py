@@ -322,6 +322,8 @@ class Compiler:
                 return lambda frame: frame[0].params[name]
             case "table", name:
                 return lambda frame: _element(frame[0].tables[name], frame[args[0]])
+            case "neighbour", name:
+                return lambda frame: _element(frame[0].tables[name], _moved(frame[0].index, [frame[a] for a in args]))
             case "table_size", name:
                 return lambda frame: np.array(frame[0].tables[name].shape[: type.size], dtype).reshape(_shape(type))[()]
             case ("grid_index" | "grid_shape") as op, _:
@@ -395,6 +397,11 @@ def _element(table: Array, index: Any) -> Any:
     """The element at `index`, clamped on each axis."""
     axes = (index,) if index.ndim == 0 else index
     return table[tuple(_clamped(i, extent) for i, extent in zip(axes, table.shape, strict=False))]
+
+
+def _moved(index: tuple[int, ...], offsets: list[Any]) -> Any:
+    """An index that is moved on each axis, and wraps around as ints do."""
+    return np.array(index, np.int32) + np.array(offsets, np.int32)
 
 
 def _grid(extents: tuple[int, ...], type: Type, op: str) -> Any:

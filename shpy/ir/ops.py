@@ -198,6 +198,7 @@ STRUCTURAL: Final[Mapping[str, str]] = {
     "param": "a uniform; attr: its name",
     "table": "the element at an i, or at an i2 or i3 in the order of numpy's axes, clamped on each; attr: its name",
     "table_size": "the table's shape: i, i2 or i3; attr: its name",
+    "neighbour": "a table's element at grid_index moved by an i on each axis, clamped; attr: the table's name",
     "grid_index": "this element's index along numpy's axes: i to i4",
     "grid_shape": "the number of elements along numpy's axes: i to i4",
     "any_lane": "whether c holds for any active element that runs together with this one",
@@ -207,6 +208,9 @@ STRUCTURAL: Final[Mapping[str, str]] = {
     "call": "a pure function applied to values; attr: its name",
     "half": "f rounded to the nearest binary16 and kept as f: how h is done where the target has none",
 }
+
+MADE_BY_PASSES: Final = frozenset({"lane_mask", "lane_any", "neighbour"})
+"""Operations that no program is recorded with."""
 
 LANE_OPS: Final = frozenset({"any_lane", "all_lanes"})
 """Operations that depend on which elements run together: never moved across control flow, never merged."""

@@ -317,6 +317,9 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         arg = self.use(index)
         return lambda value: Let(value, "table", (arg,), name)
 
+    def neighbour(self, name: str, offsets: tuple[int, ...]) -> Callable[[Value], Let]:
+        return lambda value: Let(value, "neighbour", offsets, name)
+
     def apply(self, name: str, args: tuple[int, ...] | None) -> Callable[[Value], Let]:
         return lambda value: Let(value, "call", args or (), name)
 

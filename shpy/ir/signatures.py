@@ -162,6 +162,13 @@ def _table(let: Let, args: Types, scope: Scope) -> Type:
     return table.type
 
 
+def _neighbour(let: Let, args: Types, scope: Scope) -> Type:
+    table = _find_table(let, scope)
+    wanted = (vec(Base.I),) * table.rank
+    _need(let, args, args == wanted, f"an i for each of the table's axes, {table.rank}")
+    return table.type
+
+
 def _table_size(let: Let, args: Types, scope: Scope) -> Type:
     _need(let, args, not args, "no operands")
     return vec(Base.I, _find_table(let, scope).rank)
@@ -203,7 +210,7 @@ def _quoted(attr: object) -> str:
     return quote(attr) if isinstance(attr, str) else repr(attr)
 
 
-_WITH_ATTR: Final = frozenset({"const", "load", "swizzle", "param", "table", "table_size", "call"})
+_WITH_ATTR: Final = frozenset({"const", "load", "swizzle", "param", "table", "table_size", "neighbour", "call"})
 _RULES: Final[Mapping[str, Callable[[Let, Types, Scope], Type]]] = {
     "const": _const,
     "load": _load,
@@ -215,6 +222,7 @@ _RULES: Final[Mapping[str, Callable[[Let, Types, Scope], Type]]] = {
     "param": _param,
     "table": _table,
     "table_size": _table_size,
+    "neighbour": _neighbour,
     "grid_index": _grid,
     "grid_shape": _grid,
     "any_lane": _lanes,

@@ -216,6 +216,8 @@ class _Printer:
                 return f"{let.op} {quote(name)}"
             case "table", str(name) if args:
                 return f"table {quote(name)}[{args}]"
+            case "neighbour", str(name) if args:
+                return f"neighbour {quote(name)}[{args}]"
             case "call", str(name):
                 return f"call {quote(name)}({args})"
             case op, None:

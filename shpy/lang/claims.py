@@ -17,6 +17,7 @@ from itertools import groupby, takewhile
 
 from shpy.errors import VerifyError
 from shpy.ir.nodes import Call, Discard, Function, If, Let, Loop, Module, Param, Port, Region, Stmt, Store
+from shpy.ir.ops import MADE_BY_PASSES
 from shpy.ir.text import quote
 from shpy.ir.traverse import rewrite, test_length, walk
 from shpy.ir.types import Type
@@ -29,6 +30,10 @@ _ROW = re.compile(r"(?P<head>[^.\[\]]+)\[(?P<row>\d)\]")
 _KINDS = {cls.__name__: cls.type for cls in CLASSES.values()}
 
 
+_RECORDED = {"lane_mask": "const true", "lane_any": "any_lane", "neighbour": "grid_index, add and table"}
+"""What to write instead of an operation that passes make."""
+
+
 def checked(module: Module) -> Module:
     """The module with promises that it shows to keep; raises VerifyError for claims that are not so."""
     entry = module.entry
@@ -39,6 +44,8 @@ def checked(module: Module) -> Module:
     for s in (s for f in module.functions for s in walk(f.body)):
         if isinstance(s, Discard) and s.status:
             raise VerifyError(f"discard {s.status} is made by the passes", loc=s.loc, cure="discard")
+        if isinstance(s, Let) and s.op in MADE_BY_PASSES:
+            raise VerifyError(f"{s.op} is made by the passes", loc=s.value.loc, cure=_RECORDED[s.op])
     for what, ports, slots in (("input", module.inputs, entry.inputs), ("output", module.outputs, entry.outputs)):
         _check_names(what, ports)
         for port, slot in zip(ports, slots, strict=True):

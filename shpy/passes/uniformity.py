@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 __all__ = ["LoopFacts", "varies"]
 
 _UNIFORM = frozenset({"any_lane", "all_lanes", "lane_any", "table_size", "grid_shape"})
-_VARYING = frozenset({"grid_index", "lane_mask"})
+_VARYING = frozenset({"grid_index", "lane_mask", "neighbour"})
 
 
 def varies(op: str, args: Iterable[bool]) -> bool:

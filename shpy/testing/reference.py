@@ -36,6 +36,7 @@ class Interpreted:
     """An Executable that interprets a module, element after element; `only` some of them, where it is given."""
 
     notes: tuple[str, ...] = ()
+    writes_all = False
 
     def __init__(
         self, interpreter: Interpreter, loops: tuple[Loc | None, ...], only: Collection[int] | None = None

@@ -108,6 +108,7 @@ def test_every_operation_gives_its_type_at_every_precision(precision):
         ("table_size image", "i2", [2, 3]),
         ("table line[%i.2]", "i", 102),
         ("table image[%at.3]", "f2", [8, 9]),
+        ("neighbour image[%i.2, %i.2]", "f2", [10, 11]),
         ("grid_index", "i2", [1, 4]),
         ("grid_shape", "i2", [2, 5]),
         ("call twice(%v.1)", "f3", [20, 40, 60]),

@@ -40,6 +40,7 @@ class GlslExecutable:
     source: str
     notes: tuple[str, ...]
     loops: tuple[Loc | None, ...]
+    writes_all: bool
     runtime: Runtime
     programs: tuple[Program, ...]
     groups: tuple[tuple[int, ...], ...]
@@ -93,9 +94,8 @@ class GlslBackend:
             )
             programs.append(runtime.build(printer.shader(), module.entry.loc))
         sources = [p.shader.source for p in programs]
-        return GlslExecutable(
-            "\n".join(sources), _notes(runtime.context), prepared.loops, runtime, tuple(programs), groups
-        )
+        text, notes = "\n".join(sources), _notes(runtime.context)
+        return GlslExecutable(text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups)
 
     def _runtime(self, device: int) -> Runtime:
         key = (os.getpid(), device)

@@ -30,13 +30,14 @@ def imports_of(use: Imports, texts: list[str]) -> str:
 
 def asked_by(module: Module) -> dict[str, list[tuple[str, str]]]:
     """What each function needs besides its inputs, for itself and for those that it calls."""
-    ops = {"param": "param", "table": "table", "table_size": "table"}
+    ops = {"param": "param", "table": "table", "table_size": "table", "neighbour": "table"}
     order = [("param", p.name) for p in module.params] + [("table", t.name) for t in module.tables]
-    order += [("grid_index", ""), ("grid_shape", "")]
+    order += [("place", ""), ("grid_index", ""), ("grid_shape", "")]
     asked: dict[str, list[tuple[str, str]]] = {}
     for function in module.functions:  # callees come first
         lets = [s for s in walk(function.body) if isinstance(s, Let)]
-        found = {(ops.get(s.op, s.op), str(s.attr or "")) for s in lets}
+        found = {("place", "") for s in lets if s.op == "neighbour"}
+        found |= {(ops.get(s.op, s.op), str(s.attr or "")) for s in lets}
         found |= {key for s in lets if s.op == "call" for key in asked[str(s.attr)]}
         found |= {key for s in walk(function.body) if isinstance(s, Call) for key in asked[s.function]}
         asked[function.name] = [key for key in order if key in found]

@@ -7,8 +7,6 @@ indices are clamped on reading, and stores out of range are dropped.
 >>> vector(np.float32([1, 2]), np.float32(3))
 array([[1., 2.],
        [3., 3.]], dtype=float32)
->>> TableView(np.float32([10, 20, 30]), 1).gather(np.int32([-5, 1, 9]))
-array([10., 20., 30.], dtype=float32)
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from numpy.typing import NDArray
 from shpy.ir import meaning
 
 __all__ = [
-    "TableView",
     "clamp",
     "compact",
     "component",
@@ -178,46 +175,3 @@ def put(a: Array, i: Array, value: Array, components: tuple[int, ...] | None = N
     rows = value if value.ndim == 2 else value[None]
     for row, k in zip(rows, range(a.shape[1]) if components is None else components, strict=True):
         a[element, k, lane] = row
-
-
-class TableView:
-    """A table as emitted code reads it: `at` a uniform index, or a `gather` with one for each lane."""
-
-    def __init__(self, array: Array, rank: int) -> None:
-        extents = array.shape[:rank]
-        self._extents = extents
-        self._vectors = array.ndim > rank
-        self._rows = np.ascontiguousarray(array).reshape(-1, *array.shape[rank:])
-        self._columns = self._rows[..., None] if self._vectors else self._rows
-        self.size: Array = np.array(extents, np.int32).reshape(() if rank == 1 else (rank, 1))[()]
-        """Its shape, as a uniform."""
-
-    def at(self, index: Array) -> Array:
-        """The element at a uniform index, clamped on every axis."""
-        if len(self._extents) == 1:
-            only: Array = self._columns[min(max(index.item(), 0), self._extents[0] - 1)]
-            return only
-        flat = 0
-        for i, extent in zip(np.ravel(index).tolist(), self._extents, strict=True):
-            flat = flat * extent + min(max(i, 0), extent - 1)
-        element: Array = self._columns[flat]
-        return element
-
-    def gather(self, index: Array) -> Array:
-        """The elements at the lanes' indices, clamped on every axis."""
-        if index.ndim == 0:
-            return self.at(index)  # a function may be called with what is the same for every lane
-        if len(self._extents) > 1:
-            index = self._flat(index)
-        found = self._rows.take(index, axis=0, mode="clip")
-        return np.ascontiguousarray(found.T) if self._vectors else found
-
-    def _flat(self, index: Array) -> Array:
-        """The number of the element in memory, from its clamped index on each axis."""
-        if len(self._rows) >= 2**31:
-            return np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
-        flat: Array = np.clip(index[0], 0, self._extents[0] - 1)
-        for axis, extent in zip(index[1:], self._extents[1:], strict=True):
-            flat *= flat.dtype.type(extent)
-            flat += np.clip(axis, 0, extent - 1)
-        return flat

@@ -52,14 +52,14 @@ from shpy.passes.vectorize import VectorModule
 
 __all__ = ["Printed", "print_python"]
 
-_RESERVED = ("np", "lanes", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
+_RESERVED = ("np", "lanes", "place", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
 
 
 @dataclass(frozen=True, slots=True)
 class Printed:
     """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
 
-    An argument is `("param", name)`, `("table", name)`, or `("grid_index" | "grid_shape" | "lanes", "")`.
+    An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
     """
 
     text: str

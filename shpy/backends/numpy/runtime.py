@@ -18,13 +18,14 @@ import numpy as np
 
 from shpy.backends.base import Array, Call, Device, Options, TableData
 from shpy.backends.dump import dump
-from shpy.backends.numpy.lanes import TableView
 from shpy.backends.numpy.printer import Printed, print_python
+from shpy.backends.numpy.tables import Place, TableView
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Function, Loc, Module, Status, Value
 from shpy.ir.ops import OPS
 from shpy.ir.types import Type
+from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.vectorize import vectorize
 
@@ -57,7 +58,7 @@ class NumpyBackend:
         if options.lanes not in ("auto", 1):
             raise CompileError(f"numpy runs tiles of elements, not {options.lanes}", loc=module.entry.loc)
         prepared = prepare(module, options, TARGET)
-        vector = vectorize(prepared.module)
+        vector = find_neighbours(vectorize(prepared.module))
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector)
         return NumpyExecutable(prepared, printed, tile, _compiled(printed, module))
@@ -99,28 +100,35 @@ class NumpyExecutable:
         """The lines of the limited loops."""
         return self.prepared.loops
 
+    @property
+    def writes_all(self) -> bool:
+        """Whether no element has a status."""
+        return not self.prepared.status
+
     def run(self, call: Call) -> Array | None:
         """Run it; gives the status of each element, or None when every element was written."""
-        status = np.full(call.count, Status.WRITTEN, np.int32)
+        status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
         with np.errstate(all="ignore"):
             for start in range(0, call.count, self.tile):
                 self._run_tile(call, slice(start, min(start + self.tile, call.count)), uniforms, status)
-        return None if np.all(status == Status.WRITTEN) else status
+        return None if status is None or np.all(status == Status.WRITTEN) else status
 
-    def _run_tile(self, call: Call, part: slice, uniforms: dict[tuple[str, str], Any], status: Array) -> None:
+    def _run_tile(self, call: Call, part: slice, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
         lanes = part.stop - part.start
         inputs = [
             _tile(given, port.type, part, call.outputs)
             for given, port in zip(call.inputs, _ports(self.prepared.module.entry), strict=True)
         ]
         given = uniforms | {("lanes", ""): lanes}
+        if ("place", "") in self.printed.arguments:
+            given["place", ""] = Place(part.start, part.stop, call.shape)
         if ("grid_index", "") in self.printed.arguments:
-            given["grid_index", ""] = _grid_index(part, call.shape)
+            given["grid_index", ""] = Place(part.start, part.stop, call.shape).index
         results = self.entry(*inputs, *(given[key] for key in self.printed.arguments))
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
-        if self.prepared.status:
+        if status is not None:
             *results, ended = results
             status[part] = ended
             written = status[part] == Status.WRITTEN
@@ -171,11 +179,6 @@ def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> 
         np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
     )
     return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
-
-
-def _grid_index(part: slice, shape: tuple[int, ...]) -> Array:
-    axes = np.unravel_index(np.arange(part.start, part.stop), shape)
-    return np.array(axes[0] if len(axes) == 1 else axes, np.int32)
 
 
 def _write(out: Array, result: Any, written: Array | None) -> None:

@@ -158,6 +158,10 @@ class ValuePrinter:
             case "table", str(table):
                 method = "gather" if s.args[0] in self.varying else "at"
                 return call(f"{self.given['table', table]}.{method}", self.take(s.args[0]).own())
+            case "neighbour", str(table):
+                offsets = [self.take(a) for a in s.args]
+                found = call(f"{self.given['table', table]}.neighbour", name(self.given["place", ""]), *offsets)
+                return replace(found, shared=True)  # it may look into the table
             case "lane_mask", _:
                 return call("np.ones", self.lanes, "np.bool_")
             case "call", str(function):

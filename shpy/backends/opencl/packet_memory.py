@@ -203,8 +203,54 @@ typedef struct {{
         if size == 1:
             loads = ", ".join(f"a[at.s{HEX[k]}]" for k in range(lanes))
             return "\n".join([*lines, f"    return {self._loaded(f'({element}{lanes})({loads})', base)};", "}"])
-        body = self._pairs(element, base) if size == 2 else self._quads(element, base, size)
+        places = [f"at.s{HEX[k]}" for k in range(lanes)]
+        body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
         return "\n".join([*lines, f"    {result} v;", *(f"    {line}" for line in body), "    return v;", "}"])
+
+    def near(self, name: str, rank: int, base: Base, size: int, gather: str, flat: str) -> str:
+        """`sh_near2_f`: a table at the packet's own place, moved by `by`; what lies side by side there is read so.
+
+        The first lane's index tells whether all are inside, because no index wraps around between them.
+        """
+        lanes, element = self.lanes, _element(base)
+        held = {3: 4}.get(size, size)
+        pointer = element if held == 1 else f"{element}{held}"
+        result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
+        if rank == 1:
+            place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {COLUMNS}) + (uint)by);"]
+            inside, start = f"i.s0 >= 0 && i.s0 <= size - {lanes}", "i.s0"
+            pitch, slow = str(COLUMNS), f"{gather}(a, clamp(i, 0, size - 1))"
+        else:
+            place = [
+                f"int{lanes} y = as_int{lanes}(as_uint{lanes}(p.y) + (uint)by.x);",
+                f"int{lanes} x = as_int{lanes}(as_uint{lanes}(p.x) + (uint)by.y);",
+            ]
+            inside = f"y.s0 >= 0 && y.s0 <= size.x - {lanes // COLUMNS} && x.s0 >= 0 && x.s0 <= size.y - {COLUMNS}"
+            start, pitch = "(size_t)y.s0 * size.y + x.s0", "size.y"
+            slow = f"{gather}(a, {flat}((int{lanes}x2){{y, x}}, size))"
+        return "\n".join([
+            "// The elements of a table at the packet's own place, moved.",
+            f"{INLINE} {result} {name}(__global const {pointer} *a, {index} size, sh_packet p, {index} by) {{",
+            *(f"    {line}" for line in place),
+            f"    if (!({inside})) {{",
+            f"        return {slow};",
+            "    }",
+            f"    a += {start};",
+            *(f"    {line}" for line in self._near_loads(base, size, pitch)),
+            "}",
+        ])  # fmt: skip
+
+    def _near_loads(self, base: Base, size: int, pitch: str) -> list[str]:
+        """The statements that load a block of a table whose lines are `pitch` elements apart."""
+        element, rows = _element(base), range(self.lanes // COLUMNS)
+        if size == 1:
+            starts = ["a", *(f"a + {f'{r} * ' if r > 1 else ''}{pitch}" for r in rows[1:])]
+            loads = ", ".join(f"vload4(0, {start})" for start in starts)
+            return [f"return {self._loaded(f'({element}{self.lanes})({loads})', base)};"]
+        result = spelled_wide(rows_of(base, size, self.lanes))
+        places = [f"{f'{r} * {pitch} + ' if r else ''}{c}" for r in rows for c in range(COLUMNS)]
+        body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
+        return [f"{result} v;", *body, "return v;"]
 
     # Shuffles
 
@@ -267,21 +313,21 @@ typedef struct {{
             lines += [f"vstore4({part}.s{picked}, {k}, {_start(size, r)});" for k, part in enumerate(parts)]
         return lines
 
-    def _pairs(self, element: str, base: Base) -> list[str]:
+    def _pairs(self, element: str, base: Base, places: list[str]) -> list[str]:
         half, lines = self.lanes // 2, []
         for part, first in (("lo", 0), ("hi", half)):
-            loads = ", ".join(f"a[at.s{HEX[first + k]}]" for k in range(half))
+            loads = ", ".join(f"a[{place}]" for place in places[first : first + half])
             lines.append(f"{element}{self.lanes} {part} = ({element}{self.lanes})({loads});")
         for c, which in (("x", "even"), ("y", "odd")):
             made = f"({element}{self.lanes})(lo.{which}, hi.{which})"
             lines.append(f"v.{c} = {self._loaded(made, base)};")
         return lines
 
-    def _quads(self, element: str, base: Base, size: int) -> list[str]:
+    def _quads(self, element: str, base: Base, size: int, places: list[str]) -> list[str]:
         """Four packets with the rows of every fourth lane each."""
         wide, lines = f"{element}{self.lanes}", []
         for k, part in enumerate(_PARTS):
-            loads = ", ".join(f"a[at.s{HEX[4 * g + k]}]" for g in range(self.lanes // 4))
+            loads = ", ".join(f"a[{places[4 * g + k]}]" for g in range(self.lanes // 4))
             lines.append(f"{wide} {part} = ({wide})({loads});")
         return lines + self._transposed(element, base, size)
 

@@ -201,6 +201,12 @@ class PacketPrologue(Prologue):
         text = {"read": self._memory.read, "write": self._memory.write, "gather": self._memory.gather}[way]
         return self._ask(name, lambda n: text(n, base, size))
 
+    def near(self, rank: int, base: Base, size: int) -> str:
+        """Ask for the function that reads a table at the packet's own place, moved; gives its name."""
+        gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
+        name = f"sh_near{rank}_{base.value}{size if size > 1 else ''}"
+        return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat))
+
     def flat_lanes(self, rank: int) -> str:
         """Ask for the function that finds the places of elements in a table of two or three axes."""
         index = rows_of(Base.I, rank, self.lanes)

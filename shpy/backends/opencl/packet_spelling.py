@@ -139,6 +139,15 @@ class PacketSpelling(Spelling):
         gather = self.prologue.memory("gather", table.type.base, table.type.size)
         return ex.call(gather, ex.name(self.table_names[name]), at)
 
+    def op_neighbour(self, let: Let) -> Expr:
+        """`sh_near2_f(texels, texels_size, packet, (int2)(dy, dx))`."""
+        name = str(let.attr)
+        table = self.tables[name]
+        near = self.prologue.near(table.rank, table.type.base, table.type.size)
+        offsets = self.args(let)
+        by = offsets[0] if table.rank == 1 else ex.call(f"(int{table.rank})", *offsets)
+        return ex.call(near, ex.name(self.table_names[name]), Expr(self.size_names[name]), ex.name(self.packet), by)
+
     def grid(self, op: str, type: Type) -> Expr:
         """A variable of the kernel, or the lanes' own index."""
         return ex.name(self.grid_names[op])

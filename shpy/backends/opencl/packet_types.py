@@ -155,7 +155,7 @@ class _Widener:
             args = tuple(map(self.spread, s.args)) if s.op == "lane_any" else s.args
             self.b.append(replace(s, args=args, attr=attr))
             return
-        args = s.args if s.op in ("load", "swizzle") else tuple(map(self.spread, s.args))
+        args = s.args if s.op in ("load", "swizzle", "neighbour") else tuple(map(self.spread, s.args))
         self.b.append(Let(replace(s.value, type=self.wide(s.value.type)), s.op, args, s.attr))
 
     def statements(self, region: Iterable[Stmt]) -> None:

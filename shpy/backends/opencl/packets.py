@@ -28,6 +28,7 @@ from shpy.ir.nodes import Function, Let, Module, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
+from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Math, optimise
 from shpy.passes.vectorize import vectorize
 
@@ -43,7 +44,7 @@ Functions of so many are not inlined either.
 def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math = "strict") -> Kernel:
     """The kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do."""
     scalar = optimise(take_apart(module))
-    packets = widen(vectorize(scalar, padded=True), lanes)
+    packets = widen(find_neighbours(vectorize(scalar, padded=True)), lanes)
     return PacketPrinter(packets, module.entry, lanes, abilities, math).print()
 
 
@@ -80,6 +81,9 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         for s in walk(function.body):
             if isinstance(s, Let) and s.op in ("grid_index", "grid_shape"):
                 self.grid_rank = 1 if isinstance(s.value.type, Lanes) else s.value.type.size
+            elif isinstance(s, Let) and s.op == "neighbour":
+                self.grid_rank = len(s.args)
+                found |= Needs(grid=frozenset({"grid_shape"}))  # packets are blocks of the grid
         return found
 
     def _handed(self, function: Function) -> list[tuple[str, str]]:

@@ -110,7 +110,7 @@ class OpenCLPrinter(Spelling):
         found = Needs()
         for s in walk(function.body):
             match s:
-                case Let(_, "table" | "table_size", _, str(name)):
+                case Let(_, "table" | "table_size" | "neighbour", _, str(name)):
                     found |= Needs(tables=frozenset({name}))
                 case Let(_, "param", _, str(name)):
                     found |= Needs(params=frozenset({name}))

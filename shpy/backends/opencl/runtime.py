@@ -133,6 +133,11 @@ class OpenCLExecutable:
         """The lines of the limited loops."""
         return self.prepared.loops
 
+    @property
+    def writes_all(self) -> bool:
+        """Whether no element has a status."""
+        return not self.prepared.status
+
     def warm_up(self) -> None:
         """Launch it once over nothing: only then do drivers generate code."""
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module

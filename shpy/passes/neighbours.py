@@ -1,0 +1,159 @@
+"""Reads of a table beside the element's own place: lanes that lie side by side read what lies side by side.
+
+Stage: improve, after `vectorize`, for the entry of packets and tiles. An index that is the element's own, moved by what
+is the same for all lanes, is no index of its own for each lane:
+
+    %1: i2 = grid_index
+    %2: i = swizzle.x %1
+    %3: i = swizzle.y %1
+    %4: i = add %2, %k                      (%k is uniform)
+    %5: i2 = construct %4, %3
+    %6: f = table texels[%5]         ->     %6: f = neighbour texels[%k, %zero]
+
+That is where blurs, differences and other stencils read. Loops that lanes leave one by one are left alone: those that
+stay do not lie side by side. Additions wrap around, and so do those of offsets, so that nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from shpy.ir.builder import Builder
+from shpy.ir.constants import Base, vec
+from shpy.ir.nodes import Function, If, Let, Loop, Module, Region, Stmt, Store
+from shpy.ir.traverse import walk
+from shpy.passes.calls import LaneFacts
+from shpy.passes.dead import without_dead
+from shpy.passes.vectorize import VectorModule
+
+__all__ = ["find_neighbours"]
+
+_INT = vec(Base.I)
+
+
+@dataclass(frozen=True, slots=True)
+class _Moved:
+    """The element's index along `axis` (None: nothing that varies) and uniform values with their signs.
+
+    Each is an id and the component, for a vector.
+    """
+
+    axis: int | None
+    terms: tuple[tuple[int, int, int], ...] = ()
+
+
+Parts = tuple[_Moved, ...]
+"""What each component of a value is."""
+
+
+def find_neighbours(vector: VectorModule, ranks: Sequence[int] = (1, 2)) -> VectorModule:
+    """The module with such reads of tables of these ranks as `neighbour`; the same object if there are none."""
+    module = vector.module
+    finder = _Finder(module, vector.entry, ranks)
+    entry = finder.run()
+    if not finder.found:
+        return vector
+    functions = {f.name: f for f in module.functions}
+    entry = without_dead(entry, functions)
+    return replace(vector, module=replace(module, functions=(*module.functions[:-1], entry)))
+
+
+class _Finder:
+    """Walks the entry. `parts` are the components of the values that are known."""
+
+    def __init__(self, module: Module, facts: LaneFacts, ranks: Sequence[int]) -> None:
+        self.function: Function = module.entry
+        self.facts = facts
+        self.ranks = {t.name: t.rank for t in module.tables if t.rank in ranks}
+        self.b = Builder(function=module.entry)
+        self.parts: dict[int, Parts] = {}
+        self.axes = 0
+        self.found = False
+
+    def run(self) -> Function:
+        """The entry, with `neighbour` where it can be."""
+        self.region(self.function.body, together=True)
+        return self.b.finish()
+
+    def region(self, region: Region, *, together: bool) -> None:
+        for s in region:
+            self.statement(s, together)
+
+    def inner(self, region: Region, together: bool) -> Region:
+        self.b.push()
+        self.region(region, together=together)
+        return self.b.pop()
+
+    def statement(self, s: Stmt, together: bool) -> None:
+        match s:
+            case Let(_, "table", (index,), str(name)) if together and self.is_neighbour(name, index):
+                self.neighbour(s, index)
+            case Let():
+                self.let(s)
+                self.b.append(s)
+            case If(condition, then, orelse, loc):
+                then = self.inner(then, together)
+                self.b.append(If(condition, then, self.inner(orelse, together), loc))
+            case Loop(body, continuing, until, turns, loc):
+                stays = any(isinstance(n, Store) and n.variable in self.facts.live for n in walk((s,)))
+                body = self.inner(body, together and not stays)
+                self.b.append(Loop(body, self.inner(continuing, together and not stays), until, turns, loc))
+            case _:
+                self.b.append(s)
+
+    # What values are
+
+    def let(self, s: Let) -> None:
+        """Note what the value is, if that is the element's index or uniform."""
+        value, args = s.value, s.args
+        if value.type.base is not Base.I:
+            return
+        if value.id not in self.facts.varying:
+            self.parts[value.id] = tuple(_Moved(None, ((1, value.id, k),)) for k in range(value.type.size))
+            return
+        known = [self.parts[a] for a in args if a in self.parts]
+        if len(known) < len(args):
+            return
+        match s.op, s.attr:
+            case "grid_index", _:
+                self.axes = value.type.size
+                self.parts[value.id] = tuple(_Moved(k) for k in range(value.type.size))
+            case "swizzle", tuple(picked):
+                self.parts[value.id] = tuple(known[0][k] for k in picked)
+            case "construct", _:
+                self.parts[value.id] = tuple(part for parts in known for part in parts)
+            case ("add" | "sub") as op, _:
+                made = [_sum(a, b, 1 if op == "add" else -1) for a, b in zip(*known, strict=True)]
+                if all(part is not None for part in made):
+                    self.parts[value.id] = tuple(part for part in made if part is not None)
+
+    def is_neighbour(self, name: str, index: int) -> bool:
+        """Whether the index is the element's own, but for what is uniform."""
+        parts = self.parts.get(index, ())
+        return self.ranks.get(name) == self.axes == len(parts) and [p.axis for p in parts] == [*range(len(parts))]
+
+    def neighbour(self, s: Let, index: int) -> None:
+        self.found = True
+        self.b.loc = s.value.loc
+        offsets = tuple(self.offset(part) for part in self.parts[index])
+        self.b.append(Let(s.value, "neighbour", offsets, s.attr))
+
+    def offset(self, part: _Moved) -> int:
+        """The sum of the terms."""
+        total: int | None = None
+        for sign, value, component in part.terms:
+            term = value if self.b.type_of(value).size == 1 else self.b.swizzle(value, (component,)).id
+            if total is None:
+                total = term if sign > 0 else self.b.let("neg", term).id
+            else:
+                total = self.b.let("add" if sign > 0 else "sub", total, term).id
+        return self.b.const(_INT, [0]).id if total is None else total
+
+
+def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
+    """a + b or a - b, if at most one of them varies, and that not with a minus."""
+    if b.axis is not None and (sign < 0 or a.axis is not None):
+        return None
+    terms = tuple((sign * s, value, component) for s, value, component in b.terms)
+    return _Moved(b.axis if a.axis is None else a.axis, a.terms + terms)
