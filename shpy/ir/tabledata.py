@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class TableData:
-    """`array` is (*shape, size) for vectors, (*shape,) for scalars, of the working dtype.
+    """`array` is (*shape, size) for vectors, (*shape,) for scalars, of the working dtype; an update brings another one.
 
     `version` counts updates. A runtime keeps the device's copy by the object's identity (weakly) and uploads again
     only when `version` has changed.

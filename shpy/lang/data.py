@@ -307,7 +307,9 @@ class Table:
 
 def _frozen(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     with np.errstate(over="ignore"):
-        return np.ascontiguousarray(array.astype(dtype))
+        frozen = np.ascontiguousarray(array.astype(dtype))
+    frozen.flags.writeable = False
+    return frozen
 
 
 def _element_class(type_: Any) -> type[Value]:

@@ -152,7 +152,7 @@ class NumpyExecutable:
     def _view(self, data: TableData, rank: int, type: Type) -> TableView:
         known = self.views.get(data)
         if known is None or known[0] != data.version:
-            known = data.version, TableView(np.array(data.array, DTYPES[type.base]), rank)
+            known = data.version, TableView(np.asarray(data.array, DTYPES[type.base]), rank)
             self.views[data] = known
         return known[1]
 

@@ -253,10 +253,10 @@ class Machine:
         """Read the buffer into the array."""
         self.cl.enqueue_copy(self.queue, array, buffer)
 
-    def table(self, data: TableData, dtype: Any, *, padded: bool = False) -> Any:
-        """The device's copy of a table, uploaded when there is none or the data has changed since.
+    def table(self, data: TableData, dtype: Any, size: int = 1, *, padded: bool = False) -> Any:
+        """A table on the device: its own memory, or a copy, made when there is none or the data has changed since.
 
-        `padded`: each vector is followed by a number that nobody reads.
+        `size`: the components of an element; `padded`: each vector is followed by a number that nobody reads.
         """
         copies = self._tables.setdefault(data, {})
         version, buffer = copies.get((dtype, padded), (None, None))
@@ -264,8 +264,10 @@ class Machine:
             array = np.ascontiguousarray(data.array, dtype=dtype)
             if padded:
                 array = np.concatenate([array, array[..., :1]], axis=-1)
-            flags = self.cl.mem_flags
-            buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
+            buffer = self.lend(array, size)
+            if buffer is None:
+                flags = self.cl.mem_flags
+                buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
             copies[dtype, padded] = (data.version, buffer)
         return buffer
 

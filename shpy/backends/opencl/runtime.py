@@ -184,7 +184,7 @@ class OpenCLExecutable:
             shape = np.array(data.array.shape[: table.rank], np.int32)
             dtype = np.dtype(_MEMORY[table.type.base])
             padded = self.kernel.lanes > 1 and table.type.size == 3
-            args += [machine.table(data, dtype, padded=padded), _argument(shape)]
+            args += [machine.table(data, dtype, table.type.size, padded=padded), _argument(shape)]
         args += [
             _argument(np.asarray(call.params[name], _held(types[name])), types[name]) for name in self.kernel.params
         ]
