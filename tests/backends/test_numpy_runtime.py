@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shpy.backends.base import Call, Options, TableData
-from shpy.backends.numpy.lanes import TableView, pick, put, vector
+from shpy.backends.numpy.tables import TableView, pick, put, vector
 from shpy.backends.numpy.runtime import NumpyBackend
 from shpy.errors import BackendUnavailable
 from shpy.ir.builder import Builder
