@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from shpy.backends.base import Call, Options, TableData
-from shpy.backends.numpy.tables import TableView, pick, put, vector
+from shpy.backends.numpy.lanes import pick, put, vector
 from shpy.backends.numpy.runtime import NumpyBackend
+from shpy.backends.numpy.tables import TableView
 from shpy.errors import BackendUnavailable
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Discard, Loc, Module, Param, Port, Status, Table
