@@ -52,7 +52,7 @@ from shpy.passes.vectorize import VectorModule
 
 __all__ = ["Printed", "print_python"]
 
-_RESERVED = ("np", "lanes", "place", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
+_RESERVED = ("np", "lanes", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,9 @@ class Printed:
 def print_python(vector: VectorModule) -> Printed:
     """The module's text."""
     module, use = vector.module, Imports()
-    names = Names("python", _RESERVED)
-    functions = {f.name: names.take(f.name, "f") for f in module.functions}
     asked = asked_by(module)
+    names = Names("python", (*_RESERVED, *(kind for kind, what in asked[module.entry.name] if not what)))
+    functions = {f.name: names.take(f.name, "f") for f in module.functions}
     texts = []
     for function in module.functions:
         facts = _all_of(function) if function.pure else vector.facts[function.name]
