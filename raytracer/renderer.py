@@ -122,20 +122,17 @@ class Renderer:
         """Trace rows `top` to `top + count` and put them into the layers."""
         assert self.layout is not None
         self.program.params["first_row"].value = top * fine
-        color, depth, normal, triangle, rays = self.kernel(shape=(count * fine, width * fine))
+        band = Pixel(*(layer[top : top + count] for layer in layers.values()))
+        if fine == 1 and self.kernel.options.precision == "f32":
+            self.kernel.run(shape=(count, width), out=band)
+            return
+        found = self.kernel(shape=(count * fine, width * fine))
+        middle = slice(fine // 2, None, fine)
+        for layer, given in zip(band, found, strict=True):
+            layer[:] = given[middle, middle]
         if fine > 1:
-            color = color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
-            rays = rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
-            middle = slice(fine // 2, None, fine)
-            depth, normal, triangle = (layer[middle, middle] for layer in (depth, normal, triangle))
-        rows = slice(top, top + count)
-        layers["pixels"][rows] = color
-        layers["rays"][rows] = rays
-        layers["normal"][rows] = normal
-        hit = triangle >= 0
-        layers["depth"][rows] = np.where(hit, depth, np.float32(np.inf))
-        objects = self.layout.object_of.take(triangle, mode="clip")
-        layers["object_id"][rows] = np.where(hit, objects, np.int32(-1))
+            band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
+            band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
 
 
 def eye_rays(tracer: Tracer) -> Any:
@@ -203,7 +200,7 @@ def _checked(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _unset(width: int, height: int) -> dict[str, Any]:
-    """The layers of a picture, to be filled."""
+    """The layers of a picture, to be filled, in the order of `Pixel`."""
     return {
         "pixels": np.empty((height, width, 3), dtype=np.float32),
         "depth": np.empty((height, width), dtype=np.float32),

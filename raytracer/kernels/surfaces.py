@@ -46,6 +46,7 @@ class SurfaceTables:
         if self.one is None:
             self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
             self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of")
+        self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
 
     def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Surface) -> Any:
         """Fill in `surface` for a hit; gives its reflectivity."""
@@ -82,6 +83,10 @@ class SurfaceTables:
             row.rgb if self.colors is None else barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
         )
         return row.a
+
+    def object_at(self, hit: Hit) -> Any:
+        """The number of the mesh that was hit."""
+        return 0 if self.object_of is None else self.object_of[hit.id]
 
     def lights_seen(self, surface: Surface, count: int) -> Any:
         """How many of the lights show on the surface: none on a perfect mirror, which no shadow ray need start from."""

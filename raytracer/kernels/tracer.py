@@ -13,6 +13,7 @@ meshes, no interpolated normals; one material, no lookup.
 from __future__ import annotations
 
 from contextlib import nullcontext
+from math import inf
 from typing import Any, NamedTuple
 
 import shpy as sh
@@ -25,12 +26,12 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 
 class Pixel(NamedTuple):
-    """What the tracer gives for an eye ray; see `Image`."""
+    """What the tracer gives for an eye ray: the layers of an `Image`."""
 
     color: sh.Color3f
     depth: sh.Attrib1f
     normal: sh.Normal3f
-    triangle: sh.Attrib1i
+    object: sh.Attrib1i
     rays: sh.Attrib1i
 
 
@@ -87,8 +88,8 @@ class Tracer:
                 tracing[:] = False
                 with SH_IF(hit.id >= 0):
                     rn.y = self.surfaces.arrive(hit, ray, eye, surface)
-                    with SH_IF(pixel.triangle < 0):
-                        note(pixel, hit, surface)
+                    with SH_IF(pixel.object < 0):
+                        self.note(pixel, hit, surface)
                     scolor[:] = self.ambient * surface.color
                     shadows[:] = self.surfaces.lights_seen(surface, self.lights.count)
                 with SH_ELSE():
@@ -113,20 +114,19 @@ class Tracer:
                 SH_UNTIL(finished)
         return pixel
 
+    def note(self, pixel: Pixel, hit: Hit, surface: Surface) -> None:
+        """The layers show the first surface that the eye ray hits."""
+        pixel.depth[:] = hit.l
+        pixel.normal[:] = surface.normal
+        pixel.object[:] = self.surfaces.object_at(hit)
+
 
 def background_pixel(color: Any, rays: Any) -> Pixel:
     """The layers where nothing is hit."""
-    depth = sh.Attrib1f(FAR)
+    depth = sh.Attrib1f(inf)
     normal = sh.Normal3f(0, 0, 0)
-    triangle = sh.Attrib1i(-1)
-    return Pixel(color, depth, normal, triangle, rays)
-
-
-def note(pixel: Pixel, hit: Hit, surface: Surface) -> None:
-    """The layers show the first surface that the eye ray hits."""
-    pixel.depth[:] = hit.l
-    pixel.normal[:] = surface.normal
-    pixel.triangle[:] = hit.id
+    number = sh.Attrib1i(-1)
+    return Pixel(color, depth, normal, number, rays)
 
 
 def reflect(surface: Surface, ray: Any, eye: Any) -> None:

@@ -121,7 +121,8 @@ def test_features_say_what_is_in_and_out():
     assert full.features["smooth normals"] is True
     assert full.features["materials"] == 4
     assert set(bare.program.tables) == {"triangles", "boxes", "first", "past", "leaves", "items"}
-    assert set(full.program.tables) == {*bare.program.tables, "normals", "materials", "material_of", "lights"}
+    shaded = {"normals", "materials", "material_of", "object_of", "lights"}
+    assert set(full.program.tables) == {*bare.program.tables, *shaded}
     assert "pow" not in str(bare.program.ir)
     assert "pow" in str(full.program.ir)
     loops = [str(r.program.ir).count("loop @") for r in (bare, full)]
