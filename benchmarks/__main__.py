@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import frames, functions, machine, peers, plot, rays, record, report, rounds, startup, studies
+from benchmarks import frames, functions, machine, peers, plot, rays, record, report, rounds, startup, studies, trades
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
@@ -29,12 +29,16 @@ from shpy.accuracy.files import check_folder, replacing, write_json
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
 """The names of what is run side by side."""
-STUDIES = studies.STUDIES | {
-    "compiling": startup.compiling,
-    "starting": startup.starting,
-    "functions": functions.functions,
-    "modes": functions.modes,
-}
+STUDIES = (
+    studies.STUDIES
+    | trades.STUDIES
+    | {
+        "compiling": startup.compiling,
+        "starting": startup.starting,
+        "functions": functions.functions,
+        "modes": functions.modes,
+    }
+)
 """What is measured of ours alone, mostly."""
 
 

@@ -30,7 +30,7 @@ from raytracer.image import Image, encoded, replacing
 from raytracer.renderer import Renderer
 from raytracer.scene import Scene
 
-__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "new_figure", "tradeoff"]
+__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "new_figure", "reference", "tradeoff"]
 
 Told = Callable[[int, int], None]
 """Called with the variants that are done and all variants."""
@@ -201,7 +201,7 @@ def tradeoff(
         raise SceneError(f"{scene.name} has no triangles: there is nothing to trade")
     backend = backend or sh.default_backend()
     cameras = (scene.camera, beside(scene.camera))
-    references = [_reference(scene, backend, bounces).render(SIZE, camera=camera) for camera in cameras]
+    references = [reference(scene, backend, bounces).render(SIZE, camera=camera) for camera in cameras]
     variants = list(_variants(scene, bounces))
     made: list[tuple[Variant, Renderer]] = []
     skipped = []
@@ -240,7 +240,7 @@ def _variants(scene: Scene, bounces: int) -> list[Variant]:
     return made + [Variant("f32", "strict", a, bounces if mirrors else 0) for a in accelerators if a != "bvh"]
 
 
-def _reference(scene: Scene, backend: str, bounces: int) -> Renderer:
+def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
     """The picture in f64: on the backend, or on numpy where that has none."""
     accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # which differ in time alone
     try:
