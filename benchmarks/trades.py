@@ -147,8 +147,8 @@ def scenes(mesh: Mesh, quick: bool) -> Table:
     given.append((f"{mesh.name} on a mirror", scene_of(mesh), 2.0))
     rows = [_scene(*one, quick) for one in given[: 1 if quick else None]]
     note = (
-        f"The pick of `raytracer tradeoff` on {backend()} for a root mean square error in 255ths, on {CAMERAS} pictures "
-        "from elsewhere."
+        f"The pick of `raytracer tradeoff` on {backend()} for a root mean square error in 255ths, on {CAMERAS} "
+        "pictures from elsewhere."
     )
     return Table("scenes within", note, ("scene", "budget", "pick", "keeps it", "time over the fastest's"), rows)
 
