@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
@@ -34,6 +35,9 @@ __all__ = ["Candidate", "Tradeoff", "Variant", "errors", "new_figure", "referenc
 
 Told = Callable[[int, int], None]
 """Called with the variants that are done and all variants."""
+
+Pixels = NDArray[np.float64]
+"""(H, W, 3), as sRGB in [0, 1]."""
 
 SIZE = (160, 120)
 """Pixels of the pictures that are compared."""
@@ -112,13 +116,14 @@ class Tradeoff:
             next((c for c in self.candidates if c.worst <= self.max_error), None),
         )
         lines = [f"{self.scene} on {self.backend}, {SIZE[0]} x {SIZE[1]}; errors in 255ths against f64"]
-        lines.append(f"  {'variant':32}{'ms':>9}{'spread':>16}{'rmse':>9}{'max':>9}{'> 1/255':>9}{'other object':>14}")
+        head = f"  {'variant':32}{'ms':>9}{'spread':>16}{'rmse':>9}{'max':>9}{'> 1/255':>9}{'other object':>14}"
+        lines.append(f"{head}{'FLIP':>9}" if any("flip" in c.error for c in self.candidates) else head)
         for c in self.candidates:
             mark = ">" if c is picked else "*" if id(c) in front else " "
             spread = f"{1e3 * c.spread[0]:.1f} to {1e3 * c.spread[1]:.1f}"
             lines.append(
                 f"{mark} {c.variant!s:32}{1e3 * c.seconds:9.1f}{spread:>16}{c.worst:9.3g}{c.error['max']:9.3g}"
-                f"{c.error['off']:9.2%}{c.error['objects']:14.2%}"
+                f"{c.error['off']:9.2%}{c.error['objects']:14.2%}{_spoken(c.error.get('flip')):>9}"
             )
         return "\n".join([*lines, *(f"  not run: {what}: {why}" for what, why in self.skipped)])
 
@@ -172,19 +177,34 @@ def new_figure(path: Path) -> Any:
     return figure
 
 
+def _spoken(flip: float | None) -> str:
+    return "" if flip is None else f"{flip:.4f}"
+
+
 def errors(image: Image, reference: Image) -> dict[str, float]:
     """How far a picture is from another, as sRGB in 255ths.
 
     `rmse` is the root mean square over all channels, `max` the largest; `off` the share of pixels that are more than
-    1/255 off in a channel, `objects` of those that show another object.
+    1/255 off in a channel, `objects` of those that show another object. `flip`, where flip-evaluator is installed, is
+    the mean difference that is seen when both are shown in turns, from 0 to 1 (Andersson et al. 2020).
     """
-    off = 255 * np.abs(encoded(image.pixels) - encoded(reference.pixels))
-    return {
+    seen, wanted = encoded(image.pixels), encoded(reference.pixels)
+    off = 255 * np.abs(seen - wanted)
+    return _flip(seen, wanted) | {
         "rmse": float(np.sqrt(np.mean(off**2))),
         "max": float(off.max()),
         "off": float((off.max(axis=-1) > 1).mean()),
         "objects": float((image.object_id != reference.object_id).mean()),
     }
+
+
+def _flip(seen: Pixels, wanted: Pixels) -> dict[str, float]:
+    try:
+        from flip_evaluator import evaluate
+    except ImportError:
+        return {}
+    _, mean, _ = evaluate(wanted.astype(np.float32), seen.astype(np.float32), "LDR", applyMagma=False)
+    return {"flip": float(mean)}
 
 
 def tradeoff(

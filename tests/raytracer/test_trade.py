@@ -31,7 +31,7 @@ def candidate(seconds, error, name="strict"):
 
 def test_errors_are_those_of_the_bytes_of_a_picture():
     image = render(mirrors(), (6, 4), backend="numpy")
-    assert errors(image, image) == {"rmse": 0, "max": 0, "off": 0, "objects": 0}
+    assert errors(image, image) == {"rmse": 0, "max": 0, "off": 0, "objects": 0, "flip": 0}
     pixels, objects = image.pixels.copy(), image.object_id.copy()
     pixels[1, 2] = 0
     objects[0, :3] += 1
@@ -42,6 +42,7 @@ def test_errors_are_those_of_the_bytes_of_a_picture():
     assert found["rmse"] == pytest.approx(np.sqrt((off**2).sum() / 72), rel=0.02)
     assert found["off"] == pytest.approx(1 / 24)
     assert found["objects"] == pytest.approx(3 / 24)
+    assert 0 < found["flip"] < 1
 
 
 def test_the_fastest_within_the_error_is_taken_and_what_is_unseen_counts():
