@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 import shpy as sh
 from benchmarks import frames, peers, rays
 from benchmarks.rounds import once
@@ -98,6 +100,28 @@ def accelerators(mesh: Mesh, quick: bool) -> Table:
     return Table("accelerators", "Seconds to build, in numpy.", ["mesh", "triangles", "grid", "BVH"], rows)
 
 
+BAD = {"NaN": np.nan, "infinity": np.inf, "zero": 0.0}
+
+
+def bad_rays(mesh: Mesh, quick: bool) -> Table:
+    """What rays that are none cost those beside them: every 16th direction spoiled, and all of them."""
+    compiled = partial(sh.Program.compile, backend=backend())
+    origins, directions = rays.secondary_rays(mesh, 32 if quick else 512)
+    clean, _ = best(rays.ours_given(compiled, origins, directions, mesh, False))
+    rows = [["none", f"{1e3 * clean:.1f}", "1.00"]]
+    for every, spoken in ((16, "every 16th"), (1, "all")):
+        for name, number in BAD.items():
+            spoiled = directions.copy()
+            spoiled[::every] = number
+            seconds, _ = best(rays.ours_given(compiled, origins, spoiled, mesh, False))
+            rows.append([f"{name}, {spoken}", f"{1e3 * seconds:.1f}", f"{seconds / clean:.2f}"])
+    note = f"{len(origins):,} rays in random directions, the closest hit, some with a direction that is none; "
+    head = ["directions", "ms", "of the time without"]
+    return Table("bad-rays", f"{note}{backend()}.", head, rows)
+    )
+    return Table("bad-rays", note, ["directions", "ms", "of the time without"], rows)
+
+
 def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, int, int]]) -> Table:
     rows = []
     for case, scene, size, bounces in cases:
@@ -136,6 +160,7 @@ def lights(mesh: Mesh, quick: bool) -> Table:
 STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {
     "triangles": triangles,
     "accelerators": accelerators,
+    "bad-rays": bad_rays,
     "pixels": pixels,
     "bounces": bounces,
     "lights": lights,
