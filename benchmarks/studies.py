@@ -115,10 +115,7 @@ def bad_rays(mesh: Mesh, quick: bool) -> Table:
             spoiled[::every] = number
             seconds, _ = best(rays.ours_given(compiled, origins, spoiled, mesh, False))
             rows.append([f"{name}, {spoken}", f"{1e3 * seconds:.1f}", f"{seconds / clean:.2f}"])
-    note = f"{len(origins):,} rays in random directions, the closest hit, some with a direction that is none; "
-    head = ["directions", "ms", "of the time without"]
-    return Table("bad-rays", f"{note}{backend()}.", head, rows)
-    )
+    note = f"{len(origins):,} rays in random directions, the closest hit; some directions are none. {backend()}."
     return Table("bad-rays", note, ["directions", "ms", "of the time without"], rows)
 
 
