@@ -343,10 +343,13 @@ class Printer(CLike):
         return _signed(str(rounded))
 
     def known_zero(self, e: Expr) -> Expr:
-        """The expression with a literal zero where it was the uniform: in comparisons and choices that is the same."""
-        if e.text.removeprefix("-") == self.zero_name:
-            return replace(e, text=e.text.replace(self.zero_name, "0.0"))
-        if e.scalar is not None and e.scalar.text.removeprefix("-") == self.zero_name:
+        """The expression with a literal zero where it was the uniform: in comparisons and choices that is the same.
+
+        A literal -0.0 is not: llvmpipe takes it for 0.0 where it makes a choice the lesser of two numbers.
+        """
+        if e.text == self.zero_name:
+            return replace(e, text="0.0")
+        if e.scalar is not None and e.scalar.text == self.zero_name:
             return replace(e, text=e.text.replace(self.zero_name, "0.0"), scalar=self.known_zero(e.scalar))
         return e
 

@@ -67,6 +67,18 @@ int {name}(int a, int b) {
 uint {name}(uint a, uint b) {
     return b == 0u ? 0u : a % b;
 }""",
+    ("minus_zero", Base.F): """\
+// -0.0, out of the compiler's sight: LLVM takes it for 0.0 where a comparison chooses.
+float {name}(void) {
+    volatile uint bits = 0x80000000u;
+    return as_float(bits);
+}""",
+    ("minus_zero", Base.D): """\
+// -0.0, out of the compiler's sight: LLVM takes it for 0.0 where a comparison chooses.
+double {name}(void) {
+    volatile ulong bits = 0x8000000000000000ul;
+    return as_double(bits);
+}""",
     ("bits_from_float", Base.F): """\
 // The bits of x; the same ones for every NaN.
 uint {name}(float x) {

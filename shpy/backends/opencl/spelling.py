@@ -87,6 +87,8 @@ class Spelling(CLike):
         text = f"{component}u" if type.base is Base.U else str(component)
         if type.is_float:
             self.doubles = self.doubles or type.base is Base.D
+            if self.math == "strict" and component == 0 and np.signbit(component):
+                return Expr(f"{self.prologue.use('minus_zero', type.scalar)}()", Level.POSTFIX)
             text = _float_text(float(component), type.base)
         return Expr(text, Level.UNARY if text[0] in "-(" else Level.ATOM)
 

@@ -1,0 +1,45 @@
+"""The sign of a zero that a comparison chooses: compilers make `x < y ? x : y` instructions that do not keep it."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+
+
+@sh.program
+def chosen(m: sh.Attrib1f):
+    return (
+        sh.cond(m > 0, -0.0, m),
+        sh.cond(m < 0, -0.0, m),
+        sh.cond(m >= 0, m, -0.0),
+        sh.cond(m <= 0, m, -0.0),
+        sh.cond(0.0 < m, -0.0, m),
+        sh.cond(m > -0.0, 0.0, m),
+        sh.cond(m <= -0.0, m, 0.0),
+        sh.cond(m == 0, -0.0, m),
+    )
+
+
+@sh.program
+def least(m: sh.Attrib1f, z: sh.Attrib1f):
+    signs = (0.0, -0.0)
+    chosen = [f(*pair) for f in (sh.min, sh.max) for s in signs for pair in ((m, s), (s, m))]
+    ranges = [sh.clamp(m, low, high) for low, high in ((-0.0, 1.0), (0.0, 1.0), (-1.0, -0.0), (-1.0, 0.0))]
+    return (*chosen, *ranges, sh.min(m, z), sh.max(m, z), sh.step(-0.0, m), sh.sign(m), sh.abs(m))
+
+
+@sh.program
+def vectors(m: sh.Attrib3f):
+    zeros = sh.Attrib3f(-0.0, 0.0, -0.0)
+    return sh.min(m, zeros), sh.max(m, -0.0), sh.cond(m > 0, zeros, m), sh.clamp(m, zeros, 1.0)
+
+
+M = np.float32([0.0, -0.0, 1.0, -1.0, np.nan, 0.0, -0.0, *[0.0, -0.0] * 16])
+Z = np.float32([0.0, 0.0, -0.0, np.nan, -0.0, -0.0, 0.0, *[-0.0, 0.0] * 16])
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_every_backend_chooses_the_same_zero(precision):
+    able = ["interpreter", "numpy", "opencl", *(["glsl"] if precision == "f32" else [])]
+    for program, given in ((chosen, (M,)), (least, (M, Z)), (vectors, (np.stack([M, Z, -M], axis=-1),))):
+        sh.testing.assert_equivalent(program, *given, backends=able, precision=precision)
