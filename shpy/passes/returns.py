@@ -48,6 +48,9 @@ class _Rewriter:
         self.ended = self.ended_by_a_call({s.value.id for s in constants} - self.ends)
 
     def run(self) -> Function:
+        if self.status is not None:
+            # Whoever asks for it behind a loop must find it: the store from `exits` is gone if all ways end in a call.
+            self.b.store(self.status, self.b.const(vec(Base.I), [Status.WRITTEN]))
         self.b.extend(self.region(self.function.body, in_loop=False))
         return self.b.finish()
 

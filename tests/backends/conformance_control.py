@@ -287,6 +287,8 @@ def subroutine_cases() -> Iterator[Case]:
     yield case("subroutine-that-discards", (Call("drops", (X, late)), plus("x", 4.0)), functions=(drops,))
     dropped = FORMS["for"]((Call("drops", (X, Apply(I, "add", (N, Name(I, "s"))))),), 0)
     yield case("subroutine-that-discards-in-a-loop", dropped, functions=(drops,))
+    at_the_end = (*FORMS["while"]((Call("drops", (X, late)),), 0), Call("drops", (X, Name(I, "s"))))
+    yield case("subroutine-that-discards-in-a-loop-and-at-the-end", at_the_end, functions=(drops,))
     yield case("subroutine-with-a-loop", (*begin, Call("counts", (X, late), "x2"), *end), functions=(inner_loop,))
     both = (*begin, *FORMS["while"]((Call("counts", (X, late), "x2"), Call("early", (X, late))), 0), *end)
     yield case("subroutines-with-loops-in-a-loop", both, functions=(early, inner_loop))

@@ -471,3 +471,29 @@ def test_subroutines_are_functions_of_packets(lanes: int) -> None:
     wide = f"int{lanes}"
     assert heads == [("tone", wide, "int"), ("tone_2", "int", wide), ("tone_3", "int", "int")]
     assert all(f"\ndef {name}(" in numpy.source for name in ("advance", "tone", "tone_2", "tone_3", "picture"))
+
+
+@each_width
+def test_the_status_is_known_behind_a_loop_when_every_way_ends_in_a_call(lanes: int) -> None:
+    @sh.subroutine
+    def bounded(p: sh.Attrib1f) -> sh.Attrib1f:
+        SH_RETURN(sh.Attrib1f(0.0), p > 0.5)
+        SH_DISCARD(p < -2)
+        p += 1
+        return sh.Attrib1f(0.0)
+
+    @sh.program
+    def ends_in_a_call(a: sh.Attrib1f, limit: sh.Attrib1f) -> sh.Attrib1f:
+        turns = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (turns < 1) & (a < limit)):
+            turns += 1
+            a[:] = bounded(a)
+        bounded(a)
+        return a
+
+    a, limit = np.float32([1.5, 0.2, -1, -3, 4] * 9), np.float32([2, 0, 0, 0, 9] * 9)
+    found, expected = both(ends_in_a_call, lanes, a, limit)
+    same(found, expected)
+    result = ends_in_a_call.compile("numpy").run(a, limit)
+    same(result.outputs, expected)
+    assert result.written.tolist() == [True, True, True, False, True] * 9
