@@ -1,4 +1,4 @@
-"""The sign of a zero that a comparison chooses: compilers make `x < y ? x : y` instructions that do not keep it."""
+"""Zeros that compilers know too much about: they lose signs, and take 0 * inf for 0."""
 
 import numpy as np
 import pytest
@@ -34,6 +34,26 @@ def vectors(m: sh.Attrib3f):
     return sh.min(m, zeros), sh.max(m, -0.0), sh.cond(m > 0, zeros, m), sh.clamp(m, zeros, 1.0)
 
 
+@sh.program
+def products(m: sh.Attrib1f, a: sh.Attrib1f, v: sh.Attrib3f):
+    b, bs = m > 0, v > 0
+    numbers = (
+        sh.Attrib1f(b),
+        sh.cond(b, 1.0, 0.0),
+        sh.cond(b, 0.0, 1.0),
+        sh.cond(b, -1.0, 0.0),
+        sh.cond(b, 0.0, -1.0),
+        sh.Attrib1f(b) * sh.Attrib1f(~b),
+        1 - sh.Attrib1f(b),
+        sh.step(0.0, m),
+        sh.sign(m),
+        sh.clamp(m, 0.0, 1.0),
+        sh.Attrib1f(sh.Attrib1i(b)),
+    )
+    vectors = sh.Attrib3f(bs), sh.cond(bs, 1.0, 0.0), sh.cond(b, sh.Attrib3f(1, 0, -1), 0.0)
+    return (*(n * a for n in numbers), *(w * v for w in vectors), sh.mad(sh.Attrib1f(b), a, m), a / sh.Attrib1f(b))
+
+
 M = np.float32([0.0, -0.0, 1.0, -1.0, np.nan, 0.0, -0.0, *[0.0, -0.0] * 16])
 Z = np.float32([0.0, 0.0, -0.0, np.nan, -0.0, -0.0, 0.0, *[-0.0, 0.0] * 16])
 
@@ -43,3 +63,10 @@ def test_every_backend_chooses_the_same_zero(precision):
     able = ["interpreter", "numpy", "opencl", *(["glsl"] if precision == "f32" else [])]
     for program, given in ((chosen, (M,)), (least, (M, Z)), (vectors, (np.stack([M, Z, -M], axis=-1),))):
         sh.testing.assert_equivalent(program, *given, backends=able, precision=precision)
+
+
+def test_a_product_with_nothing_is_not_always_nothing():
+    m = np.float32([1, -1, 0, -0.0, np.nan] * 5)
+    a = np.repeat(np.float32([np.inf, -np.inf, np.nan, -2, 0]), 5)
+    given = m, a, np.stack([m, a, -m], axis=-1)
+    sh.testing.assert_equivalent(products, *given, backends=["interpreter", "numpy", "opencl", "glsl"])

@@ -89,6 +89,10 @@ _OF_VECTORS: Final[Mapping[str, str]] = {
 }
 
 
+_ONE = re.compile(r"-?1\.0|vec\d\([^()]*\b1\.0\b[^()]*\)")
+"""A literal 1.0, or a vector that has one."""
+
+
 class Printer(CLike):
     """Prints one module as one shader."""
 
@@ -364,7 +368,16 @@ class Printer(CLike):
         if source.is_float and type.is_int:
             name = "sh_int" if type.base is Base.I else "sh_uint"
             return ex.call(self.prologue.use(name, (source,)), e)
+        if source.is_bool and type.is_float and self.exact:
+            return self._one_or_zero(type, e)
         return ex.call(spelled(type), e)
+
+    def _one_or_zero(self, type: Type, e: Expr) -> Expr:
+        """`b ? 1.0 : zero`: Mesa makes products with what it knows to be 0 or 1 choices, although 0 * inf is NaN."""
+        if type.size == 1:
+            return ex.ternary(e, Expr("1.0"), Expr(self.zero_name))
+        name = spelled(type)
+        return ex.call("mix", Expr(f"{name}({self.zero_name})"), Expr(f"{name}(1.0)"), e)
 
     def _nonzero(self, e: Expr, source: Type) -> Expr:
         zero = {Base.F: "0.0", Base.I: "0", Base.U: "0u"}[source.base]
@@ -416,7 +429,8 @@ class Printer(CLike):
     def op_cond(self, let: Let) -> Expr:
         """`c ? a : b` for one c, `mix` for one a component."""
         c, a, b = self.args(let)
-        a, b = self.known_zero(a), self.known_zero(b)
+        if not any(map(_ONE.fullmatch, (a.text, b.text))):  # see _one_or_zero
+            a, b = self.known_zero(a), self.known_zero(b)
         type = let.value.type
         if type.size == 1:
             return ex.ternary(c, a, b)
