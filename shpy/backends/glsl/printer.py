@@ -89,8 +89,7 @@ _OF_VECTORS: Final[Mapping[str, str]] = {
 }
 
 
-_ONE = re.compile(r"-?1\.0|vec\d\([^()]*\b1\.0\b[^()]*\)")
-"""A literal 1.0, or a vector that has one."""
+_ONE = re.compile(r"-?1\.0|vec\d\([^()]*\b1\.0\b[^()]*\)")  # or a vector that has one
 
 
 class Printer(CLike):
