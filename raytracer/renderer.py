@@ -30,7 +30,7 @@ Progress = Callable[[int, int], None]
 
 _BAND = 1 << 14
 """Rays of a band on numpy: few enough for progress to be seen and Ctrl-C to be heard."""
-_DEVICE_BAND = 1 << 18
+_DEVICE_BAND = 1 << 19
 """Rays of a band on a device: enough to keep it busy."""
 
 
