@@ -48,6 +48,7 @@ def _work(mesh: Mesh, size: int) -> Work:
         note="`path` also follows light between the mesh's own parts; the tracer of its own does what ours does.",
     )
     work.group = "frames"
+    work.seen = squares
     slow = ("numpy",) if size == 256 else ()
     work.ours_on("opencl", "glsl", *slow)(partial(_ours, mesh=mesh))
     work.version("mitsuba")(partial(_mitsuba_path, mesh=mesh))
@@ -77,7 +78,7 @@ def squares(pixels: np.ndarray) -> np.ndarray:
 
 def _ours(compiled: Any, size: int, mesh: Mesh) -> Any:
     renderer = Renderer(scene_of(mesh), backend=compiled.keywords["backend"], bounces=1)
-    return lambda: squares(renderer.render((size, size)).pixels)
+    return lambda: renderer.render((size, size)).pixels
 
 
 @cache
@@ -127,7 +128,7 @@ def _mitsuba_path(size: int, mesh: Mesh) -> Any:
         "sampler": {"type": "independent"},
     })  # fmt: skip
     integrator = mi.load_dict({"type": "path", "max_depth": 3, "rr_depth": 100})
-    return lambda: squares(np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1))[..., :3])
+    return lambda: np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1))[..., :3]
 
 
 def _mitsuba_whitted(size: int, mesh: Mesh) -> Any:
@@ -151,6 +152,6 @@ def _mitsuba_whitted(size: int, mesh: Mesh) -> Any:
         lit = seen.is_valid() & (seen.shape != mi.ShapePtr(mirror)) & (cosine > 0)
         lit &= ~scene.ray_test(seen.spawn_ray_to(place), coherent=True, active=lit)
         value = dr.select(lit, 0.5 * cosine, 0)
-        return squares(np.asarray(value).reshape(size, size, 1).repeat(3, axis=2))
+        return np.asarray(value).reshape(size, size, 1).repeat(3, axis=2)
 
     return run

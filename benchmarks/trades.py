@@ -8,7 +8,6 @@ timed again, in turns. The reference of the check on kernels is binary64, that o
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -18,6 +17,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.frames import scene_of
+from benchmarks.rounds import once
 from benchmarks.studies import Table, backend
 from raytracer import Camera, Mesh, Scene, trade
 from raytracer.renderer import Renderer
@@ -130,14 +130,12 @@ def _kept(found: Any, exact: Any, budget: Any) -> float:
 
 
 def _in_turns(runs: Sequence[Callable[[], Any]], rounds: int) -> list[float]:
-    """The median seconds of each, after a call that does not count."""
+    """The median seconds of each; in each turn it runs once more than it is timed, and short ones several times."""
     taken: list[list[float]] = [[] for _ in runs]
-    for k in range(-1, rounds):
+    for _ in range(rounds):
         for run, seconds in zip(runs, taken, strict=True):
-            started = time.perf_counter()
-            run()
-            if k >= 0:
-                seconds.append(time.perf_counter() - started)
+            calls = max(1, int(0.01 / once(run)))
+            seconds.append(sum(once(run) for _ in range(calls)) / calls)
     return [float(np.median(seconds)) for seconds in taken]
 
 

@@ -46,7 +46,7 @@ class Work:
     `size` and `quick` are what `inputs` is called with. Answers agree if all but the `share` of their elements differ
     from the reference by at most `within`, times the larger of 1 and the reference's magnitude. The reference is what
     the version `masks` gives, or else the first that ran.
-    `group`: what means are taken over.
+    `group`: what means are taken over; `seen`: what of an answer is compared, which is not timed.
     """
 
     name: str
@@ -58,6 +58,7 @@ class Work:
     share: float = 0.0
     note: str = ""
     group: str = "kernels"
+    seen: Callable[[Any], Any] = np.asarray
     versions: dict[str, Version] = field(default_factory=dict)
 
     def version(self, name: str) -> Callable[[Version], Version]:
@@ -101,7 +102,7 @@ class Agreement:
 
 def compare(work: Work, answer: Any, reference: Any) -> Agreement:
     """Judge an answer."""
-    found, wanted = (np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (answer, reference))
+    found, wanted = (np.atleast_1d(np.asarray(work.seen(a), dtype=np.float64)) for a in (answer, reference))
     if found.shape != wanted.shape:
         return Agreement(np.inf, 1.0, False)
     with np.errstate(invalid="ignore"):

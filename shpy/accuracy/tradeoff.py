@@ -34,6 +34,8 @@ from shpy.testing.runs import run
 
 __all__ = ["Candidate", "Tradeoff", "frontier", "tradeoff"]
 
+_ENOUGH = 0.003
+"""Seconds: shorter calls are timed several at once."""
 _UNSEEN = 4
 """How many times as many elements a choice must hold on as it was made on."""
 
@@ -269,15 +271,25 @@ class _Search:
         return largest
 
 
+def _seconds(candidate: Candidate, drawn: Samples, calls: int) -> float:
+    start = time.perf_counter()
+    for _ in range(calls):
+        candidate.kernel(*drawn.inputs)
+    return time.perf_counter() - start
+
+
 def _time(candidates: list[Candidate], drawn: Samples, rounds: int) -> None:
-    """Set each candidate's time: warmed up, all in turn, the median of the rounds and their quartiles."""
+    """Set each candidate's time: all in turn, the median of the rounds and their quartiles.
+
+    In each turn a candidate runs once more than it is timed: the first call finds the caches and the threads as another
+    candidate has left them. Short calls are timed several at once.
+    """
     taken: list[list[float]] = [[] for _ in candidates]
-    for k in range(-1, rounds):
+    for _ in range(rounds):
         for candidate, times in zip(candidates, taken, strict=True):
-            start = time.perf_counter()
-            candidate.kernel.run(*drawn.inputs)
-            if k >= 0:
-                times.append((time.perf_counter() - start) * 1e9 / drawn.count)
+            first = _seconds(candidate, drawn, 1)
+            calls = max(1, int(_ENOUGH / first))
+            times.append(_seconds(candidate, drawn, calls) / calls * 1e9 / drawn.count)
     for candidate, times in zip(candidates, taken, strict=True):
         low, candidate.ns, high = (float(v) for v in np.quantile(times, (0.25, 0.5, 0.75)))
         candidate.spread = low, high
