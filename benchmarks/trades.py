@@ -9,7 +9,7 @@ timed again, in turns. The reference of the check on kernels is binary64, that o
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ import shpy as sh
 from benchmarks.frames import scene_of
 from benchmarks.rounds import once
 from benchmarks.studies import Table, backend
-from raytracer import Camera, Mesh, Scene, trade
+from raytracer import Mesh, Scene, trade
 from raytracer.renderer import Renderer
 
 ROUNDS = 15
@@ -154,7 +154,8 @@ def scenes(mesh: Mesh, quick: bool) -> Table:
 def _scene(name: str, scene: Scene, limit: float, quick: bool) -> Sequence[str]:
     bounces = 1 if quick else 3
     found = trade.tradeoff(scene, max_error=limit, backend=backend(), bounces=bounces)
-    cameras = [_around(scene.camera, k) for k in range(2 if quick else CAMERAS)]
+    angles = [360 * (k + 0.5) / CAMERAS for k in range(2 if quick else CAMERAS)]
+    cameras = [trade.turned(scene.camera, angle, 1.1 if k % 2 else 0.9) for k, angle in enumerate(angles)]
     reference = trade.reference(scene, backend(), bounces)
     exact = [reference.render(trade.SIZE, camera=camera) for camera in cameras]
 
@@ -171,19 +172,6 @@ def _scene(name: str, scene: Scene, limit: float, quick: bool) -> Sequence[str]:
     at = good.index(found.pick)
     share = f"{kept(made[at])} of {len(cameras)}"
     return name, f"{limit:g}/255", str(found.pick.variant), share, f"{seconds[at] / min(seconds):.2f}"
-
-
-def _around(camera: Camera | None, k: int) -> Camera:
-    """The camera turned about what it looks at by k and a half eighths, a little up or down."""
-    assert camera is not None  # a scene frames one if it has none
-    up = np.asarray(camera.up, float) / np.linalg.norm(camera.up)
-    sight = np.subtract(camera.position, camera.target)
-    angle = 2 * np.pi * (k + 0.5) / CAMERAS
-    across = np.cross(up, sight)
-    along = up * (up @ sight)
-    turned = along * (1 + 0.1 * (-1) ** k) + (sight - along) * np.cos(angle) + across * np.sin(angle)
-    x, y, z = (np.asarray(camera.target) + turned).tolist()
-    return replace(camera, position=(x, y, z))
 
 
 STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {"budgets": kernels, "scenes-within": scenes}
