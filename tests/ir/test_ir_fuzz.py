@@ -71,14 +71,15 @@ def check(text: str) -> bool:
         module = sh.parse(text)
         assert sh.parse(str(module)) == module
         program = sh.Program.from_ir(module)
-        inputs = sh.testing.inputs(program, 3)
+        # A broken text may depend on which elements run together: then there is but one.
+        count = 1 if re.search("any_lane|all_lanes", text) else 3
+        inputs = sh.testing.inputs(program, count)
         rank = program.compile("numpy", loop_limit=40)._rank
     except sh.ShpyError:
         return False
-    shape = (3,) if rank is None else (1,) * (rank - 1) + (3,)
-    sh.testing.assert_equivalent(
-        program, *inputs, backends=["interpreter", "numpy"], loop_limit=40, shape=shape, ulp=16
-    )
+    shape = (count,) if rank is None else (1,) * (rank - 1) + (count,)
+    backends = ["interpreter", "numpy"]
+    sh.testing.assert_equivalent(program, *inputs, backends=backends, loop_limit=40, shape=shape, ulp=16)
     return True
 
 
