@@ -16,7 +16,6 @@ stay do not lie side by side. Additions wrap around, and so do those of offsets,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from shpy.ir.builder import Builder
@@ -30,6 +29,7 @@ from shpy.passes.vectorize import VectorModule
 __all__ = ["find_neighbours"]
 
 _INT = vec(Base.I)
+_RANKS = (1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +47,10 @@ Parts = tuple[_Moved, ...]
 """What each component of a value is."""
 
 
-def find_neighbours(vector: VectorModule, ranks: Sequence[int] = (1, 2)) -> VectorModule:
-    """The module with such reads of tables of these ranks as `neighbour`; the same object if there are none."""
+def find_neighbours(vector: VectorModule) -> VectorModule:
+    """The module with such reads of tables of one or two axes as `neighbour`; the same object if there are none."""
     module = vector.module
-    finder = _Finder(module, vector.entry, ranks)
+    finder = _Finder(module, vector.entry)
     entry = finder.run()
     if not finder.found:
         return vector
@@ -62,10 +62,10 @@ def find_neighbours(vector: VectorModule, ranks: Sequence[int] = (1, 2)) -> Vect
 class _Finder:
     """Walks the entry. `parts` are the components of the values that are known."""
 
-    def __init__(self, module: Module, facts: LaneFacts, ranks: Sequence[int]) -> None:
+    def __init__(self, module: Module, facts: LaneFacts) -> None:
         self.function: Function = module.entry
         self.facts = facts
-        self.ranks = {t.name: t.rank for t in module.tables if t.rank in ranks}
+        self.ranks = {t.name: t.rank for t in module.tables if t.rank in _RANKS}
         self.b = Builder(function=module.entry)
         self.parts: dict[int, Parts] = {}
         self.axes = 0
