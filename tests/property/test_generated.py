@@ -1,6 +1,6 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-500 in every run. 5,000 others, which take an hour on two cores: `pytest -m slow tests/property` (with `-n 2` for two cores).
+500 in every run. 5,000 others, which take an hour on two cores: `pytest -m slow -n 2` and the name of this file.
 A failure prints the program as text that a person can run, the element and both answers.
 """
 
