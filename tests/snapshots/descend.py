@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, spread
+from shpy.backends.numpy.lanes import compact, few, put_aside, spread
 
 
 def descend(x, children, lanes):
@@ -13,11 +13,11 @@ def descend(x, children, lanes):
         if few(live):
             lane, live, x = compact(live, lane, live, x)
         if level >= 8:
-            node_out[lane[live]] = node
+            put_aside(node_out, lane, live, node)
             break
         leaving = live & (x < level.astype(np.float32))
         if leaving.any():
-            node_out[lane[leaving]] = node
+            put_aside(node_out, lane, leaving, node)
             live = live & ~leaving
             if not live.any():  # test_numpy_text.py:72
                 break

@@ -1,7 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, spread, vector
-from shpy.ir.meaning import dot
+from shpy.backends.numpy.lanes import compact, dot, few, put_aside, spread, vector
 
 
 def mandelbrot(c, lanes):
@@ -19,13 +18,13 @@ def mandelbrot(c, lanes):
         turns = turns + 1
         if turns > 1048576:
             status = np.int32(2)
-            status_out[lane[live]] = status
+            put_aside(status_out, lane, live, status)
             break
         z = vector(z[0] * z[0] - z[1] * z[1], 2.0 * z[0] * z[1]) + c  # test_numpy_text.py:32
         n = n + 1.0  # test_numpy_text.py:33
         leaving = live & ((dot(z, z) > 4.0) | (n >= 256.0))
         if leaving.any():  # test_numpy_text.py:31
-            n_out[lane[leaving]] = n
+            put_aside(n_out, lane, leaving, n)
             live = live & ~leaving
             if not live.any():
                 break

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, select, spread
+from shpy.backends.numpy.lanes import compact, few, minimum, put_aside, select, spread
 
 
 def positive(x, n, lanes):
@@ -22,15 +22,15 @@ def positive(x, n, lanes):
                 lane, live, n_2, total_in, x = compact(live, lane, live, n_2, total_in, x)
             leaving = live & (n_2 <= 0)
             if leaving.any():
-                total[lane[leaving]] = total_in[leaving]
+                put_aside(total, lane, leaving, total_in)
                 live = live & ~leaving
                 if not live.any():
                     break
             turns = turns + 1
             if turns > 1048576:
                 status = np.int32(2)
-                status_out[lane[live]] = status
+                put_aside(status_out, lane, live, status)
                 break
-            total_in = total_in + np.fmin(x, 1.0) / n_2.astype(np.float32)  # test_numpy_text.py:62
+            total_in = total_in + minimum(x, 1.0) / n_2.astype(np.float32)  # test_numpy_text.py:62
             n_2 = n_2 - 1  # test_numpy_text.py:63
     return total, status_out  # test_numpy_text.py:64

@@ -1,4 +1,4 @@
-"""Writes into a printed function how a loop goes on with the lanes that are still in it, once these are few.
+"""Writes into a printed function how a loop goes on with the lanes that are still in it, once many have left.
 
 Stage: emit. Part of the numpy printer, which leaves a mark at the head of each loop that lanes leave one by one. Which
 names a turn needs, and which are needed after the loop, is read off the text.
@@ -7,7 +7,7 @@ names a turn needs, and which are needed after the loop, is read off the text.
         compact(1)                         lane = np.arange(lanes)
         z = z * z + c                      while True:
         leaving = live & (z > 4.0)             if few(live):
-        n_out[lane[leaving]] = n     ->            c, lane, live, z = compact(live, c, lane, live, z)
+        put_aside(n_out, lane, ...)   ->            c, lane, live, z = compact(live, c, lane, live, z)
         live &= ~leaving                       z = z * z + c
         if not live.any():                     leaving = live & (z > 4.0)
             break                              ...

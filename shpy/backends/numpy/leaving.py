@@ -5,7 +5,7 @@ one, if all that such a loop changes for the code behind it are *exit copies*: a
 leave, of a slot that the loop does not read. The other lanes of that slot are out of the loop's sight, so that an exit
 copy can be written as a store into some lanes of the whole array, whatever lanes the loop itself still has:
 
-    $n_out = cond(%leaving, $n, $n_out)      ->      n_out[lane[leaving]] = n
+    $n_out = cond(%leaving, $n, $n_out)      ->      put_aside(n_out, lane, leaving, n)
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from shpy.backends.numpy.expressions import Expr, item
 from shpy.ir.nodes import Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, uses, walk
 from shpy.passes.liveness import Note, annotate
 
-__all__ = ["ExitCopy", "Plan", "copied", "plans"]
+__all__ = ["ExitCopy", "Plan", "plans"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +99,3 @@ def _copies(loop: Loop, changed: frozenset[int], used: Counter[int]) -> dict[int
                     if stored == value.id and once and slot in changed and loads.get(old) == slot:
                         found[stored] = slot, ExitCopy(mask, new, old)
     return found
-
-
-def copied(whole: str, lane: str, mask: str, new: Expr, size: int, varies: bool) -> str:
-    """The line of an exit copy; `new` has `size` components, and a value for each of the loop's lanes if it varies."""
-    scalar = new.splat or new
-    rows = ":, " if size > 1 else ""
-    if varies:
-        scalar = item(scalar, mask if new.splat is not None else rows + mask)
-    return f"{whole}[{rows}{lane}[{mask}]] = {scalar.text}"

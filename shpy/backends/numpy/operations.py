@@ -159,7 +159,7 @@ def _splat(scalar: Expr, size: int, use: Imports) -> Expr:
 
 def _geometry(op: str, args: Sequence[Expr], types: Sequence[Type], use: Imports) -> Expr:
     owned = [a.own() for a in args]
-    if op == "normalize" and types[0].size > 1:
+    if op in ("dot", "normalize", "reflect") and types[0].size > 1:
         return call(use.from_lanes(op), *owned)
     function = use.from_meaning(op)
     if types[0].size > 1:
@@ -221,8 +221,8 @@ def _elementwise(op: str, args: list[Expr], types: Sequence[Type], type: Type, v
 def _extremum(op: str, args: list[Expr], use: Imports) -> Expr:
     """The min or max of floats: numpy's own but for NaN, and where both may be zeros of two signs."""
     literals = [a.text for a in args if a.literal]
-    if len(literals) == 1 and literals[0].lstrip("-") not in ("0.0", "np.nan"):
-        return call(f"np.f{op}", *args)
+    if args[0].literal and len(literals) == 1 and literals[0].lstrip("-") not in ("0.0", "np.nan"):
+        args = args[::-1]  # these are the same in either order
     return call(use.from_lanes(f"{op}imum"), *(args if len(literals) < 2 else [args[0].own(), args[1]]))
 
 

@@ -24,7 +24,7 @@ from shpy.backends.numpy import lanes as lane_functions
 from shpy.backends.numpy.compaction import MARK, Compaction, compacted
 from shpy.backends.numpy.expressions import Expr, call, condition, method, name, negation
 from shpy.backends.numpy.heading import asked_by, components_of, imports_of
-from shpy.backends.numpy.leaving import ExitCopy, Plan, copied, plans
+from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
 from shpy.backends.numpy.operations import Imports, dtype, zeros
 from shpy.backends.numpy.values import MAX_LENGTH, ValuePrinter, is_partial
 from shpy.ir import meaning
@@ -60,11 +60,13 @@ class Printed:
     """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
 
     An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
+    `compacts`: whether it has loops that go on with the lanes that are left.
     """
 
     text: str
     entry: str
     arguments: tuple[tuple[str, str], ...]
+    compacts: bool
 
 
 def print_python(vector: VectorModule) -> Printed:
@@ -73,12 +75,14 @@ def print_python(vector: VectorModule) -> Printed:
     asked = asked_by(module)
     names = Names("python", (*_RESERVED, *(kind for kind, what in asked[module.entry.name] if not what)))
     functions = {f.name: names.take(f.name, "f") for f in module.functions}
-    texts = []
+    printers = []
     for function in module.functions:
         facts = _all_of(function) if function.pure else vector.facts[function.name]
-        texts.append(_Printer(function, functions, names.scope(), use, facts, asked).function())
+        printers.append(_Printer(function, functions, names.scope(), use, facts, asked))
+    texts = [printer.function() for printer in printers]
     text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
-    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]))
+    compacts = any(printer.compactions for printer in printers)
+    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]), compacts)
 
 
 def _all_of(function: Function) -> LaneFacts:
@@ -268,10 +272,10 @@ class _Printer(ValuePrinter):
     def put_aside(self, s: Store, copy: ExitCopy) -> None:
         """An exit copy, into the array of all lanes."""
         whole, mask, new = self.take(copy.old), self.take(copy.mask), self.take(copy.new)
-        mask = mask.splat or mask
+        mask, new = mask.splat or mask, (new.splat or new).own()
         self.settle([s.variable])
-        size, varies = self.slots[s.variable].type.size, copy.new in self.varying
-        self.line(copied(whole.text, self.within[-1][1], mask.text, new, size, varies), s.loc)
+        function = self.use.from_lanes("put_aside")
+        self.line(f"{function}({whole.text}, {self.within[-1][1]}, {mask.text}, {new.text})", s.loc)
 
     def store_part(self, s: Store) -> None:
         """Store into some components, or an element of an array."""

@@ -33,6 +33,8 @@ __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
 TILE: Final = 32_768
 """Lanes that run together."""
+LEAVING_TILE: Final = 65_536
+"""Lanes that run together where they leave loops one by one: those that are left should still be many."""
 _KEPT_MEMORY: Final = 1 << 24
 TARGET: Final = Target("numpy", native=frozenset(OPS), vector=True)
 
@@ -51,7 +53,7 @@ class NumpyBackend:
         """The processor, by numpy."""
         return [Device("numpy", np.__version__, ("f64",))]
 
-    def compile(self, module: Module, options: Options, tile: int = TILE) -> NumpyExecutable:
+    def compile(self, module: Module, options: Options, tile: int | None = None) -> NumpyExecutable:
         """Prepare, vectorise, print and compile; CompileError naming the user's line. `tile` is for tests."""
         if options.device not in (None, 0):
             raise BackendUnavailable(f"numpy has one device, not a device {options.device}", cure="device=0")
@@ -61,6 +63,7 @@ class NumpyBackend:
         vector = find_neighbours(vectorize(prepared.module))
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector)
+        tile = tile or (LEAVING_TILE if printed.compacts else TILE)
         return NumpyExecutable(prepared, printed, tile, _compiled(printed, module))
 
 

@@ -1,12 +1,12 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, select, spread
+from shpy.backends.numpy.lanes import compact, few, maximum, put_aside, select, spread
 
 
 def bisection(x, lanes):
     status = np.int32(1)  # snapshot_programs.py:185
     low = np.zeros(lanes, np.float32)  # snapshot_programs.py:187
-    high = np.fmax(x, 1.0)
+    high = maximum(x, 1.0)
     turns = np.int32(0)  # snapshot_programs.py:188
     status_out = spread(status, lanes)
     low_in = low.copy()
@@ -18,7 +18,7 @@ def bisection(x, lanes):
         turns = turns + 1
         if turns > 1048576:
             status = np.int32(2)
-            status_out[lane[live]] = status
+            put_aside(status_out, lane, live, status)
             break
         middle = (low_in + high) / 2.0  # snapshot_programs.py:189
         t = middle * middle < x  # snapshot_programs.py:190
@@ -28,7 +28,7 @@ def bisection(x, lanes):
         high = select(active_2, middle, high)  # snapshot_programs.py:193
         leaving = live & (high - low_in <= 1e-06 * high)
         if leaving.any():  # snapshot_programs.py:188
-            low[lane[leaving]] = low_in[leaving]
+            put_aside(low, lane, leaving, low_in)
             live = live & ~leaving
             if not live.any():
                 break

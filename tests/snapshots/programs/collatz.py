@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, select, spread
+from shpy.backends.numpy.lanes import compact, few, put_aside, select, spread
 
 
 def collatz(n, lanes):
@@ -17,14 +17,14 @@ def collatz(n, lanes):
             lane, live, n_2 = compact(live, lane, live, n_2)
         leaving = live & (n_2 <= 1)
         if leaving.any():
-            steps_out[lane[leaving]] = steps
+            put_aside(steps_out, lane, leaving, steps)
             live = live & ~leaving
             if not live.any():
                 break
         turns = turns + 1
         if turns > 1048576:
             status = np.int32(2)
-            status_out[lane[live]] = status
+            put_aside(status_out, lane, live, status)
             break
         n_2 = select(n_2 % 2 == 0, n_2 // 2, 3 * n_2 + 1)  # snapshot_programs.py:65
         steps = steps + 1  # snapshot_programs.py:66

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, spread
+from shpy.backends.numpy.lanes import compact, few, put_aside, spread
 
 
 def counting(x, n, lanes):
@@ -19,14 +19,14 @@ def counting(x, n, lanes):
             lane, live, n, total_in, x = compact(live, lane, live, n, total_in, x)
         leaving = live & (i >= n)
         if leaving.any():
-            total[lane[leaving]] = total_in[leaving]
+            put_aside(total, lane, leaving, total_in)
             live = live & ~leaving
             if not live.any():
                 break
         turns = turns + 1
         if turns > 1048576:
             status = np.int32(2)
-            status_out[lane[live]] = status
+            put_aside(status_out, lane, live, status)
             break
         if i % 3 == 0:  # snapshot_programs.py:74
             i = i + 1  # snapshot_programs.py:73
@@ -34,7 +34,7 @@ def counting(x, n, lanes):
         total_in = total_in + x * i.astype(np.float32)  # snapshot_programs.py:75
         leaving_2 = live & (total_in > 100.0)
         if leaving_2.any():
-            total[lane[leaving_2]] = total_in[leaving_2]
+            put_aside(total, lane, leaving_2, total_in)
             live = live & ~leaving_2
             if not live.any():  # snapshot_programs.py:76
                 break

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, select, spread
+from shpy.backends.numpy.lanes import compact, few, put_aside, select, spread
 
 
 def leaving(x, lanes):
@@ -27,10 +27,10 @@ def leaving(x, lanes):
         if few(live):
             lane, live, result0_in_2, result1_in_2, returned_in_2, status_in, x = compact(live, lane, live, result0_in_2, result1_in_2, returned_in_2, status_in, x)
         if i >= 4:
-            result0[lane[live]] = result0_in_2[live]
-            result1[lane[live]] = result1_in_2[live]
-            status_out[lane[live]] = status_in[live]
-            returned[lane[live]] = returned_in_2[live]
+            put_aside(result0, lane, live, result0_in_2)
+            put_aside(result1, lane, live, result1_in_2)
+            put_aside(status_out, lane, live, status_in)
+            put_aside(returned, lane, live, returned_in_2)
             break
         j = np.int32(0)  # snapshot_programs.py:86
         turns = np.int32(0)
@@ -46,16 +46,16 @@ def leaving(x, lanes):
             turns = turns + 1
             if turns > 1048576:
                 status = np.int32(2)
-                status_in[lane_2[live_2]] = status
+                put_aside(status_in, lane_2, live_2, status)
                 break
             leaving_2 = live_2 & (x < (i * j).astype(np.float32))
             if leaving_2.any():
                 result0_in = select(leaving_2, i, result0_in)  # snapshot_programs.py:88
                 result1_in = select(leaving_2, j, result1_in)
                 returned_in = select(leaving_2, True, returned_in)
-                result0_in_2[lane_2[leaving_2]] = result0_in[leaving_2]
-                result1_in_2[lane_2[leaving_2]] = result1_in[leaving_2]
-                returned_in_2[lane_2[leaving_2]] = returned_in[leaving_2]
+                put_aside(result0_in_2, lane_2, leaving_2, result0_in)
+                put_aside(result1_in_2, lane_2, leaving_2, result1_in)
+                put_aside(returned_in_2, lane_2, leaving_2, returned_in)
                 live_2 = live_2 & ~leaving_2
                 if not live_2.any():
                     break
@@ -63,16 +63,16 @@ def leaving(x, lanes):
         x = all_x
         leaving_3 = live & (status_in != 1)
         if leaving_3.any():
-            status_out[lane[leaving_3]] = status_in[leaving_3]
+            put_aside(status_out, lane, leaving_3, status_in)
             live = live & ~leaving_3
             if not live.any():
                 break
         leaving_4 = live & returned_in_2
         if leaving_4.any():
-            result0[lane[leaving_4]] = result0_in_2[leaving_4]
-            result1[lane[leaving_4]] = result1_in_2[leaving_4]
-            status_out[lane[leaving_4]] = status_in[leaving_4]
-            returned[lane[leaving_4]] = returned_in_2[leaving_4]
+            put_aside(result0, lane, leaving_4, result0_in_2)
+            put_aside(result1, lane, leaving_4, result1_in_2)
+            put_aside(status_out, lane, leaving_4, status_in)
+            put_aside(returned, lane, leaving_4, returned_in_2)
             live = live & ~leaving_4
             if not live.any():
                 break

@@ -1,13 +1,13 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import select, vector
+from shpy.backends.numpy.lanes import maximum, minimum, select, vector
 from shpy.ir.meaning import convert, floor_mod_int, fract, mix
 
 
 def sample_image(uv, image_mode, image):
     size = vector(image.size[1].astype(np.float32), image.size[0].astype(np.float32))  # library.py:163
     t = image_mode & 2 != 0  # library.py:161
-    inside = select(t, fract(uv), np.fmin(np.fmax(uv, -1.0), 2.0))  # library.py:170
+    inside = select(t, fract(uv), minimum(maximum(uv, -1.0), 2.0))  # library.py:170
     place = inside * size  # library.py:172
     t2 = image_mode & 1 != 0  # library.py:161
     shift = select(t2, np.float32(0.5), 0.0)  # library.py:181
