@@ -13,36 +13,53 @@ Takes a module without composite operations, whose functions take values only; g
 What comes as a vector from elsewhere (an input, a param, an element of a table, the result of a function) stays one,
 and is followed by a swizzle for each component; what is handed on as a vector (an index, an argument) is put together
 again. The entry's outputs become one for each component, and so do the module's, and the inputs and outputs of
-functions; a pure function keeps its own, as it is called in an expression.
+functions. A pure function keeps its own, as it is called in an expression, unless it is to be taken apart `throughout`:
+then it gets components, and one that gives a vector is called by a statement.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
-from shpy.passes.library import DEFINITIONS
 
-__all__ = ["COMPONENTS", "take_apart"]
+__all__ = ["COMPONENTS", "GEOMETRY", "SCALED", "take_apart"]
 
 COMPONENTS = "xyzw"
+SCALED = frozenset({"length", "distance", "normalize"})
+"""What a target may do itself, and knows best for whole vectors."""
 _KEPT = frozenset({"param", "table", "table_size", "grid_index", "grid_shape", "call"})
 _SCALAR = frozenset({"convert", "half", "any_lane", "all_lanes"})
+GEOMETRY = frozenset({"dot", "cross", "reflect", "refract", "faceforward"})
+"""What does not work component by component, and has to be lowered before."""
 
 
-def take_apart(module: Module) -> Module:
+def take_apart(module: Module, *, throughout: bool = False) -> Module:
     """The module with every function on scalars; TypeError for what should have been lowered."""
     *others, entry = module.functions
-    functions = [_Apart(f, is_entry=False).run() for f in others]
+    expressions = _expressions(others) if throughout else {f.name for f in others if f.pure}
+    functions = [_Apart(replace(f, pure=f.name in expressions), expressions, throughout).run() for f in others]
     ports = [
         Port(_named(port.name, slot.type.size, k) or port.name, port.kind)
         for port, slot in zip(module.outputs, entry.outputs, strict=False)
         for k in range(slot.type.size)
     ]
-    return replace(module, outputs=tuple(ports), functions=(*functions, _Apart(entry, is_entry=True).run()))
+    functions.append(_Apart(entry, expressions, throughout, is_entry=True).run())
+    return replace(module, outputs=tuple(ports), functions=tuple(functions))
+
+
+def _expressions(functions: Sequence[Function]) -> set[str]:
+    """The pure functions that still are when every vector is taken apart: neither they nor what they call give any."""
+    found: set[str] = set()
+    for f in functions:
+        called = {s.attr for s in f.body if isinstance(s, Let) and s.op == "call"}
+        if f.pure and f.outputs[0].type.size == 1 and called <= found:
+            found.add(f.name)
+    return found
 
 
 def _named(name: str | None, size: int, component: int) -> str | None:
@@ -50,10 +67,15 @@ def _named(name: str | None, size: int, component: int) -> str | None:
 
 
 class _Apart:
-    """Copies one function. `parts` are the components of each value, `slots` the scalar slots of each variable."""
+    """Copies one function. `parts` are the components of each value, `slots` the scalar slots of each variable.
 
-    def __init__(self, function: Function, *, is_entry: bool) -> None:
+    `expressions` are the functions called in expressions, which take vectors unless these are apart `throughout`.
+    """
+
+    def __init__(self, function: Function, expressions: set[str], throughout: bool, *, is_entry: bool = False) -> None:
         self.function = function
+        self.expressions = expressions
+        self.throughout = throughout
         self.is_entry = is_entry
         self.b = Builder(function=function)
         self.parts: dict[int, tuple[int, ...]] = {}
@@ -80,9 +102,9 @@ class _Apart:
         return b.finish()
 
     def inputs(self) -> None:
-        """The entry's inputs are vectors in memory, and a pure function's come in an expression: these stay whole."""
+        """The entry's inputs are vectors in memory: these stay whole, as those of some functions do."""
         ports = [port for port in self.function.inputs if isinstance(port, Value)]
-        if self.is_entry or self.function.pure:
+        if self.is_entry or (self.function.pure and not self.throughout):
             for port in ports:
                 self.keep(port)
         else:
@@ -130,7 +152,7 @@ class _Apart:
 
     def let(self, let: Let) -> None:
         """The operation on scalars."""
-        value, op, args = let.value, let.op, let.args
+        value, op, args, attr = let.value, let.op, let.args, let.attr
         match op:
             case "const":
                 self.constant(let)
@@ -141,15 +163,21 @@ class _Apart:
             case "splat":
                 self.parts[value.id] = self.parts[args[0]] * value.type.size
             case "swizzle":
-                assert isinstance(let.attr, tuple)
-                self.parts[value.id] = tuple(self.parts[args[0]][k] for k in let.attr)
+                assert isinstance(attr, tuple)
+                self.parts[value.id] = tuple(self.parts[args[0]][k] for k in attr)
             case "component":
                 self.component(let)
             case "any" | "all":
                 fold = "or" if op == "any" else "and"
                 self.parts[value.id] = (reduce(lambda x, y: self.b.let(fold, x, y).id, self.parts[args[0]]),)
-            case _ if op in _KEPT:
-                self.b.append(Let(value, op, tuple(self.whole(a) for a in args), let.attr))
+            case "call" if attr not in self.expressions:
+                parts = tuple(part for a in args for part in self.parts[a])
+                self.b.append(Call(str(attr), parts, tuple(self.values(value)), value.loc))
+            case "call" if self.throughout:
+                self.b.append(Let(value, op, tuple(part for a in args for part in self.parts[a]), attr))
+                self.keep(value)
+            case _ if op in _KEPT or (op in SCALED and self.throughout):
+                self.b.append(Let(value, op, tuple(self.whole(a) for a in args), attr))
                 self.keep(value)
             case _:
                 self.componentwise(let)
@@ -187,7 +215,7 @@ class _Apart:
 
     def componentwise(self, let: Let) -> None:
         sizes = {len(self.parts[a]) for a in let.args}
-        known = (let.op in OPS and let.op not in DEFINITIONS) or let.op in _SCALAR
+        known = (let.op in OPS and let.op not in GEOMETRY) or let.op in _SCALAR
         if sizes != {let.value.type.size} or not known:
             raise TypeError(f"{let.op} does not work on components: it comes after lower")
         columns = zip(*(self.parts[a] for a in let.args), strict=True)

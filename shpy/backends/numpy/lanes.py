@@ -26,6 +26,7 @@ __all__ = [
     "dot",
     "few",
     "half",
+    "joined",
     "lane_count",
     "maximum",
     "minimum",
@@ -49,16 +50,18 @@ MANY = 16_384
 """From here on the rows of several vectors do not fit a cache beside each other."""
 
 
-def vector(*parts: Array) -> Array:
-    """The vector with these components: scalars, and vectors whose components follow one another."""
-    sizes = [p.shape[0] if p.ndim == 2 else 1 for p in parts]
-    lanes = max((p.shape[-1] for p in parts if p.ndim), default=1)
-    made = np.empty((sum(sizes), lanes), parts[0].dtype)
-    row = 0
-    for part, size in zip(parts, sizes, strict=True):
-        made[row : row + size] = part
-        row += size
+def vector(*scalars: Array) -> Array:
+    """The vector with these components."""
+    shape = np.broadcast(*scalars).shape
+    made = np.empty((len(scalars), *(shape or (1,))), scalars[0].dtype)
+    for row, scalar in zip(made, scalars, strict=True):
+        row[...] = scalar
     return made
+
+
+def joined(*parts: Array) -> Array:
+    """The vector of the components of scalars, and of vectors, one after the other."""
+    return vector(*(row for p in parts for row in (p if p.ndim > 1 else (p,))))
 
 
 def splat(scalar: Array, size: int) -> Array:
@@ -68,11 +71,11 @@ def splat(scalar: Array, size: int) -> Array:
     return made
 
 
-def spread(value: Array, lanes: int) -> Array:
-    """A uniform value, given to every lane."""
+def spread(value: Array, lanes: int | tuple[int, int]) -> Array:
+    """A uniform value, given to every lane, or to every place of a block."""
     value = np.asarray(value)
-    made = np.empty((*value.shape[:-1], lanes), value.dtype)
-    made[:] = value
+    made = np.empty((*value.shape[:-1], *(lanes if isinstance(lanes, tuple) else (lanes,))), value.dtype)
+    made[...] = value
     return made
 
 

@@ -134,7 +134,8 @@ def operation(op: str, args: Sequence[Expr], types: Sequence[Type], type: Type, 
     """An operation of the table, or one of the structural ones that name nothing."""
     match op:
         case "construct":
-            return call(use.from_lanes("vector"), *(a.own() for a in args))
+            function = "vector" if all(t.size == 1 for t in types) else "joined"
+            return call(use.from_lanes(function), *(a.own() for a in args))
         case "splat":
             return _splat(args[0], type.size, use)
         case "component":

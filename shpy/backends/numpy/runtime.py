@@ -18,6 +18,7 @@ import numpy as np
 
 from shpy.backends.base import Array, Call, Device, Options, TableData
 from shpy.backends.dump import dump
+from shpy.backends.numpy.apart import Layout, lay_out
 from shpy.backends.numpy.printer import Printed, print_python
 from shpy.backends.numpy.tables import Place, TableView
 from shpy.errors import BackendUnavailable, CompileError
@@ -27,7 +28,6 @@ from shpy.ir.ops import OPS
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
-from shpy.passes.vectorize import vectorize
 
 __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
@@ -60,11 +60,12 @@ class NumpyBackend:
         if options.lanes not in ("auto", 1):
             raise CompileError(f"numpy runs tiles of elements, not {options.lanes}", loc=module.entry.loc)
         prepared = prepare(module, options, TARGET)
-        vector = find_neighbours(vectorize(prepared.module))
+        layout = lay_out(prepared.module)
+        vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector)
         tile = tile or (LEAVING_TILE if printed.compacts else TILE)
-        return NumpyExecutable(prepared, printed, tile, _compiled(printed, module))
+        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module))
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
@@ -83,6 +84,7 @@ class NumpyExecutable:
     """A compiled module: see `base.Executable`."""
 
     prepared: Prepared
+    layout: Layout
     printed: Printed
     tile: int
     entry: Callable[..., Any]
@@ -112,33 +114,42 @@ class NumpyExecutable:
         """Run it; gives the status of each element, or None when every element was written."""
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
+        block = self.layout.grid and len(call.shape) == 2 and call.shape[1] <= self.tile
+        step = self.tile - self.tile % call.shape[1] if block else self.tile
         with np.errstate(all="ignore"):
-            for start in range(0, call.count, self.tile):
-                self._run_tile(call, slice(start, min(start + self.tile, call.count)), uniforms, status)
+            for start in range(0, call.count, step):
+                place = Place(start, min(start + step, call.count), call.shape, block)
+                self._run_tile(call, place, uniforms, status)
         return None if status is None or np.all(status == Status.WRITTEN) else status
 
-    def _run_tile(self, call: Call, part: slice, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
-        lanes = part.stop - part.start
-        inputs = [
-            _tile(given, port.type, part, call.outputs)
-            for given, port in zip(call.inputs, _ports(self.prepared.module.entry), strict=True)
-        ]
-        given = uniforms | {("lanes", ""): lanes}
+    def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
+        part, extents = slice(place.start, place.stop), place.extents
+        ports = _ports(self.prepared.module.entry)
+        tiles = (_tile(x, port.type, part, call.outputs) for x, port in zip(call.inputs, ports, strict=True))
+        inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in tiles]
+        given = uniforms | {("lanes", ""): extents if place.block else extents[0]}
         if ("place", "") in self.printed.arguments:
-            given["place", ""] = Place(part.start, part.stop, call.shape)
+            given["place", ""] = place
         if ("grid_index", "") in self.printed.arguments:
-            given["grid_index", ""] = Place(part.start, part.stop, call.shape).index
+            given["grid_index", ""] = place.index
         results = self.entry(*inputs, *(given[key] for key in self.printed.arguments))
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:
             *results, ended = results
-            status[part] = ended
+            status[part].reshape(extents)[...] = ended
             written = status[part] == Status.WRITTEN
             if written.all():
                 written = None
-        for out, result in zip(call.outputs, results, strict=True):
-            _write(out[part], result, written)
+        for out, result in zip(self._outputs(call, part), results, strict=True):
+            _write(out, result, written, extents)
+
+    def _outputs(self, call: Call, part: slice) -> list[Array]:
+        """Where the results belong: a vector, or each of its components."""
+        outputs = [out[part] for out in call.outputs]
+        if not self.layout.apart:
+            return outputs
+        return [column for out in outputs for column in ([out] if out.ndim == 1 else out.T)]
 
     def _uniforms(self, call: Call) -> dict[tuple[str, str], Any]:
         """Params, tables and the grid's shape, by the argument that they are for."""
@@ -184,13 +195,16 @@ def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> 
     return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
 
 
-def _write(out: Array, result: Any, written: Array | None) -> None:
-    """Put a result, (size, lanes) or uniform, where it belongs."""
-    rows = np.asarray(result).T if out.ndim == 2 else result
-    if written is None:
+def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, ...]) -> None:
+    """Put a result, (size, lanes), a block or uniform, where it belongs."""
+    if out.ndim == 2:
+        rows, where = np.asarray(result).T, None if written is None else written[:, None]
+    else:
+        out, rows, where = out.reshape(extents), result, None if written is None else written.reshape(extents)
+    if where is None:
         out[...] = rows
     else:
-        np.copyto(out, rows, where=written[:, None] if out.ndim == 2 else written, casting="same_kind")
+        np.copyto(out, rows, where=where, casting="same_kind")
 
 
 backend = NumpyBackend()

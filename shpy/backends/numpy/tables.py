@@ -11,7 +11,7 @@ array([20., 30., 30.], dtype=float32)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,21 +22,54 @@ __all__ = ["Place", "TableView"]
 Array = NDArray[Any]
 
 _FARTHEST = 2**30
+_MARGIN = 16
+"""Columns that are kept on both sides of a tile, for reads beyond the border of a table."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The elements of a tile: from `start` to `stop` in C order, in a grid of this shape."""
+    """The elements of a tile: from `start` to `stop` in C order, in a grid of this shape; a `block` has whole rows."""
 
     start: int
     stop: int
     shape: tuple[int, ...]
+    block: bool = False
+
+    lines: tuple[int, int] = field(init=False)
+    columns: tuple[int, int] = field(init=False)
+    skipped: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        """The lines and columns that the tile has a part in, and how many elements of these come before it."""
+        row = self.shape[-1] if self.shape else 1
+        top, bottom = (0, 0) if len(self.shape) < 2 else (self.start // row, (self.stop - 1) // row)
+        left, right = (self.start - top * row, self.stop - bottom * row) if top == bottom else (0, row)
+        object.__setattr__(self, "lines", (top, bottom + 1))
+        object.__setattr__(self, "columns", (left, right))
+        object.__setattr__(self, "skipped", 0 if top == bottom else self.start - top * row)
 
     @property
-    def index(self) -> Array:
-        """Where each element is: (lanes,) in a grid of one axis, else (axes, lanes)."""
-        axes = np.unravel_index(np.arange(self.start, self.stop), self.shape)
-        return np.array(axes[0] if len(axes) == 1 else axes, np.int32)
+    def extents(self) -> tuple[int, ...]:
+        """The shape of what varies in the tile: (lanes,), or (rows, columns)."""
+        lanes = self.stop - self.start
+        return (lanes // self.shape[-1], self.shape[-1]) if self.block else (lanes,)
+
+    @property
+    def index(self) -> Any:
+        """Where each element is: (lanes,) in a grid of one axis, else (axes, lanes); of a block, one for each axis."""
+        if self.block:
+            axes = np.empty(2, object)  # to be picked from like any other vector
+            axes[0] = np.arange(*self.lines, dtype=np.int32)[:, None]
+            axes[1] = np.arange(*self.columns, dtype=np.int32)[None]
+            return axes
+        every = np.unravel_index(np.arange(self.start, self.stop), self.shape)
+        return np.array(every[0] if len(every) == 1 else every, np.int32)
+
+    def moved(self, *offsets: int) -> Any:
+        """The index moved by an offset on each axis, which may wrap around, as that of an int does."""
+        index = (self.index,) if len(offsets) == 1 else self.index
+        moved = [axis + np.array(offset, np.int32) for axis, offset in zip(index, offsets, strict=True)]
+        return moved[0] if len(offsets) == 1 else moved
 
 
 class TableView:
@@ -51,6 +84,8 @@ class TableView:
         self._vectors = array.ndim > rank
         self._rows = np.ascontiguousarray(array).reshape(-1, *array.shape[rank:])
         self._columns = self._rows[..., None] if self._vectors else self._rows
+        self._plane = self._rows.reshape(-1, extents[-1], *self._rows.shape[1:])
+        self._wide: tuple[object, Array] = None, self._plane
         self.size: Array = np.array(extents, np.int32).reshape(() if rank == 1 else (rank, 1))[()]
         """Its shape, as a uniform."""
 
@@ -65,41 +100,50 @@ class TableView:
         element: Array = self._columns[flat]
         return element
 
-    def gather(self, index: Array) -> Array:
-        """The elements at the lanes' indices, clamped on every axis."""
-        if index.ndim == 0:
-            return self.at(index)  # a function may be called with what is the same for every lane
+    def gather(self, index: Any) -> Array:
+        """The elements at the lanes' indices, an array for each axis, clamped on every axis."""
         if len(self._extents) > 1:
             index = self._flat(index)
-        found = self._rows.take(index, axis=0, mode="clip")
-        return np.ascontiguousarray(found.T) if self._vectors else found
+        elif index.ndim == 0:
+            return self.at(index)  # a function may be called with what is the same for every lane
+        return self._components_first(self._rows.take(index, axis=0, mode="clip"))
+
+    def _components_first(self, found: Array) -> Array:
+        return np.ascontiguousarray(np.moveaxis(found, -1, 0)) if self._vectors else found
 
     def neighbour(self, place: Place, *offsets: Any) -> Array:
         """The elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view."""
-        moved = [int(np.asarray(o).item()) for o in offsets]
-        if any(abs(m) > _FARTHEST for m in moved):  # the index may wrap around, as that of an int does
-            return self.gather(place.index + np.array(moved, np.int32).reshape(-1, *[1] * (len(moved) > 1)))
-        first, last = place.start, place.stop - 1
-        row = place.shape[-1]
-        top, bottom = (0, 0) if len(moved) == 1 else (first // row, last // row)
-        left, right = (first - top * row, last - bottom * row) if top == bottom else (0, row - 1)
-        down, across = (0, *moved)[-2:]
-        block = self._block((top + down, bottom + down + 1), (left + across, right + across + 1))
-        start = 0 if top == bottom else first - top * row
-        found = block.reshape(-1, *self._rows.shape[1:])[start : start + place.stop - place.start]
-        return np.ascontiguousarray(found.T) if self._vectors else found
+        down, across = (0, *(o if type(o) is int else int(o.item()) for o in offsets))[-2:]
+        if not (-_FARTHEST < down < _FARTHEST and -_FARTHEST < across < _FARTHEST):
+            return self.gather(place.moved(*(down, across)[-len(offsets) :]))
+        found = self._moved(place.lines, place.columns, down, across)
+        if not place.block:
+            found = found.reshape(-1, *self._rows.shape[1:])[place.skipped : place.skipped + place.stop - place.start]
+        return self._components_first(found) if self._vectors else found
 
-    def _block(self, lines: tuple[int, int], columns: tuple[int, int]) -> Array:
-        """These lines and columns of a table of two axes at most, those that lie outside as the nearest."""
-        height, width = (1, *self._extents)[-2:]
-        whole = self._rows.reshape(height, width, *self._rows.shape[1:])
-        if 0 <= lines[0] and lines[1] <= height:
-            rows = whole[slice(*lines)]
-        else:
-            rows = whole[np.clip(np.arange(*lines), 0, height - 1)]
-        low, high = columns
-        if 0 <= low and high <= width:
-            return np.asarray(rows[:, low:high])
+    def _moved(self, lines: tuple[int, int], columns: tuple[int, int], down: int, across: int) -> Array:
+        """What lies so far from these lines and columns; a margin is kept that serves for other reads too."""
+        lines = lines[0] + down, lines[1] + down
+        begin, end = columns[0] + across, columns[1] + across
+        if 0 <= begin and end <= self._extents[-1]:
+            return self._lines(lines)[:, begin:end]
+        if not -_MARGIN <= across <= _MARGIN:
+            return self._clamped(lines, (begin, end))
+        block, wide = self._wide
+        if block != (lines, columns):
+            block, wide = (lines, columns), self._clamped(lines, (columns[0] - _MARGIN, columns[1] + _MARGIN))
+            self._wide = block, wide
+        return wide[:, _MARGIN + across : _MARGIN + across + columns[1] - columns[0]]
+
+    def _lines(self, lines: tuple[int, int]) -> Array:
+        """These lines of a table of two axes at most, those that lie outside as the nearest."""
+        if 0 <= lines[0] and lines[1] <= len(self._plane):
+            return self._plane[lines[0] : lines[1]]
+        return self._plane[np.clip(np.arange(*lines), 0, len(self._plane) - 1)]
+
+    def _clamped(self, lines: tuple[int, int], columns: tuple[int, int]) -> Array:
+        """These lines and columns, those that lie outside as the nearest."""
+        rows, width, (low, high) = self._lines(lines), self._extents[-1], columns
         made = np.empty((len(rows), high - low, *rows.shape[2:]), rows.dtype)
         begin, end = (min(max(n, 0), high - low) for n in (-low, width - low))
         made[:, :begin] = rows[:, :1]
@@ -107,12 +151,11 @@ class TableView:
         made[:, end:] = rows[:, -1:]
         return made
 
-    def _flat(self, index: Array) -> Array:
+    def _flat(self, index: Any) -> Array:
         """The number of the element in memory, from its clamped index on each axis."""
         if len(self._rows) >= 2**31:
             return np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
         flat: Array = np.clip(index[0], 0, self._extents[0] - 1)
         for axis, extent in zip(index[1:], self._extents[1:], strict=True):
-            flat *= flat.dtype.type(extent)
-            flat += np.clip(axis, 0, extent - 1)
+            flat = flat * flat.dtype.type(extent) + np.clip(axis, 0, extent - 1)
         return flat

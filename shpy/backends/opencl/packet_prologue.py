@@ -203,6 +203,7 @@ class PacketPrologue(Prologue):
 
     def near(self, rank: int, base: Base, size: int) -> str:
         """Ask for the function that reads a table at the packet's own place, moved; gives its name."""
+        self.packet()
         gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
         name = f"sh_near{rank}_{base.value}{size if size > 1 else ''}"
         return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat))

@@ -1,11 +1,16 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, dot, few, put_aside, spread, vector
+from shpy.backends.numpy.lanes import compact, few, put_aside, spread
+
+
+def dot2(a_x, a_y, b_x, b_y):
+    return a_x * b_x + a_y * b_y
 
 
 def mandelbrot(c, lanes):
     status = np.int32(1)  # snapshot_programs.py:36
-    z = np.zeros((2, lanes), np.float32)  # snapshot_programs.py:38
+    z_x = np.zeros(lanes, np.float32)  # snapshot_programs.py:38
+    z_y = np.zeros(lanes, np.float32)
     n = np.float32(0.0)  # snapshot_programs.py:39
     turns = np.int32(0)  # snapshot_programs.py:40
     n_out = spread(n, lanes)
@@ -14,15 +19,17 @@ def mandelbrot(c, lanes):
     lane = np.arange(lanes)
     while True:
         if few(live):
-            c, lane, live, z = compact(live, c, lane, live, z)
+            c, lane, live, z_x, z_y = compact(live, c, lane, live, z_x, z_y)
         turns = turns + 1
         if turns > 1048576:
             status = np.int32(2)
             put_aside(status_out, lane, live, status)
             break
-        z = vector(z[0] * z[0] - z[1] * z[1], 2.0 * z[0] * z[1]) + c  # snapshot_programs.py:41
+        t = 2.0 * z_x * z_y + c[1]  # snapshot_programs.py:41
+        z_x = z_x * z_x - z_y * z_y + c[0]
+        z_y = t
         n = n + 1.0  # snapshot_programs.py:42
-        leaving = live & ((dot(z, z) > 4.0) | (n >= 256.0))
+        leaving = live & ((dot2(z_x, z_y, z_x, z_y) > 4.0) | (n >= 256.0))
         if leaving.any():  # snapshot_programs.py:40
             put_aside(n_out, lane, leaving, n)
             live = live & ~leaving

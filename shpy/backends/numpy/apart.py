@@ -1,0 +1,79 @@
+"""Decides whether a module computes with the components of its vectors, each an array of its own.
+
+Stage: improve. Part of the numpy backend. A vector is an array (size, lanes): one call of numpy does all components,
+but to put one together is a copy, and what depends on the column alone is still computed for every row. Taken apart,
+
+- a kernel that knows its place in a grid runs on blocks (rows, columns), where numpy broadcasts a row (1, columns) and
+  a column (rows, 1) only when they meet;
+- a loop that makes vectors from numbers does not copy them.
+
+    z = vector(z[0] * z[0] - z[1] * z[1], 2.0 * z[0] * z[1]) + c      ->      t = z_x * z_x - z_y * z_y + c[0]
+                                                                              z_y = 2.0 * z_x * z_y + c[1]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from shpy.ir.nodes import Let, Loop, Module, Region, Variable
+from shpy.ir.ops import OPS
+from shpy.ir.traverse import regions_of, walk
+from shpy.passes.components import GEOMETRY, take_apart
+from shpy.passes.lower import lower
+from shpy.passes.pipeline import optimise
+from shpy.passes.vectorize import VectorModule, vectorize
+
+__all__ = ["Layout", "lay_out"]
+
+_WORTH_MAKING = 4
+"""Operations on whole vectors for each that is made of numbers, from which on it is better to make them."""
+_FREE = frozenset({"const", "load", "swizzle", "param", "grid_index", "grid_shape", "table_size"})
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """A vectorised module, whether its vectors are taken apart, and whether its lanes may be a block of a grid."""
+
+    vector: VectorModule
+    apart: bool
+    grid: bool
+
+
+def lay_out(module: Module) -> Layout:
+    """The prepared module, vectorised as it is or taken apart, whichever is quicker."""
+    whole = vectorize(module)
+    made, used = _vectors([f.body for f in module.functions])
+    leaving = any(facts.live for facts in whole.facts.values())
+    grid = _knows_its_place(module) and not leaving and not _holds(module, lambda slot: slot.length is not None)
+    if grid and not made + used and not _holds(module, lambda slot: slot.type.size > 1):
+        return Layout(whole, apart=False, grid=True)
+    in_loops, used_in_loops = _vectors(_turns(module))
+    if not (grid and made) and used_in_loops >= _WORTH_MAKING * in_loops:
+        return Layout(whole, apart=False, grid=False)
+    scalars = optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True))
+    return Layout(vectorize(scalars), apart=True, grid=grid)
+
+
+def _knows_its_place(module: Module) -> bool:
+    return any(isinstance(s, Let) and s.op == "grid_index" for f in module.functions for s in walk(f.body))
+
+
+def _holds(module: Module, kind: Callable[[Variable], bool]) -> bool:
+    """Whether it has a slot of some kind."""
+    return any(kind(slot) for f in module.functions for slot in (*f.variables, *f.outputs))
+
+
+def _turns(module: Module) -> list[Region]:
+    """What runs once a turn of some loop."""
+    return [r for f in module.functions for s in walk(f.body) if isinstance(s, Loop) for r in regions_of(s)]
+
+
+def _vectors(regions: list[Region]) -> tuple[int, int]:
+    """How many vectors are made of numbers there, and how many operations on vectors there are besides."""
+    found = [s.op == "construct" for r in regions for s in walk(r) if isinstance(s, Let) and _on_vectors(s)]
+    return found.count(True), found.count(False)
+
+
+def _on_vectors(s: Let) -> bool:
+    return s.value.type.size > 1 and s.op not in _FREE
