@@ -152,6 +152,7 @@ typedef struct {{
             "    if (!p.whole) {",
             f"        return {name}_each(a, p.at);",
             "    }",
+            *self._if_list(size, f"v = {self._loaded(f'vload{lanes}(0, a)', base)};", "return v;"),
             *(f"    {line}" for line in self._block_loads(base, size)),
             "    return v;",
             "}",
@@ -186,6 +187,7 @@ typedef struct {{
             f"        {name}_each(a, v, p.at, p.active);",
             "        return;",
             "    }",
+            *self._if_list(size, f"vstore{lanes}({numbers[0]}, 0, a);", "return;"),
             *(f"    {line}" for line in self._block_stores(element, numbers)),
             "}",
         ])  # fmt: skip
@@ -276,6 +278,12 @@ typedef struct {{
         for half, (one, two) in enumerate((picks[:2], picks[2:])):
             lines.append(f"{element}{self.lanes} {name}{half} = {self._shuffled(element, [one, one, two, two])};")
         return lines, self._shuffled(element, [(f"{name}{half}", at) for half in (0, 1) for at in (0, 2)])
+
+    def _if_list(self, size: int, *statements: str) -> list[str]:
+        """What to do where the numbers of a packet follow one another, as in a list."""
+        if size > 1 or self.lanes == COLUMNS:
+            return []
+        return [f"    if (p.row == {COLUMNS}) {{", *(f"        {s}" for s in statements), "    }"]
 
     def _block_loads(self, base: Base, size: int) -> list[str]:
         """The statements that load a whole block, four numbers at a time, and sort them by component."""
