@@ -5,7 +5,8 @@ but to put one together is a copy, and what depends on the column alone is still
 
 - a kernel that knows its place in a grid runs on blocks (rows, columns), where numpy broadcasts a row (1, columns) and
   a column (rows, 1) only when they meet;
-- a loop that makes vectors from numbers does not copy them.
+- a loop that makes vectors from numbers does not copy them;
+- several turns of a loop can be the rows of one array (`turns`).
 
     z = vector(z[0] * z[0] - z[1] * z[1], 2.0 * z[0] * z[1]) + c      ->      t = z_x * z_x - z_y * z_y + c[0]
                                                                               z_y = 2.0 * z_x * z_y + c[1]
@@ -16,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from shpy.backends.numpy.turns import counted
 from shpy.ir.nodes import Let, Loop, Module, Region, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import regions_of, walk
@@ -48,11 +50,14 @@ def lay_out(module: Module) -> Layout:
     grid = _knows_its_place(module) and not leaving and not _holds(module, lambda slot: slot.length is not None)
     if grid and not made + used and not _holds(module, lambda slot: slot.type.size > 1):
         return Layout(whole, apart=False, grid=True)
-    in_loops, used_in_loops = _vectors(_turns(module))
-    if not (grid and made) and used_in_loops >= _WORTH_MAKING * in_loops:
+    if not made + used:
         return Layout(whole, apart=False, grid=False)
-    scalars = optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True))
-    return Layout(vectorize(scalars), apart=True, grid=grid)
+    scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
+    in_loops, used_in_loops = _vectors(_turns(module))
+    together = any(counted(f, scalars.facts[f.name]) for f in scalars.module.functions if not f.pure)
+    if (grid and made) or used_in_loops < _WORTH_MAKING * in_loops or together:
+        return Layout(scalars, apart=True, grid=grid)
+    return Layout(whole, apart=False, grid=False)
 
 
 def _knows_its_place(module: Module) -> bool:

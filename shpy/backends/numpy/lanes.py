@@ -11,6 +11,7 @@ array([[1., 2.],
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -25,6 +26,7 @@ __all__ = [
     "component",
     "dot",
     "few",
+    "fold",
     "half",
     "joined",
     "lane_count",
@@ -39,6 +41,7 @@ __all__ = [
     "select",
     "splat",
     "spread",
+    "turns_of",
     "vector",
 ]
 
@@ -48,6 +51,8 @@ FEW = 2048
 """Up to here numpy's own time to start a function counts more than what it does."""
 MANY = 16_384
 """From here on the rows of several vectors do not fit a cache beside each other."""
+TOGETHER = 65_536
+"""Lanes, times turns of a loop, that are computed together: numpy reuses temporaries that are so large."""
 
 
 def vector(*scalars: Array) -> Array:
@@ -163,6 +168,22 @@ def normalize(v: Array) -> Array:
     """The op `normalize`, by a division alone where no vector is zero, or too large or small to be squared."""
     squares = dot(v, v)
     return v / np.sqrt(squares) if meaning.in_range(squares) else meaning.normalize(v)
+
+
+def turns_of(start: Any, stop: Any, step: int, lanes: int | tuple[int, int]) -> Iterator[Array]:
+    """The numbers of a loop's turns, (turns, 1) or (turns, 1, 1): as many at a time as make the lanes many."""
+    every, dtype = range(int(start), int(stop), step), np.asarray(start).dtype
+    each, axes = max(1, TOGETHER // max(1, int(np.prod(lanes)))), np.size(lanes)
+    for first in range(0, len(every), each):
+        yield np.array(every[first : first + each], dtype).reshape(-1, *[1] * axes)
+
+
+def fold(operation: np.ufunc, total: Array, terms: Array) -> Array:
+    """The total after an operation with each row of `terms`, in order: what a loop of single turns gives."""
+    found = np.asarray(operation(total, terms[0]))
+    for row in terms[1:]:
+        operation(found, row, out=found)
+    return found
 
 
 def few(live: Array) -> bool:

@@ -26,6 +26,7 @@ from shpy.backends.numpy.expressions import Expr, call, condition, method, name,
 from shpy.backends.numpy.heading import asked_by, components_of, imports_of
 from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
 from shpy.backends.numpy.operations import Imports, dtype, zeros
+from shpy.backends.numpy.turns import Turns, counted
 from shpy.backends.numpy.values import MAX_LENGTH, ValuePrinter, is_partial
 from shpy.ir import meaning
 from shpy.ir.nodes import (
@@ -105,6 +106,8 @@ class _Printer(ValuePrinter):
     ) -> None:
         super().__init__(function, functions, names, use, facts, asked)
         self.plans = plans(function, facts.live, facts.slots)
+        self.turns = counted(function, facts)
+        self.varying |= frozenset(value for turns in self.turns.values() for value in turns.rows)
         self.in_place |= frozenset(slot for plan in self.plans.values() for slot in plan.slots)
         self.compactions: dict[int, Compaction] = {}
         self.within: list[tuple[Plan, str]] = []
@@ -181,6 +184,8 @@ class _Printer(ValuePrinter):
                     self.store_part(s)
                 case If():
                     self.branch(s)
+                case Loop() if turns := self.turns.get(id(s)):
+                    self.together(s, turns)
                 case Loop():
                     self.loop(s)
                 case Call():
@@ -364,6 +369,25 @@ class _Printer(ValuePrinter):
         self.loops.pop()
         self.within.pop()
         self.lanes = outside
+
+    def together(self, s: Loop, turns: Turns) -> None:
+        """A loop of which several turns are computed at once."""
+        for let in turns.first:
+            self.let(let)
+        stop, counter = self.take(turns.stop), self.slot_names[turns.counter]
+        self.prepare(s)
+        head = f"{self.use.from_lanes('turns_of')}({counter}, {stop.text}, {turns.step}, {self.lanes})"
+        self.line(f"for {counter} in {head}:", s.loc)
+        self.indent += 1
+        for let in turns.body:
+            self.let(let)
+        for total in turns.sums:
+            term, slot = self.take(total.term), self.slot_names[total.slot]
+            self.settle([total.slot])
+            folded = call(self.use.from_lanes("fold"), total.fold, slot, term.own())
+            self.line(f"{slot} = {folded.text}", self.made[total.term].loc)
+        self.indent -= 1
+        self.stored.clear()
 
     def marked(self) -> bool:
         """Whether a mark follows the head of the loop at hand."""

@@ -1,0 +1,149 @@
+"""Finds the counted loops of which several turns may be computed at once.
+
+Stage: emit. Part of the numpy printer. Where a tile has few lanes, numpy spends its time on starting functions. A turn
+of a loop that leaves nothing behind but sums is computed for many values of the counter, each a row of (turns, lanes);
+the rows are then added in the order of the turns, so that not a bit changes:
+
+    while j < 4096:                                  for j in turns_of(j, 4096, 1, lanes):
+        away = bodies.at(j)[0] - x           ->          away = bodies.gather(j)[0] - x
+        total = total + away * away                      total = fold(np.add, total, away * away)
+        j = j + 1
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from shpy.ir.constants import to_array
+from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Store
+from shpy.ir.traverse import defined, regions_of, uses, walk
+from shpy.passes.calls import LaneFacts
+from shpy.passes.components import SCALED
+from shpy.passes.liveness import Note, annotate
+
+__all__ = ["Sum", "Turns", "counted"]
+
+_FOLDS = {"add": "np.add", "mul": "np.multiply"}
+_VECTORS = frozenset({"table", "construct", *SCALED})
+"""What may give vectors, whose components come first, or take them."""
+_NOT_IN_ROWS = frozenset({"neighbour", "lane_any", "load", "component"})
+
+
+@dataclass(frozen=True, slots=True)
+class Sum:
+    """`slot = slot op term`, once a turn: `fold` is numpy's function."""
+
+    slot: int
+    term: int
+    fold: str
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """A loop that counts a slot up or down to the value `stop`, by `step`; `first` are constants in front of its test.
+
+    `body` is what a turn does besides its `sums`, and `rows` are the values that the counter decides.
+    """
+
+    counter: int
+    stop: int
+    step: int
+    first: tuple[Let, ...]
+    body: tuple[Let, ...]
+    sums: tuple[Sum, ...]
+    rows: frozenset[int]
+
+
+def counted(function: Function, facts: LaneFacts) -> dict[int, Turns]:
+    """Such loops of a function, by `id` of the loop."""
+    if not any(isinstance(s, Loop) for s in walk(function.body)):
+        return {}
+    made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
+    used = Counter(v for s in walk(function.body) for v in uses(s))
+    sizes = {v.id: v.type.size for v in defined(function)}
+    found = ((loop, _turns(loop, note, made)) for loop, note in _loops(function.body, annotate(function)))
+    every = {id(loop): _summed(*turns, facts, made, used, sizes) for loop, turns in found if turns}
+    return {loop: turns for loop, turns in every.items() if turns}
+
+
+def _loops(region: Region, notes: list[Note]) -> Iterator[tuple[Loop, Note]]:
+    for s, note in zip(region, notes, strict=True):
+        if isinstance(s, Loop):
+            yield s, note
+        for inner, inner_notes in zip(regions_of(s), note.regions, strict=False):
+            yield from _loops(inner, inner_notes)
+
+
+def _turns(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Turns, Region] | None:
+    """The loop, with its statements, if it begins with a test of a counter that it steps at its end."""
+    at = next((k for k, s in enumerate(loop.body) if isinstance(s, If)), len(loop.body))
+    match loop.body[:at], loop.body[at:], loop.continuing:
+        case (
+            (*first, Let(tested, "ge" | "le" as test, (now, stop))),
+            (If(condition, (Break(),), ()), *body),
+            (*steps, Let(stepped, "add", (before, by)), Store(counter, stored, None, None)),
+        ) if condition == tested.id and stored == stepped.id and loop.until is None:
+            pass
+        case _:
+            return None
+    loads = [s for s in first if isinstance(s, Let) and s.op == "load" and s.attr == counter]
+    consts = tuple(s for s in (*first, *steps) if isinstance(s, Let) and s.op == "const")
+    step = _constant(made, by)
+    straight = len(loads) + len(consts) == len(first) + len(steps) and all(isinstance(s, (Let, Store)) for s in body)
+    one = {now, before} <= {s.value.id for s in loads}
+    if not (straight and one and _ends(test, step, loop.turns)) or counter in note.after:
+        return None
+    return Turns(counter, stop, step, consts, (), (), frozenset()), (*loads, *body)
+
+
+def _constant(made: dict[int, Let], value: int) -> int:
+    let = made.get(value)
+    return int(to_array(let.value.type, let.attr).item()) if let and isinstance(let.attr, tuple) else 0
+
+
+def _ends(test: str, step: int, turns: int | None) -> bool:
+    """Whether the counter reaches its bound, without a step past the largest number."""
+    return step * (1 if test == "ge" else -1) > 0 and (abs(step) == 1 or turns is not None)
+
+
+def _summed(
+    turns: Turns, region: Region, facts: LaneFacts, made: dict[int, Let], used: Counter[int], sizes: dict[int, int]
+) -> Turns | None:
+    """The loop with its sums, if all else depends on the counter and on what is there before the loop."""
+    stores = [s for s in region if isinstance(s, Store)]
+    sums = [_sum(s, made, used) for s in stores]
+    found = tuple(total for total in sums if total)
+    slots = [total.slot for total in found]
+    if not slots or len(set(slots)) < len(stores) or not facts.slots.issuperset(slots):
+        return None
+    summing = {v for s, total in zip(stores, found, strict=True) for v in (s.value, *made[s.value].args)}
+    summing -= {total.term for total in found}
+    body = [s for s in region if isinstance(s, Let) and s.value.id not in summing]
+    rows: set[int] = set()
+    for s in body:
+        if s.op == "load" and s.attr in slots:
+            return None
+        if s.op == "load" and s.attr == turns.counter:
+            rows.add(s.value.id)
+        elif rows.intersection(s.args):
+            wide = max(sizes[v] for v in (s.value.id, *s.args)) > 1
+            if s.op in _NOT_IN_ROWS or (wide and s.op != "swizzle" and s.op not in _VECTORS):
+                return None
+            rows.add(s.value.id)
+    if not all(total.term in rows for total in found):
+        return None
+    return replace(turns, body=tuple(body), sums=found, rows=frozenset(rows))
+
+
+def _sum(s: Store, made: dict[int, Let], used: Counter[int]) -> Sum | None:
+    """What a store adds to its slot; None if it does something else."""
+    let = made.get(s.value)
+    if s.components is not None or s.index is not None or let is None or let.op not in _FOLDS or used[s.value] > 1:
+        return None
+    for load, term in (let.args, let.args[::-1]):
+        loaded = made.get(load)
+        if loaded and loaded.op == "load" and loaded.attr == s.variable and used[load] == 1 and not loaded.args:
+            return Sum(s.variable, term, _FOLDS[let.op])
+    return None

@@ -1,0 +1,134 @@
+"""Loops that leave nothing but sums: numpy computes several turns at once, and not a bit changes."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_FOR, SH_IF, SH_WHILE
+
+RNG = np.random.default_rng(5)
+POINTS = RNG.normal(size=(37, 4)).astype(np.float32)
+BODIES = sh.Table(POINTS, sh.Attrib4f, name="bodies")
+N = sh.Param(sh.Attrib1i, 17, name="n")
+HEIGHTS = sh.Table(RNG.random((6, 9)).astype(np.float32), sh.Attrib1f, name="heights")
+
+
+def pull(x: sh.Point3f) -> tuple[sh.Vector3f, sh.Attrib1f]:
+    total, most = sh.Vector3f(0, 0, 0), sh.Attrib1f(1)
+    with SH_FOR(37) as j:
+        away = BODIES[j].xyz - x
+        near = sh.rsqrt(sh.dot(away, away) + 0.01)
+        total += BODIES[j].w * near * away
+        most *= 1 + near / 8
+    return total, most
+
+
+def every_other(x: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(x)
+    with SH_FOR(30, 1, -3) as j:
+        total += sh.length(BODIES[j].xyz) * x / j
+    return total
+
+
+def in_strides(x: sh.Attrib1i) -> sh.Attrib1i:
+    total = sh.Attrib1i(x)
+    with SH_FOR(3, 17, 4) as j:
+        total += (x + j) * (x ^ j)
+    return total
+
+
+def rows_of_a_table(x: sh.Attrib1i) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_FOR(6) as j:
+        total += sh.cond(j > 3, HEIGHTS[j, x], HEIGHTS[x, j] / 3)
+    return total
+
+
+def on_a_grid() -> sh.Attrib1f:
+    row, column = sh.grid_index(2)
+    total = sh.Attrib1f(0)
+    with SH_FOR(7) as j:
+        total += sh.sin(sh.Attrib1f(row * j)) * column
+    return total
+
+
+def in_a_loop_that_lanes_leave(x: sh.Attrib1f) -> sh.Attrib1f:
+    with SH_WHILE(lambda: x < 2.0):
+        total = sh.Attrib1f(0)
+        with SH_FOR(5) as j:
+            total += sh.abs(BODIES[j].x * x)
+        x += total + 0.25
+    return x
+
+
+TOGETHER = [pull, every_other, in_strides, rows_of_a_table, on_a_grid, in_a_loop_that_lanes_leave]
+
+
+def given(function):
+    kind = function.__annotations__.get("x")
+    if kind is None:
+        return {"shape": (5, 8)}
+    if kind is sh.Attrib1i:
+        return {"x": np.arange(40, dtype=np.int32)}
+    return {"x": RNG.normal(size=(40, 3) if kind is sh.Point3f else 40).astype(np.float32)}
+
+
+@pytest.mark.parametrize("function", TOGETHER, ids=lambda f: f.__name__)
+def test_the_sums_are_those_of_single_turns(function):
+    program = sh.program(function)
+    assert " in turns_of(" in program.compile("numpy").source
+    sh.testing.assert_equivalent(program, **given(function), backends=["numpy", "interpreter", "opencl"])
+
+
+def test_turns_are_as_many_as_keep_the_lanes_many(monkeypatch):
+    from shpy.backends.numpy import lanes
+
+    program, x = sh.program(pull), RNG.normal(size=(40, 3)).astype(np.float32)
+    found = program.compile("numpy")(x)
+    for together in (1, 79, 80, 400, 10**6):
+        monkeypatch.setattr(lanes, "TOGETHER", together)
+        assert len(list(lanes.turns_of(np.int32(0), 37, 1, 40))) == -(-37 // max(1, together // 40))
+        assert all(map(np.array_equal, program.compile("numpy")(x), found))
+
+
+def as_many_as_given(x: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_FOR(N) as j:  # its turns are limited, and therefore counted
+        total += x * j
+    return total
+
+
+def scan(x: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_FOR(9) as j:
+        total += x * total + j
+    return total
+
+
+def masked(x: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_FOR(9) as j, SH_IF(x > j):
+        total += x
+    return total
+
+
+def last(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+    total, seen = sh.Attrib1f(0), sh.Attrib1f(0)
+    with SH_FOR(9) as j:
+        total += x * j
+        seen[:] = x - j
+    return total, seen
+
+
+def constant(x: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_FOR(9):
+        total += x
+    return total
+
+
+@pytest.mark.parametrize("function", [as_many_as_given, scan, masked, last, constant], ids=lambda f: f.__name__)
+def test_loops_that_do_more_than_sum_run_turn_by_turn(function):
+    program = sh.program(function)
+    assert " in turns_of(" not in program.compile("numpy").source
+    sh.testing.assert_equivalent(program, **given(function), backends=["numpy", "interpreter"])
