@@ -107,7 +107,7 @@ def on_components(f: Any, *args: Array) -> Array:
 
 def select(mask: Array, a: Any, b: Any) -> Array:
     """`np.where(mask, a, b)`, of which at most one is a literal, by their bits: in time that no mask prolongs."""
-    if np.size(mask) < FEW:
+    if mask.size < FEW:
         return np.asarray(np.where(mask, a, b))
     dtype = np.result_type(a, b)
     bits = np.dtype(f"i{dtype.itemsize}")
@@ -193,16 +193,16 @@ def few(live: Array) -> bool:
 
 def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
     """Put the value of the leaving lanes, whose numbers outside the loop are in `lane`, into the array of all lanes."""
-    at = np.flatnonzero(leaving)
+    at = leaving.nonzero()[0]
     into = lane.take(at)
     for k in range(len(whole)) if whole.ndim > 1 else (...,):
         row = value[k] if np.ndim(value) > 1 else value
-        whole[k][into] = row.take(at) if np.size(row) > 1 else row
+        whole[k][into] = row.take(at) if row.size > 1 else row
 
 
 def compact(live: Array, *values: Array) -> list[Array]:
     """The live lanes of each value."""
-    index = np.flatnonzero(live)
+    index = live.nonzero()[0]
     return [v.take(index, axis=-1) for v in values]
 
 

@@ -27,7 +27,7 @@ from shpy.backends.numpy.heading import asked_by, components_of, imports_of
 from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
 from shpy.backends.numpy.operations import Imports, dtype, zeros
 from shpy.backends.numpy.turns import Turns, counted
-from shpy.backends.numpy.values import MAX_LENGTH, ValuePrinter, is_partial
+from shpy.backends.numpy.values import MAX_LENGTH, Around, ValuePrinter, is_partial
 from shpy.ir import meaning
 from shpy.ir.nodes import (
     Break,
@@ -76,10 +76,11 @@ def print_python(vector: VectorModule) -> Printed:
     asked = asked_by(module)
     names = Names("python", (*_RESERVED, *(kind for kind, what in asked[module.entry.name] if not what)))
     functions = {f.name: names.take(f.name, "f") for f in module.functions}
+    around = Around(functions, names, use, asked)
     printers = []
     for function in module.functions:
         facts = _all_of(function) if function.pure else vector.facts[function.name]
-        printers.append(_Printer(function, functions, names.scope(), use, facts, asked))
+        printers.append(_Printer(function, facts, around))
     texts = [printer.function() for printer in printers]
     text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
     compacts = any(printer.compactions for printer in printers)
@@ -95,16 +96,8 @@ def _all_of(function: Function) -> LaneFacts:
 class _Printer(ValuePrinter):
     """Prints one function."""
 
-    def __init__(
-        self,
-        function: Function,
-        functions: dict[str, str],
-        names: Names,
-        use: Imports,
-        facts: LaneFacts,
-        asked: dict[str, list[tuple[str, str]]],
-    ) -> None:
-        super().__init__(function, functions, names, use, facts, asked)
+    def __init__(self, function: Function, facts: LaneFacts, around: Around) -> None:
+        super().__init__(function, facts, around)
         self.plans = plans(function, facts.live, facts.slots)
         self.turns = counted(function, facts)
         self.varying |= frozenset(value for turns in self.turns.values() for value in turns.rows)

@@ -109,7 +109,10 @@ class TableView:
         return self._components_first(self._rows.take(index, axis=0, mode="clip"))
 
     def _components_first(self, found: Array) -> Array:
-        return np.ascontiguousarray(np.moveaxis(found, -1, 0)) if self._vectors else found
+        if not self._vectors:
+            return found
+        axes = range(found.ndim - 1)
+        return np.ascontiguousarray(found.transpose(found.ndim - 1, *axes))
 
     def neighbour(self, place: Place, *offsets: Any) -> Array:
         """The elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view."""

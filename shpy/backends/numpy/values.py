@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from shpy.backends.naming import Names
@@ -21,7 +21,7 @@ from shpy.ir.nodes import Function, Let, Loc, Store, Variable
 from shpy.ir.traverse import defined, uses, walk
 from shpy.passes.calls import LaneFacts
 
-__all__ = ["ValuePrinter", "is_partial"]
+__all__ = ["Around", "ValuePrinter", "is_partial"]
 
 MAX_DEPTH = 32
 MAX_LENGTH = 88
@@ -33,6 +33,16 @@ def is_partial(s: Store) -> bool:
     return s.components is not None or s.index is not None
 
 
+@dataclass(frozen=True, slots=True)
+class Around:
+    """What the functions of a text share: their names, what else is named, imports, and what each asks for."""
+
+    functions: dict[str, str]
+    names: Names
+    use: Imports
+    asked: dict[str, list[tuple[str, str]]]
+
+
 class ValuePrinter:
     """Prints the values of one function, and lines.
 
@@ -40,17 +50,9 @@ class ValuePrinter:
     are not written yet; `readers`: the values whose expressions read a slot.
     """
 
-    def __init__(
-        self,
-        function: Function,
-        functions: dict[str, str],
-        names: Names,
-        use: Imports,
-        facts: LaneFacts,
-        asked: dict[str, list[tuple[str, str]]],
-    ) -> None:
-        self.f, self.functions, self.names, self.use = function, functions, names, use
-        self.asked = asked
+    def __init__(self, function: Function, facts: LaneFacts, around: Around) -> None:
+        self.f, self.functions, self.use, self.asked = function, around.functions, around.use, around.asked
+        self.names = around.names.scope()
         self.varying, self.varying_slots = facts.varying, facts.slots
         self.made = {v.id: v for v in defined(function)}
         self.slots = {v.id: v for v in (*function.outputs, *function.variables)}
