@@ -10,7 +10,7 @@ from shpy.backends.numpy import apart
 from shpy.backends.numpy.runtime import TARGET, NumpyBackend
 from shpy.passes.pipeline import prepare
 
-SHAPES = [(1, 1), (1, 9), (9, 1), (5, 4), (7, 6), (3, 40)]
+SHAPES = [(0, 3), (3, 0), (1, 1), (1, 9), (9, 1), (5, 4), (7, 6), (3, 40)]
 
 
 @sh.program

@@ -114,7 +114,7 @@ class NumpyExecutable:
         """Run it; gives the status of each element, or None when every element was written."""
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
-        block = self.layout.grid and len(call.shape) == 2 and call.shape[1] <= self.tile
+        block = self.layout.grid and len(call.shape) == 2 and 0 < call.shape[1] <= self.tile
         step = self.tile - self.tile % call.shape[1] if block else self.tile
         with np.errstate(all="ignore"):
             for start in range(0, call.count, step):
