@@ -21,7 +21,7 @@ from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.terms import Term, define, where
 
-__all__ = ["CORRECTABLE", "DEFINITIONS", "INLINE", "Library", "definition"]
+__all__ = ["CORRECTABLE", "DEFINITIONS", "INLINE", "PARTS", "Library", "definition"]
 
 
 def _mad(a: Term, b: Term, c: Term) -> Term:
@@ -158,6 +158,9 @@ DEFINITIONS: dict[str, Callable[..., Term]] = {
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """What `lower_half` needs besides."""
 
+PARTS = frozenset({"payne_hanek"})
+"""Operations that only definitions of transcendentals have: functions that these share."""
+
 CORRECTABLE = frozenset({"div", "sqrt"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong."""
 
@@ -169,6 +172,10 @@ INLINE = frozenset({"mad", "rsqrt", "fract", "clamp", "step"})
 def definition(name: str, types: tuple[Type, ...]) -> Function:
     """The pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`."""
     first = types[0]
+    if name in PARTS:
+        from shpy.passes.strict.payne_hanek import payne_hanek
+
+        return define(f"{name}{'_d' if first.base is Base.D else ''}", payne_hanek, types)
     if name in TRANSCENDENTALS:
         from shpy.passes.strict import FUNCTIONS
 

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base
-from shpy.passes.library import DEFINITIONS, INLINE, Library, definition
+from shpy.passes.library import DEFINITIONS, INLINE, PARTS, Library, definition
 from shpy.passes.rewriter import Rewriter, each_function
 
 __all__ = ["lower"]
@@ -55,7 +55,7 @@ class _Lower(Rewriter):
             callee = self.library.use(op, tuple(self.types[a] for a in let.args))
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
-        if op in self.native or (op not in DEFINITIONS and op not in TRANSCENDENTALS):
+        if op in self.native or not (op in DEFINITIONS or op in TRANSCENDENTALS or op in PARTS):
             self.emit(let)
             return
         types = tuple(self.types[a] for a in let.args)
