@@ -300,12 +300,16 @@ class _Function:
 
     def check_in_pure(self, statement: Stmt) -> None:
         """Straight-line code, but for what is skipped when no element needs it."""
+        if isinstance(statement, Let) and statement.op == "all_lanes":
+            self.fail("a pure function asks for any_lane only", cure="any_lane of the opposite")
         if isinstance(statement, Let) and statement.op in ("any_lane", "lane_any"):
             self.asking.add(statement.value.id)
         elif isinstance(statement, If) and statement.condition in self.asking and not statement.orelse:
             return
         elif not isinstance(statement, (Let, Store)):
-            self.fail("a pure function has no control flow but `if` of an any_lane, and no call statement")
+            self.fail(
+                "a pure function has no control flow but `if` of an any_lane without `else`, and no call statement"
+            )
 
     def check_condition(self, condition: int) -> None:
         type = self.see(condition)

@@ -8,7 +8,7 @@ Stage: improve. A `Term` is a value of a function under construction; Python's o
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from shpy.ir.builder import Builder
@@ -168,20 +168,20 @@ def joined(*parts: Term) -> Term:
     return first.op("construct", *others, type=first.type.sized(len(parts))) if others else first
 
 
-def replaced(c: Term, values: Sequence[Term], make: Callable[[], Sequence[Term]]) -> tuple[Term, ...]:
-    """The values, but those that `make` gives where c holds: made only if it does for an element at hand.
+def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Term]]) -> list[Term]:
+    """The values by name, but those that `make` gives where c holds: made only if it does for an element at hand.
 
-    `c` and the values have one size.
+    `c`, which has a name, and the values have one size.
     """
     b = c.builder
-    slots = [b.variable(value.type, name=b.names.get(value.value.id)) for value in values]
-    for slot, value in zip(slots, values, strict=True):
+    slots = [b.variable(value.type, name=name) for name, value in values.items()]
+    for slot, value in zip(slots, values.values(), strict=True):
         b.store(slot, value.value)
     one = c if c.type.size == 1 else c.op("any")
-    with b.when(one.op("any_lane", type=vec(Base.B)).value):
-        for slot, value, made in zip(slots, values, make(), strict=True):
+    with b.when(one.op("any_lane", type=vec(Base.B)).named(f"any_{b.names[c.value.id]}").value):
+        for slot, value, made in zip(slots, values.values(), make(), strict=True):
             b.store(slot, where(c, made, value).value)
-    return tuple(Term(b, b.load(slot)) for slot in slots)
+    return [Term(b, b.load(slot)) for slot in slots]
 
 
 def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...]) -> Function:

@@ -54,9 +54,8 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import continues, uses, walk
 from shpy.passes.calls import CallBuilder, Callees, LaneFacts
-from shpy.passes.lanes import BOOL, Here, Scope
+from shpy.passes.lanes import BOOL, Here, Scope, of_all_lanes
 from shpy.passes.liveness import Note, annotate, stored_in
-from shpy.passes.rewriter import Rewriter
 from shpy.passes.uniformity import varies
 
 __all__ = ["VectorModule", "vectorize"]
@@ -91,18 +90,9 @@ def vectorize(module: Module, *, padded: bool = False) -> VectorModule:
 
     callees = Callees(module, make)
     named = callees.named(callees.entry())
-    functions = (*(_Pure(f, {}).run() for f in module.functions if f.pure), *(copy.function for copy in named.values()))
+    pure = (of_all_lanes(f) for f in module.functions if f.pure)
+    functions = (*pure, *(copy.function for copy in named.values()))
     return VectorModule(replace(module, functions=functions), {name: copy.facts for name, copy in named.items()})
-
-
-class _Pure(Rewriter):
-    """A pure function as it is; it asks of all lanes, for it knows none that is off."""
-
-    def let(self, let: Let) -> None:
-        if let.op == "any_lane":
-            self.emit(replace(let, op="lane_any"))
-        else:
-            self.emit(let)
 
 
 class _Vectorizer(CallBuilder):

@@ -56,14 +56,15 @@ def _reduced(x: Term) -> Triple:
         found = [x[n].op("payne_hanek", type=x.type.sized(3)) for n in range(x.type.size)]
         return [joined(*(triple[n] for triple in found)) for n in range(3)]
 
-    high, low, k = replaced((abs(x) > FAR).named("far"), _nearly_reduced(x), far)
+    near = dict(zip(("high", "low", "k"), _near_reduced(x), strict=True))
+    high, low, k = replaced((abs(x) > FAR).named("far"), near, far)
     return high, low, k
 
 
-def _nearly_reduced(x: Term) -> Triple:
+def _near_reduced(x: Term) -> Triple:
     """The same for an x of at most FAR in size; anything for others."""
     first, second, third = (constants(x, HALF_PI) + (0.0,))[:3]
-    k = whole_and_shifted(x * constants(x, TWO_BY_PI)[0])[0].named("k")
+    k = whole_and_shifted(x * constants(x, TWO_BY_PI)[0])[0].named("near_k")
     product, rest = _times_part(k, first)
     left = (x - product).named("left")
     if x.type.base is Base.F:
@@ -74,7 +75,7 @@ def _nearly_reduced(x: Term) -> Triple:
     if x.type.base is Base.F:
         tail = (lost + more - rest).named("lost") - k * third
     high, low = fast_two_sum(left, tail.named("tail"))
-    return high.named("high"), low.named("low"), k
+    return high.named("near_high"), low.named("near_low"), k
 
 
 def _quadrant(k: Term) -> Pair:

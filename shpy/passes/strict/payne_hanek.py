@@ -1,22 +1,23 @@
 """Angles of any size, less the multiples of pi / 2 in them (Payne and Hanek 1983).
 
-Stage: improve. x * 2 / pi is wanted but for multiples of 4, and so only some of the digits of 2 / pi matter: those whose
-products with the digits of x are neither multiples of 4 nor too small. Digits are balanced, whole numbers of at most
-half of the radix in size, so that a column of products and its carry are exact in the float itself.
+Stage: improve. x * 2 / pi is wanted but for multiples of 4, and so only some of the digits of 2 / pi matter: those
+whose products with the digits of x are neither multiples of 4 nor too small. Digits are balanced, whole numbers of at
+most half of the radix in size, so that a column of products and its carry are exact in the float itself.
 
-    [high, low, k] = payne_hanek(x)        # x is 4 * n + k * pi / 2 + high + low for some whole n, and |high| <= pi / 4
+    [high, low, k] = payne_hanek(x)    # x is k * pi / 2 + high + low, and some turns; high is at most pi / 4
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from shpy.ir.types import Base
 from shpy.passes.strict.coefficients import PI, TWO_BY_PI_DIGITS
 from shpy.passes.strict.parts import constants, fast_two_sum, two_product, whole_and_shifted
-from shpy.passes.terms import Term, joined, where
+from shpy.passes.terms import Term, joined, replaced, where
 
-__all__ = ["FAR", "payne_hanek"]
+__all__ = ["BOUNDED", "FAR", "payne_hanek"]
 
 FAR: Final = 2.0**20
 """From here on x may be; it is scaled to less than FAR times the radix."""
@@ -80,3 +81,15 @@ def payne_hanek(x: Term) -> Term:
     product, rest = two_product(part, x.constant(pi * 0.5))
     high, low = fast_two_sum(product, (rest + (part * (pi_low * 0.5) + part_low * (pi * 0.5))).named("tail"))
     return joined(high.named("high"), low.named("low"), k)
+
+
+def _bounded(name: str) -> Callable[[Term], Term]:
+    def meaning(x: Term) -> Term:
+        far = (abs(x) > FAR).named("far")
+        return replaced(far, {"size": x.op(name)}, lambda: [x.op(f"{name}_strict", type=x.type)])[0]
+
+    return meaning
+
+
+BOUNDED: Final = {name: _bounded(name) for name in ("sin", "cos")}
+"""The target's own functions, and the strict ones for angles that are far."""
