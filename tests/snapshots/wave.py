@@ -100,38 +100,39 @@ def payne_hanek(x):
 
 
 def sin_strict(x):
-    t = np.abs(x)
-    far = t > 1048576.0
-    k_2 = x * 0.63661975 + 12582912.0 - 12582912.0
-    product = k_2 * 1.5707964
-    k_high = k_2 + 6442451000.0 - 6442451000.0
-    k_low = k_2 - k_high
+    near_k = x * 0.63661975 + 12582912.0 - 12582912.0
+    product = near_k * 1.5707964
+    k_high = near_k + 6442451000.0 - 6442451000.0
+    k_low = near_k - k_high
     rest = k_high * 1.5708008 - product + k_high * -4.4107437e-06
     product_low = rest + k_low * 1.5708008 + k_low * -4.4107437e-06
     left = x - product
-    t2 = -product_low
-    sum_ = left + t2
+    t = -product_low
+    sum_ = left + t
     back = sum_ - left
-    sum_low = left - (sum_ - back) + (t2 - back)
-    product_2 = k_2 * -4.371139e-08
+    sum_low = left - (sum_ - back) + (t - back)
+    product_2 = near_k * -4.371139e-08
     rest_2 = k_high * -4.3713953e-08 - product_2 + k_high * 2.5650593e-12
     product_low_2 = rest_2 + k_low * -4.3713953e-08 + k_low * 2.5650593e-12
-    t3 = -product_2
-    sum_2 = sum_ + t3
+    t2 = -product_2
+    sum_2 = sum_ + t2
     back_2 = sum_2 - sum_
-    sum_low_2 = sum_ - (sum_2 - back_2) + (t3 - back_2)
+    sum_low_2 = sum_ - (sum_2 - back_2) + (t2 - back_2)
     lost = sum_low + sum_low_2 - product_low_2
-    tail = lost - k_2 * -1.7151245e-15
-    high_2 = sum_2 + tail
-    low_2 = tail - (high_2 - sum_2)
-    high = high_2
-    low = low_2
-    k = k_2
-    if far.any():
+    tail = lost - near_k * -1.7151245e-15
+    near_high = sum_2 + tail
+    near_low = tail - (near_high - sum_2)
+    t3 = np.abs(x)
+    far = t3 > 1048576.0
+    high = near_high
+    low = near_low
+    k = near_k
+    any_far = far.any()
+    if any_far:
         t4 = payne_hanek(x)
-        high = select(far, t4[0], high_2)
-        low = select(far, t4[1], low_2)
-        k = select(far, t4[2], k_2)
+        high = select(far, t4[0], near_high)
+        low = select(far, t4[1], near_low)
+        k = select(far, t4[2], near_k)
     k_by_2 = k * 0.5
     pairs = np.floor(k_by_2)
     k_by_4 = pairs * 0.5
@@ -146,7 +147,7 @@ def sin_strict(x):
     series_2 = ((z * 2.8502463e-06 - 0.00019855748) * z + 0.008333388) * z - 0.16666667
     sine_rest = high * (z * series_2) + low
     size = select(odd, whole + cosine_rest, high + sine_rest)
-    return select(t < 0.00012207031, x, select(opposite, -size, size))
+    return select(t3 < 0.00012207031, x, select(opposite, -size, size))
 
 
 def wave(x, k, lanes):
