@@ -19,6 +19,7 @@ from shpy.ir.meaning import RANGES
 from shpy.ir.nodes import Function, Module
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
+from shpy.passes.names import fresh
 from shpy.passes.terms import Term, define, where
 
 __all__ = ["BOUNDED", "CORRECTABLE", "DEFINITIONS", "INLINE", "PARTS", "Library", "definition"]
@@ -219,10 +220,7 @@ class Library:
         original = definition(name, types)
         if original not in self.functions:
             function = prepare(original) if prepare else original
-            while function.name in self.taken:
-                function = replace(function, name=function.name + "_")
-            self.taken.add(function.name)
-            self.functions[original] = function
+            self.functions[original] = replace(function, name=fresh(function.name, self.taken))
         return self.functions[original]
 
     def added(self, module: Module) -> Module:

@@ -24,6 +24,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type
 from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import remove_unused_functions
+from shpy.passes.names import fresh
 from shpy.passes.rewriter import Functions, Rewriter
 from shpy.passes.uniformity import varies
 from shpy.passes.vectorize import VectorModule
@@ -80,7 +81,7 @@ def widen(vector: VectorModule, lanes: int) -> Module:
     """The module with types that tell what varies. Its pure functions come twice, as far as they are used."""
     functions = vector.module.functions
     names = {f.name for f in functions}
-    uniform = {f.name: _fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
+    uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
     made: list[Function] = []
     for f in functions:
         if f.pure:
@@ -88,13 +89,6 @@ def widen(vector: VectorModule, lanes: int) -> Module:
         facts = _everything_varies(f) if f.pure else vector.facts[f.name]
         made.append(_Widener(f, facts, lanes, uniform).run())
     return remove_unused_functions(replace(vector.module, functions=tuple(made)))
-
-
-def _fresh(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
 
 
 class _Uniform(Rewriter):
