@@ -179,10 +179,9 @@ def render(
     variant keeps; sh.BackendUnavailable for a backend that is not there.
     """
     if max_error is not None and scene.triangles:
-        from raytracer.trade import tradeoff
+        from raytracer.trade import fastest
 
-        variant = tradeoff(scene, max_error=max_error, backend=backend, bounces=bounces).pick.variant
-        chosen = Renderer(scene, backend=backend, **dataclasses.asdict(variant))
+        variant, chosen = fastest(scene, max_error, backend, bounces)
         image = chosen.render(size, samples=samples, progress=progress)
         return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))
     renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, math=math, accel=accel)

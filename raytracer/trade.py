@@ -219,6 +219,18 @@ def tradeoff(
     `max_error` is the root mean square error that is allowed, in 255ths of sRGB; the reference has `bounces`. Raises
     SceneError for a scene without triangles, and for an error that is not positive.
     """
+    return _measured(scene, max_error, backend, bounces, progress)[0]
+
+
+def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -> tuple[Variant, Renderer]:
+    """The variant that `tradeoff` picks, and what renders it; SceneError if there is none."""
+    found, renderers = _measured(scene, max_error, backend, bounces, None)
+    return found.pick.variant, renderers[found.pick.variant]
+
+
+def _measured(
+    scene: Scene, max_error: float, backend: str | None, bounces: int, progress: Told | None
+) -> tuple[Tradeoff, dict[Variant, Renderer]]:
     if not max_error > 0:
         raise SceneError(f"max_error is a positive number of 255ths, not {max_error!r}")
     if not scene.triangles:
@@ -241,7 +253,7 @@ def tradeoff(
         progress(len(variants), len(variants))
     candidates = [_candidate(v, r, t, cameras, references) for (v, r), t in zip(made, _times(made), strict=True)]
     candidates.sort(key=lambda c: c.seconds)
-    return Tradeoff(scene.name, backend, max_error, tuple(candidates), tuple(skipped))
+    return Tradeoff(scene.name, backend, max_error, tuple(candidates), tuple(skipped)), dict(made)
 
 
 def beside(camera: Camera | None) -> Camera:

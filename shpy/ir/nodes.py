@@ -175,8 +175,9 @@ EXITS = (Break, Continue, Return, Discard)
 class Function:
     """`inputs`: Values come by value, Variables by reference. `outputs` are slots, stored before it ends.
 
-    `variables` are all other slots. `pure` marks straight-line code (no control flow, no Call, one output, inputs by
-    value): such a function is called by the op `call`, as an expression. Any other is called by the statement `Call`.
+    `variables` are all other slots. `pure` marks straight-line code (no Call, no control flow but an If of an
+    `any_lane` without `orelse`, one output, inputs by value): such a function is called by the op `call`, as an
+    expression. Any other is called by the statement `Call`.
     """
 
     name: str

@@ -163,14 +163,13 @@ def _transcendental(
     _op(name, signature, m.through_f64(f), doc, ulp=ulp, relaxed=relaxed, double=double)
 
 
-_FAR: Final = "bounds hold for x up to 2**20 in size"
 _transcendental("exp", np.exp, 1, 3, 1)
 _transcendental("exp2", np.exp2, 1, 3, 1)
 _transcendental("log", np.log, 1, 3, 1)
 _transcendental("log2", np.log2, 1, 3, 1)
-_transcendental("sin", np.sin, 1, 4, 1, _FAR)
-_transcendental("cos", np.cos, 1, 4, 1, _FAR)
-_transcendental("tan", np.tan, 1.5, 5, 1, _FAR)
+_transcendental("sin", np.sin, 1, 4, 1)
+_transcendental("cos", np.cos, 1, 4, 1)
+_transcendental("tan", np.tan, 1.5, 5, 1.5)
 _transcendental("asin", np.arcsin, 1, 4, 1)
 _transcendental("acos", np.arccos, 1, 4, 1)
 _transcendental("atan", np.arctan, 1, 5, 1)

@@ -14,12 +14,14 @@ shpy.errors.ParseError: line 2, column 24: expected a statement or '}', found th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, NoReturn
 
 from lark import Lark, Token
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
+from lark.lexer import PatternRE, PatternStr, TerminalDef
 from lark.visitors import Transformer_NonRecursive, v_args
 
 from shpy.errors import ParseError
@@ -63,6 +65,7 @@ _SPOKEN = {
     "_NL": "the end of the line",
     "$END": "the end of the text",
 }
+_END = r"(?!\w)"
 _STATEMENTS = frozenset({"STORE", "IF", "LOOP", "EXIT"})
 
 
@@ -81,7 +84,16 @@ def parse(text: str) -> Module:
 
 @cache
 def _grammar() -> Lark:
-    return Lark.open("ir.lark", rel_to=__file__, parser="lalr", lexer="contextual", maybe_placeholders=True)
+    options: dict[str, Any] = {"parser": "lalr", "lexer": "contextual", "maybe_placeholders": True}
+    return Lark.open("ir.lark", rel_to=__file__, edit_terminals=_whole_words, **options)
+
+
+def _whole_words(terminal: TerminalDef) -> None:
+    """A keyword ends where the word does, and comes before a name where both may stand."""
+    word = terminal.pattern.value
+    if isinstance(terminal.pattern, PatternStr) and word.isidentifier():
+        terminal.pattern = PatternRE(word + _END)
+        terminal.priority = 1
 
 
 def _fail(source: str, line: int, column: int, message: str) -> NoReturn:
@@ -100,7 +112,8 @@ def _explain(source: str, error: UnexpectedInput) -> NoReturn:
         at_end = error.token.type == "$END"
     else:
         wanted = set(error.allowed or ()) if isinstance(error, UnexpectedCharacters) else set()
-        found, at_end = repr(source[error.pos_in_stream or 0]), False
+        there = re.compile(r"\w+|.", re.DOTALL).match(source, error.pos_in_stream or 0)
+        found, at_end = repr(there[0] if there else ""), False
     if at_end:
         body = source.rstrip("\n")
         line, column = body.count("\n") + 1, len(body) - body.rfind("\n")
@@ -124,7 +137,7 @@ def _wanted(terminals: set[str]) -> str:
         return "an operation"
     if "MODULE" in terminals:
         return "'module'"
-    literals = {t.name: t.pattern.value for t in _grammar().terminals}
+    literals = {t.name: t.pattern.value.removesuffix(_END) for t in _grammar().terminals}
     words = sorted(_SPOKEN.get(t) or repr(literals.get(t, t)) for t in terminals)
     if len(words) <= 1:
         return "".join(words) or "something else"

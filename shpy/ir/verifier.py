@@ -179,6 +179,7 @@ class _Function:
         self.loc = function.loc
         self.visible: dict[int, Type] = {}
         self.made: set[int] = set()
+        self.asking: set[int] = set()  # what any_lane made
         self.opened: list[list[int]] = [[]]
         self.depth = 0
         self.loops = 0
@@ -279,8 +280,8 @@ class _Function:
         self.close()
 
     def check_statement(self, statement: Stmt) -> None:
-        if self.function.pure and not isinstance(statement, (Let, Store)):
-            self.fail("a pure function has no control flow and no call statement")
+        if self.function.pure:
+            self.check_in_pure(statement)
         match statement:
             case Let():
                 self.check_let(statement)
@@ -296,6 +297,19 @@ class _Function:
                 self.check_loop(statement)
             case _:
                 self.check_exit(statement)
+
+    def check_in_pure(self, statement: Stmt) -> None:
+        """Straight-line code, but for what is skipped when no element needs it."""
+        if isinstance(statement, Let) and statement.op == "all_lanes":
+            self.fail("a pure function asks for any_lane only", cure="any_lane of the opposite")
+        if isinstance(statement, Let) and statement.op in ("any_lane", "lane_any"):
+            self.asking.add(statement.value.id)
+        elif isinstance(statement, If) and statement.condition in self.asking and not statement.orelse:
+            return
+        elif not isinstance(statement, (Let, Store)):
+            self.fail(
+                "a pure function has no control flow but `if` of an any_lane without `else`, and no call statement"
+            )
 
     def check_condition(self, condition: int) -> None:
         type = self.see(condition)

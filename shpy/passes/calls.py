@@ -19,6 +19,7 @@ from shpy.passes.dead import without_dead
 from shpy.passes.dead_stores import without_dead_stores
 from shpy.passes.lanes import BOOL, Here
 from shpy.passes.leaving import ExitBuilder
+from shpy.passes.names import fresh
 from shpy.passes.returns import returns_outside_loops
 
 __all__ = ["CallBuilder", "Callees", "LaneFacts", "LaneFunction"]
@@ -79,7 +80,7 @@ class Callees:
             mask = Value(max((v.id for v in defined(function)), default=-1) + 1, BOOL, "active")
             function = replace(function, inputs=(*function.inputs, mask))
             given |= {mask.id}
-        copy = self._made(function, _fresh(name, self.taken), given, mask)
+        copy = self._made(function, fresh(name, self.taken), given, mask)
         self.made[key] = copy
         return copy
 
@@ -108,7 +109,7 @@ class Callees:
         kept = [copy for copy in (*self.made.values(), entry) if copy.function.name in needed]
         for copy in kept:
             first = copy.of not in names.values()
-            names[copy.function.name] = copy.of if first else _fresh(copy.of, taken)
+            names[copy.function.name] = copy.of if first else fresh(copy.of, taken)
         renamed = [replace(copy, function=_renamed(copy.function, names)) for copy in kept]
         return {copy.function.name: copy for copy in renamed}
 
@@ -127,14 +128,6 @@ def _statuses(module: Module) -> dict[str, int]:
             if isinstance(s, Store) and s.variable == found.get(function.name) and s.value in last:
                 found[last[s.value]] = outputs[last[s.value]][-1].id
     return found
-
-
-def _fresh(name: str, taken: set[str]) -> str:
-    number = 2
-    while f"{name}_{number}" in taken:
-        number += 1
-    taken.add(f"{name}_{number}")
-    return f"{name}_{number}"
 
 
 def _renamed(function: Function, names: Mapping[str, str]) -> Function:

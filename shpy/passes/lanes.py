@@ -5,17 +5,18 @@ Stage: improve. Part of `vectorize`, which is a `LaneBuilder` that knows stateme
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.constants import Base, vec
-from shpy.ir.nodes import Attr, Function, Variable
+from shpy.ir.nodes import Attr, Function, Let, Stmt, Variable
+from shpy.ir.traverse import rewrite
 from shpy.ir.types import Type
 from shpy.passes.liveness import Note
 from shpy.passes.slots import Slots
 from shpy.passes.uniformity import LoopFacts, varies
 
-__all__ = ["BOOL", "Here", "LaneBuilder", "Scope"]
+__all__ = ["BOOL", "Here", "LaneBuilder", "Scope", "of_all_lanes"]
 
 BOOL = vec(Base.B)
 
@@ -50,6 +51,16 @@ class Scope:
     inner: frozenset[int] = frozenset()
     kept: set[int] = field(default_factory=set)
     continued: bool = False
+
+
+def of_all_lanes(function: Function) -> Function:
+    """A pure function as it is; its `any_lane` asks of every lane, for it knows of none that is off."""
+
+    def change(s: Stmt) -> Stmt:
+        return replace(s, op="lane_any") if isinstance(s, Let) and s.op == "any_lane" else s
+
+    body = rewrite(function.body, change)
+    return function if body is function.body else replace(function, body=body)
 
 
 class LaneBuilder:

@@ -19,9 +19,10 @@ from shpy.ir.meaning import RANGES
 from shpy.ir.nodes import Function, Module
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
+from shpy.passes.names import fresh
 from shpy.passes.terms import Term, define, where
 
-__all__ = ["CORRECTABLE", "DEFINITIONS", "INLINE", "Library", "definition"]
+__all__ = ["BOUNDED", "CORRECTABLE", "DEFINITIONS", "INLINE", "PARTS", "Library", "definition"]
 
 
 def _mad(a: Term, b: Term, c: Term) -> Term:
@@ -158,6 +159,12 @@ DEFINITIONS: dict[str, Callable[..., Term]] = {
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """What `lower_half` needs besides."""
 
+PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict"})
+"""Operations that only definitions have: functions that these share."""
+
+BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos")}
+"""What becomes of functions that a target has within the bounds for angles that are not far only."""
+
 CORRECTABLE = frozenset({"div", "sqrt"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong."""
 
@@ -169,6 +176,8 @@ INLINE = frozenset({"mad", "rsqrt", "fract", "clamp", "step"})
 def definition(name: str, types: tuple[Type, ...]) -> Function:
     """The pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`."""
     first = types[0]
+    if name in PARTS or name in BOUNDED.values():
+        return _part(name, types)
     if name in TRANSCENDENTALS:
         from shpy.passes.strict import FUNCTIONS
 
@@ -180,6 +189,20 @@ def definition(name: str, types: tuple[Type, ...]) -> Function:
         return define(f"{name}_corrected{first.size if first.size > 1 else ''}", CORRECTED[name], types)
     suffix = "d" if first.base is Base.D and name in DEFINITIONS else ""
     return define(f"{name}{first.size}{suffix}", DEFINITIONS.get(name) or _ROUNDINGS[name], types)
+
+
+def _part(name: str, types: tuple[Type, ...]) -> Function:
+    """What only definitions and `lower` ask for."""
+    from shpy.passes.strict import payne_hanek
+
+    function, _, which = name.partition("_")
+    if which == "strict":
+        return definition(function, types)
+    base = "_d" if types[0].base is Base.D else ""
+    if which == "bounded":
+        size = types[0].size
+        return define(f"{name}{base}{size if size > 1 else ''}", payne_hanek.BOUNDED[function], types)
+    return define(f"{name}{base}", payne_hanek.payne_hanek, types)
 
 
 class Library:
@@ -197,10 +220,7 @@ class Library:
         original = definition(name, types)
         if original not in self.functions:
             function = prepare(original) if prepare else original
-            while function.name in self.taken:
-                function = replace(function, name=function.name + "_")
-            self.taken.add(function.name)
-            self.functions[original] = function
+            self.functions[original] = replace(function, name=fresh(function.name, self.taken))
         return self.functions[original]
 
     def added(self, module: Module) -> Module:

@@ -19,20 +19,30 @@ from collections.abc import Mapping
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base
-from shpy.passes.library import DEFINITIONS, INLINE, Library, definition
+from shpy.passes.library import BOUNDED, DEFINITIONS, INLINE, PARTS, Library, definition
 from shpy.passes.rewriter import Rewriter, each_function
 
 __all__ = ["lower"]
 
 
-def lower(module: Module, native: frozenset[str] = frozenset(), corrected: frozenset[str] = frozenset()) -> Module:
+def lower(
+    module: Module,
+    native: frozenset[str] = frozenset(),
+    corrected: frozenset[str] = frozenset(),
+    bounded: frozenset[str] = frozenset(),
+) -> Module:
     """The module without composite operations and transcendentals, but for those in `native`.
 
-    Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well.
+    Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well, and so do those of binary64
+    that are `bounded`, some of BOUNDED: native ones that are good for angles that are not far.
     """
     library = Library(module)
-    lowered = each_function(module, lambda f, functions: _Lower(f, functions, native, corrected, library).run())
-    return library.added(lowered)
+
+    def lowered(function: Function, functions: Mapping[str, Function]) -> Function:
+        return _Lower(function, functions, native, corrected, bounded, library).run()
+
+    lowered_module = each_function(module, lowered)
+    return library.added(lowered_module)
 
 
 class _Lower(Rewriter):
@@ -42,11 +52,13 @@ class _Lower(Rewriter):
         functions: Mapping[str, Function],
         native: frozenset[str],
         corrected: frozenset[str],
+        bounded: frozenset[str],
         library: Library,
     ) -> None:
         super().__init__(function, functions)
         self.native = native
         self.corrected = corrected
+        self.bounded = bounded
         self.library = library
 
     def let(self, let: Let) -> None:
@@ -55,7 +67,11 @@ class _Lower(Rewriter):
             callee = self.library.use(op, tuple(self.types[a] for a in let.args))
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
-        if op in self.native or (op not in DEFINITIONS and op not in TRANSCENDENTALS):
+        if op in self.bounded and let.value.type.base is Base.D:
+            callee = self.library.use(BOUNDED[op], tuple(self.types[a] for a in let.args), self._unbounded)
+            self.emit(Let(let.value, "call", let.args, callee.name))
+            return
+        if op in self.native or not (op in DEFINITIONS or op in TRANSCENDENTALS or op in PARTS):
             self.emit(let)
             return
         types = tuple(self.types[a] for a in let.args)
@@ -66,7 +82,10 @@ class _Lower(Rewriter):
             self.emit(Let(let.value, "call", let.args, callee.name))
 
     def _lowered(self, function: Function) -> Function:
-        return _Lower(function, self.functions, self.native, self.corrected, self.library).run()
+        return _Lower(function, self.functions, self.native, self.corrected, self.bounded, self.library).run()
+
+    def _unbounded(self, function: Function) -> Function:
+        return _Lower(function, self.functions, self.native, self.corrected, frozenset(), self.library).run()
 
     def _inline(self, let: Let, definition: Function) -> None:
         """Emit the definition's operations; the last one gives the value."""

@@ -42,14 +42,16 @@ class Target:
 
     `native`: the composite operations that it does itself, with exactly the table's meaning, and the transcendentals
     that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
-    it rounds wrong, and that are to be corrected. `loop_flags`: its loops may stop of their own accord. `vector`: what
-    is prepared goes to `vectorize`, whose functions take values only.
+    it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for angles
+    only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
+    `vectorize`, whose functions take values only.
     """
 
     name: str
     native: frozenset[str] = frozenset()
     fast: frozenset[str] = frozenset()
     wrong: frozenset[str] = frozenset()
+    bounded: frozenset[str] = frozenset()
     loop_flags: bool = False
     vector: bool = False
 
@@ -93,7 +95,9 @@ class Prepared:
 def prepare(module: Module, options: Options, target: Target) -> Prepared:
     """A recorded module made ready for a target's printer."""
     corrected = target.wrong if options.math != "fast" else frozenset()
-    lowered = lower(lower_half(set_precision(module, options.precision)), target.does(options.math), corrected)
+    bounded = target.bounded if options.math == "relaxed" else frozenset()
+    plain = lower_half(set_precision(module, options.precision))
+    lowered = lower(plain, target.does(options.math), corrected, bounded)
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     ending, status, loops = make_exits_explicit(

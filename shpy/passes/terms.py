@@ -8,14 +8,15 @@ Stage: improve. A `Term` is a value of a function under construction; Python's o
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Function, Let, Value
-from shpy.ir.types import Base, Type
+from shpy.ir.nodes import Function, Let, Stmt, Value
+from shpy.ir.traverse import rewrite
+from shpy.ir.types import Base, Type, vec
 
-__all__ = ["Term", "define", "where"]
+__all__ = ["Term", "define", "joined", "replaced", "where"]
 
 
 class _Definition(Builder):
@@ -28,10 +29,10 @@ class _Definition(Builder):
 
     def finish(self) -> Function:
         made = super().finish()
-        return replace(made, body=tuple(self._named(s) if isinstance(s, Let) else s for s in made.body))
+        return replace(made, body=rewrite(made.body, self._named))
 
-    def _named(self, let: Let) -> Let:
-        return replace(let, value=replace(let.value, name=self.names.get(let.value.id)))
+    def _named(self, s: Stmt) -> Stmt:
+        return replace(s, value=replace(s.value, name=self.names.get(s.value.id))) if isinstance(s, Let) else s
 
 
 class Term:
@@ -159,6 +160,28 @@ def where(c: Term, a: Term | float, b: Term | float) -> Term:
     assert isinstance(model, Term)
     first, second = (t if isinstance(t, Term) else model.constant(t) for t in (a, b))
     return c.wide(model.type.size).op("cond", first, second)
+
+
+def joined(*parts: Term) -> Term:
+    """The vector of these scalars; a single one is itself."""
+    first, *others = parts
+    return first.op("construct", *others, type=first.type.sized(len(parts))) if others else first
+
+
+def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Term]]) -> list[Term]:
+    """The values by name, but those that `make` gives where c holds: made only if it does for an element at hand.
+
+    `c`, which has a name, and the values have one size.
+    """
+    b = c.builder
+    slots = [b.variable(value.type, name=name) for name, value in values.items()]
+    for slot, value in zip(slots, values.values(), strict=True):
+        b.store(slot, value.value)
+    one = c if c.type.size == 1 else c.op("any")
+    with b.when(one.op("any_lane", type=vec(Base.B)).named(f"any_{b.names[c.value.id]}").value):
+        for slot, value, made in zip(slots, values.values(), make(), strict=True):
+            b.store(slot, where(c, made, value).value)
+    return [Term(b, b.load(slot)) for slot in slots]
 
 
 def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...]) -> Function:

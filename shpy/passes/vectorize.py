@@ -54,7 +54,7 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import continues, uses, walk
 from shpy.passes.calls import CallBuilder, Callees, LaneFacts
-from shpy.passes.lanes import BOOL, Here, Scope
+from shpy.passes.lanes import BOOL, Here, Scope, of_all_lanes
 from shpy.passes.liveness import Note, annotate, stored_in
 from shpy.passes.uniformity import varies
 
@@ -90,7 +90,8 @@ def vectorize(module: Module, *, padded: bool = False) -> VectorModule:
 
     callees = Callees(module, make)
     named = callees.named(callees.entry())
-    functions = (*(f for f in module.functions if f.pure), *(copy.function for copy in named.values()))
+    pure = (of_all_lanes(f) for f in module.functions if f.pure)
+    functions = (*pure, *(copy.function for copy in named.values()))
     return VectorModule(replace(module, functions=functions), {name: copy.facts for name, copy in named.items()})
 
 

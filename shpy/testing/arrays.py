@@ -5,12 +5,15 @@ Stage: test. Takes what kernels take and give.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "bits_differ", "differing", "flat_leaves", "is_denormal"]
+from shpy.accuracy.units import steps
+
+__all__ = ["EXACT", "Array", "Bound", "differing", "flat_leaves", "is_denormal"]
 
 Array = NDArray[Any]
 
@@ -35,9 +38,36 @@ def differing(a: Array, b: Array) -> Array:
     return np.asarray(~(equal | (np.isnan(a) & np.isnan(b))))
 
 
-def bits_differ(a: Any, b: Any) -> bool:
-    """Whether two values differ in any bit; NaNs are all the same."""
-    return bool(differing(np.asarray(a), np.asarray(b)).any())
+@dataclass(frozen=True)
+class Bound:
+    """How far apart two results may be: `ulp` numbers, or atol + rtol * |first|; 0 of each asks for the same bits."""
+
+    ulp: float = 0
+    atol: float = 0
+    rtol: float = 0
+
+    @property
+    def exact(self) -> bool:
+        """Whether it asks for the same bits."""
+        return not (self.ulp or self.atol or self.rtol)
+
+    def exceeded(self, a: Array, b: Array) -> Array:
+        """Where two arrays are further apart."""
+        wrong = differing(a, b)
+        if a.dtype.kind == "f" and not self.exact:
+            with np.errstate(all="ignore"):
+                away = np.abs(a.astype(np.float64) - b.astype(np.float64))
+                near = away <= self.atol + self.rtol * np.abs(a.astype(np.float64))
+            wrong &= ~((steps(a, b) <= self.ulp) | near)
+        return wrong
+
+    def parts(self, a: Any, b: Any) -> bool:
+        """Whether two values are further apart in any component."""
+        return bool(self.exceeded(np.atleast_1d(a), np.atleast_1d(b)).any())
+
+
+EXACT = Bound()
+"""The same bits."""
 
 
 def is_denormal(value: Any) -> bool:

@@ -1,12 +1,13 @@
 """The first statement at which two backends part.
 
 Stage: test. Takes a program, its inputs and backends; runs the program that watches itself (`watch.py`) on two of them
-and searches by halves for the first event of which they hold different views. Gives a `Divergence`, or None.
+and searches by halves for the first event of which they hold different views. Gives a `Divergence`, or None. Where a
+distance is allowed, it goes on from there event by event to the first one that is beyond it.
 
     found = first_divergence(program, x, backends=("numpy", "opencl-16"))
     print(found)          # line, variable, both values, the turns of the loops, the statements before it
 
-Times: about log2(events) + 12 runs of the program on each of the two backends.
+Times: about log2(events) + 12 runs of the program on each of the two backends, and two for each event gone on by.
 """
 
 from __future__ import annotations
@@ -23,15 +24,20 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Loc
 from shpy.lang.location import here
 from shpy.program import Program
-from shpy.testing.arrays import bits_differ, is_denormal
-from shpy.testing.observers import Seen, Setting, observer, sites_of
+from shpy.testing.arrays import EXACT, Bound, is_denormal
+from shpy.testing.observers import Observer, Seen, Setting, observer, sites_of
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
 
 __all__ = ["Divergence", "Row", "first_divergence"]
 
+Sides = tuple[Observer, Observer]
+
 _BEFORE, _AFTER = 6, 2
 """Events that are shown before and after the one at which the two part."""
+
+_AHEAD = 16
+"""Events whose sites are looked at together, at first: each time a program is compiled, and the number doubles."""
 
 
 @dataclass(frozen=True)
@@ -139,11 +145,17 @@ def first_divergence(
     program: Program,
     *inputs: Any,
     backends: Iterable[str] | None = None,
+    ulp: float = 0,
+    atol: float = 0,
+    rtol: float = 0,
     element: int | None = None,
     shape: Any = None,
     **named: Any,
 ) -> Divergence | None:
     """The first event at which a backend parts from another, bit by bit; None where their outputs are the same.
+
+    Results may be `ulp` numbers apart, or atol + rtol * |the first's|, as in `assert_equivalent`: then outputs within
+    that are the same, and so are the values of an event. Events go the same way on both up to the one that is found.
 
     `backends` are names as in `testing.targets` ("numpy", "opencl-4", "interpreter"), each that is available with all
     its lane widths if none are given; those after the first are compared with the first, until one differs. `element`
@@ -159,53 +171,88 @@ def first_divergence(
     if len(names) < 2:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "glsl")')
     setting = Setting(program, inputs, given, shape, options)
+    bound = Bound(ulp, atol, rtol)
     first = run(setting, names[0])
     for name in names[1:]:
         second = run(setting, name)
-        places = np.flatnonzero(parted(first, second))
+        places = np.flatnonzero(parted(first, second, bound))
         if element is not None:
             places = places[places == element]
         if places.size:
-            found = search(setting, (names[0], name), int(places[0]), (first, second))
+            found = search(setting, (names[0], name), int(places[0]), (first, second), bound)
             if found is not None:
                 return found
     return None
 
 
 def search(
-    setting: Setting, names: tuple[str, str], element: int, runs: tuple[Run, Run] | None = None
+    setting: Setting,
+    names: tuple[str, str],
+    element: int,
+    runs: tuple[Run, Run] | None = None,
+    bound: Bound = EXACT,
 ) -> Divergence | None:
     """The first event of an element at which two backends part, by halves; None if they agree while watched."""
     if runs is not None:
-        names = _judged(setting, names, element, runs)
-    sides = tuple(observer(setting, name, element) for name in names)
+        names = _judged(setting, names, element, runs, bound)
+    one, two = (observer(setting, name, element) for name in names)
+    sides = one, two
     count = max(side.count for side in sides)
-    low, high = 0, count
-    while low < high:
-        middle = (low + high) // 2
-        one, two = (side.trail(middle) for side in sides)
-        low, high = (low, middle) if one != two else (middle + 1, high)
+    low = _parting(sides, count)
+    if not bound.exact:
+        low = _beyond(sides, low, count, bound)
     if low >= count:
         return None
     events = range(max(0, low - _BEFORE), min(count, low + _AFTER + 1))
     looking = [side.look(sites_of(sides, events)) for side in sides]
     seen = {event: (looking[0].seen(event), looking[1].seen(event)) for event in events}
-    rows = tuple(row for pair in seen.values() for row in _rows(*pair))
+    rows = tuple(row for pair in seen.values() for row in _rows(*pair, bound))
     return _divergence(setting, names, element, seen[low], rows)
 
 
-def _judged(setting: Setting, names: tuple[str, str], element: int, runs: tuple[Run, Run]) -> tuple[str, str]:
+def _parting(sides: Sides, count: int) -> int:
+    """The first event that differs in any bit, by halves; `count` if there is none."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        one, two = (side.trail(middle) for side in sides)
+        low, high = (low, middle) if one != two else (middle + 1, high)
+    return low
+
+
+def _beyond(sides: Sides, low: int, count: int, bound: Bound) -> int:
+    """The first event from `low` on that is further apart, or that only one of the two comes to; `count` if none."""
+    width = _AHEAD
+    while low < count:
+        events = range(low, min(count, low + width))
+        looking = [side.look(sites_of(sides, events)) for side in sides]
+        for event in events:
+            one, two = (side.seen(event) for side in looking)
+            if _elsewhere(one, two) or bound.parts(one.value, two.value):
+                return event
+        low, width = low + width, 2 * width
+    return count
+
+
+def _elsewhere(one: Seen, two: Seen) -> bool:
+    """Whether the two are at different statements, or one has ended."""
+    return one.site is None or two.site is None or one.site.number != two.site.number
+
+
+def _judged(
+    setting: Setting, names: tuple[str, str], element: int, runs: tuple[Run, Run], bound: Bound
+) -> tuple[str, str]:
     """The pair with the interpreter for the one that is right, if exactly one is."""
     if INTERPRETER in names:
         return names
     truth = run(setting, INTERPRETER, only={element})
-    wrong = [bool(parted(truth, one)[element]) for one in runs]
+    wrong = [bool(parted(truth, one, bound)[element]) for one in runs]
     return names if wrong[0] == wrong[1] else (INTERPRETER, names[wrong[1]])
 
 
-def _rows(one: Seen, two: Seen) -> Iterator[Row]:
+def _rows(one: Seen, two: Seen, bound: Bound) -> Iterator[Row]:
     if one.site is not None and two.site is not None and one.site.number == two.site.number:
-        same = not bits_differ(one.value, two.value)
+        same = not bound.parts(one.value, two.value)
         yield Row(one.site.loc, one.site.name, one.site.text, one.turns, one.value, two.value, same)
         return
     if one.site is not None:
@@ -218,7 +265,7 @@ def _divergence(
     setting: Setting, names: tuple[str, str], element: int, seen: tuple[Seen, Seen], rows: tuple[Row, ...]
 ) -> Divergence:
     one, two = seen
-    path = one.site is None or two.site is None or one.site.number != two.site.number
+    path = _elsewhere(one, two)
     there = one if one.site is not None else two
     site = there.site
     assert site is not None

@@ -21,12 +21,12 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.location import here
 from shpy.program import Program
 from shpy.testing import defaults
-from shpy.testing.arrays import Array, differing
+from shpy.testing.arrays import Array, Bound
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.divergence import search
 from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, split_options, targets
-from shpy.testing.runs import Run, run
+from shpy.testing.runs import Run, parted, run
 
 __all__ = ["Agreement", "assert_equivalent"]
 
@@ -42,25 +42,6 @@ class Agreement:
     def __str__(self) -> str:
         noted = [f"; {n} on {name} by flushed denormals alone" for name, n in self.flushed.items() if n]
         return f"{', '.join(self.backends)} agree on {self.elements} elements{''.join(noted)}"
-
-
-@dataclass(frozen=True)
-class Bound:
-    """How far apart two results may be: `ulp` numbers, or atol + rtol * |first|; 0 of each asks for the same bits."""
-
-    ulp: float
-    atol: float
-    rtol: float
-
-    def exceeded(self, a: Array, b: Array) -> Array:
-        """Where two arrays are further apart."""
-        wrong = differing(a, b)
-        if a.dtype.kind == "f" and (self.ulp or self.atol or self.rtol):
-            with np.errstate(all="ignore"):
-                away = np.abs(a.astype(np.float64) - b.astype(np.float64))
-                near = away <= self.atol + self.rtol * np.abs(a.astype(np.float64))
-            wrong &= ~((steps(a, b) <= self.ulp) | near)
-        return wrong
 
 
 def assert_equivalent(
@@ -107,7 +88,7 @@ class _Comparison:
         """Raise AssertionError at the first run that differs from the first one."""
         flushed: dict[str, int] = {}
         for other in self.runs[1:]:
-            wrong = self.wrong(self.runs[0], other)
+            wrong = parted(self.runs[0], other, self.bound)
             if wrong.any() and (other.flushes or self.runs[0].flushes):
                 flushed[other.target] = int(np.count_nonzero(wrong & self.denormal))
                 wrong &= ~self.denormal
@@ -124,13 +105,6 @@ class _Comparison:
     def denormal(self) -> Array:
         return meets_denormals(self.setting)
 
-    def wrong(self, a: Run, b: Run) -> Array:
-        """The elements that differ."""
-        found = np.asarray(a.written != b.written)
-        for one, two in zip(a.outputs, b.outputs, strict=True):
-            found |= self.bound.exceeded(one, two).any(axis=1)
-        return found
-
     def told(self, other: Run, wrong: Array) -> Iterator[str]:
         """What there is to say of a failure."""
         element, s = int(np.flatnonzero(wrong)[0]), self.setting
@@ -143,7 +117,7 @@ class _Comparison:
             yield f"  {name} = {_exact(value)}"
         yield from self.values(element)
         names = (self.names[0], other.target)
-        found = search(s, names, element, (self.runs[0], other))
+        found = search(s, names, element, (self.runs[0], other), self.bound)
         if found is None:
             yield "  watched statement by statement they agree: what parts them is how the text as a whole is compiled"
         else:

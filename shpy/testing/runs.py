@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shpy.errors import LoopLimitExceeded
-from shpy.testing.arrays import Array, differing, flat_leaves
+from shpy.testing.arrays import EXACT, Array, Bound, flat_leaves
 from shpy.testing.observers import Setting
 from shpy.testing.reference import kernel
 
@@ -47,9 +47,9 @@ def run(setting: Setting, target: str, only: Collection[int] | None = None) -> R
     return Run(target, flat, written, stopped, tuple(compiled.notes))
 
 
-def parted(a: Run, b: Run) -> Array:
-    """The elements, (n,), whose outputs differ in any bit, or that one of the two did not write."""
+def parted(a: Run, b: Run, bound: Bound = EXACT) -> Array:
+    """The elements, (n,), whose outputs are further apart, or that one of the two did not write."""
     wrong = np.asarray(a.written != b.written)
     for one, two in zip(a.outputs, b.outputs, strict=True):
-        wrong |= differing(one, two).any(axis=1)
+        wrong |= bound.exceeded(one, two).any(axis=1)
     return wrong

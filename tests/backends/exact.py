@@ -14,15 +14,10 @@ import numpy as np
 from shpy.backends.base import Array
 from shpy.ir.constants import DTYPES, to_array
 from shpy.ir.meaning import convert
-from shpy.ir.nodes import Function, Let, Store, Value
+from shpy.ir.nodes import Function, If, Let, Region, Store, Value
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, vec
-from shpy.passes.library import definition
-
-FAR = 2.0**20
-"""Sine, cosine and tangent promise nothing past it."""
-
-TRIGONOMETRIC = ("sin", "cos", "tan")
+from shpy.passes.library import PARTS, definition
 
 
 def exact(name: str) -> Callable[..., Array]:
@@ -43,16 +38,25 @@ def _strict(name: str, *arrays: Array) -> Array:
 def apply(function: Function, *arrays: Array) -> Array:
     """A pure function of scalars, applied to each element of arrays of one shape."""
     known: dict[int, Any] = {}
+    slots: dict[int, Any] = {}
     for port, array in zip(function.inputs, arrays, strict=True):
         assert isinstance(port, Value)
         known[port.id] = np.array(array, DTYPES[port.type.base])
     with np.errstate(all="ignore"):
-        for s in function.body:
-            if isinstance(s, Store):
-                return np.asarray(known[s.value])
+        _run(function.body, known, slots)
+    return np.asarray(slots[function.outputs[0].id])
+
+
+def _run(region: Region, known: dict[int, Any], slots: dict[int, Any]) -> None:
+    for s in region:
+        if isinstance(s, Store):
+            slots[s.variable] = known[s.value]
+        elif isinstance(s, If):
+            if known[s.condition]:
+                _run(s.then, known, slots)
+        else:
             assert isinstance(s, Let)
-            known[s.value.id] = _computed(s, [known[a] for a in s.args])
-    raise AssertionError("a pure function stores its result")
+            known[s.value.id] = slots[s.attr] if s.op == "load" else _computed(s, [known[a] for a in s.args])
 
 
 def _computed(let: Let, args: list[Array]) -> Array:
@@ -61,11 +65,15 @@ def _computed(let: Let, args: list[Array]) -> Array:
         return to_array(let.value.type, let.attr)
     if let.op == "convert":
         return convert(args[0], DTYPES[let.value.type.base])
+    if let.op == "any_lane":
+        return np.any(args[0])
+    if let.op == "construct":
+        return np.stack(args)
+    if let.op == "swizzle":
+        assert isinstance(let.attr, tuple)
+        return args[0][let.attr[0]]
+    if let.op in PARTS:
+        return apply(definition(let.op, (vec(let.value.type.base),)), *args)
     meaning = OPS[let.op].meaning
     assert meaning is not None
     return np.asarray(meaning(*args))
-
-
-def near(name: str, array: Array) -> Array:
-    """The array without what is too far for a trigonometric function."""
-    return array[(np.abs(array.astype(np.float64)) <= FAR) | ~np.isfinite(array)] if name in TRIGONOMETRIC else array

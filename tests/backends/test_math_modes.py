@@ -13,7 +13,6 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
-from backends.exact import FAR, TRIGONOMETRIC
 from backends.running import flushes_denormals
 
 import shpy as sh
@@ -69,13 +68,11 @@ def ulps(found: Array, wanted: Array) -> Array:
 
 
 def sweep(name: str, stride: int) -> Any:
-    """Chunks of binary32 numbers that are no denormals, as far as the function promises anything."""
+    """Chunks of binary32 numbers that are no denormals."""
     for first in range(0, 1 << 32, stride * CHUNK):
         bits = np.arange(first, min(first + stride * CHUNK, 1 << 32), stride, dtype=np.uint64).astype(np.uint32)
         x = bits.view(np.float32)
         kept = (np.abs(x) >= TINY) | (x == 0) | np.isnan(x)
-        if name in TRIGONOMETRIC:
-            kept &= ~(np.abs(x) > FAR) | np.isinf(x)
         if kept.any():
             yield x[kept]
 
@@ -230,10 +227,3 @@ def test_a_mode_that_does_not_exist_is_refused() -> None:
     with pytest.raises(sh.ShpyTypeError, match="math='exact'") as error:
         program("sin").compile(math="exact")  # type: ignore[arg-type]
     assert error.value.cure == 'math="strict", "relaxed" or "fast"'
-
-
-def test_past_its_range_an_angle_counts_as_zero() -> None:
-    x = np.float32([1048577, -1e10, 3e38])
-    for name, wanted in (("sin", 0), ("cos", 1), ("tan", 0)):
-        for backend in ("numpy", "opencl", "glsl"):
-            assert (program(name).compile(backend)(x) == wanted).all()

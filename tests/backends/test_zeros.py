@@ -70,3 +70,20 @@ def test_a_product_with_nothing_is_not_always_nothing():
     a = np.repeat(np.float32([np.inf, -np.inf, np.nan, -2, 0]), 5)
     given = m, a, np.stack([m, a, -m], axis=-1)
     sh.testing.assert_equivalent(products, *given, backends=["interpreter", "numpy", "opencl", "glsl"])
+
+
+@sh.program
+def turns(a: sh.Attrib1f) -> sh.Attrib1f:
+    count = sh.Attrib1f(0)
+    with sh.SH_FOR(0, 3):
+        sh.SH_BREAK(sh.isnan(a - a))
+        count += 1
+        a += 1
+    return count
+
+
+def test_a_difference_with_itself_is_not_always_nothing():
+    """Where it is handed to a function of ours and a loop is unrolled, Mesa once took it for 0."""
+    a = np.float32([np.inf, 1, np.nan, -np.inf, 0.7, 3e38])
+    sh.testing.assert_equivalent(turns, a, backends=["interpreter", "numpy", "opencl", "glsl"])
+    assert "precise" not in turns.compile("glsl", math="fast").source.split("bool sh_isnan(")[1].split(")")[0]

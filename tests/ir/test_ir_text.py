@@ -204,6 +204,15 @@ def test_malformed_lines_are_explained(line, error):
         ("module m\ntable t: f[0.5]", "line 2, column 13: expected ',' or ']', found '.'"),
         ("import os", "line 1, column 1: expected 'module', found 'import'"),
         ('module "m', "line 1, column 8: expected a name, found '\"'"),
+        ("modulestructural", "line 1, column 1: expected 'module', found 'modulestructural'"),
+        (
+            "module m\nfunction main() -> () {\n  returns\n}",
+            "line 3, column 3: expected a statement or '}', found 'returns'",
+        ),
+        (
+            "module m\nfunction main() -> () {\n  loop turns8 {",
+            "line 3, column 8: expected 'turns', '{' or a location such as @1:12, found 'turns8'",
+        ),
     ],
 )
 def test_malformed_modules_are_explained(text, error):

@@ -260,9 +260,10 @@ def whole(*functions, params=(), tables=(), inputs=(), outputs=()):
     return Module("m", tuple(inputs), tuple(outputs), tuple(params), tuple(tables), functions)
 
 
-F, INT = vec("f"), vec("i")
+F, INT, B = vec("f"), vec("i"), vec("b")
 X, Y = Port("x", "Attrib1f"), Port("y", "Attrib1f")
 NAN = 0x7FF8000000000000
+ASKING = {"pure": True, "inputs": (Value(0, B),), "outputs": (Variable(1, B),)}
 
 
 def const(type, attr):
@@ -324,8 +325,17 @@ BUILT = [
     ),
     (
         whole(f(Loop(()), pure=True, outputs=(Variable(1, F),))),
-        "a pure function has no control flow and no call statement",
+        "a pure function has no control flow but `if` of an any_lane without `else`, and no call statement",
     ),
+    (
+        whole(f(Let(Value(1, B), "any_lane", (0,)), If(1, (), (Store(1, 0),)), **ASKING)),
+        "a pure function has no control flow but `if` of an any_lane without `else`, and no call statement",
+    ),
+    (
+        whole(f(If(0, (Store(1, 0),)), **ASKING)),
+        "a pure function has no control flow but `if` of an any_lane without `else`, and no call statement",
+    ),
+    (whole(f(Let(Value(1, B), "all_lanes", (0,)), **ASKING)), "a pure function asks for any_lane only"),
 ]
 
 

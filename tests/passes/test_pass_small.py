@@ -153,7 +153,7 @@ def test_library_avoids_the_users_names():
     """
     lowered = lower(module("%4: f = dot %v.1, %v.1\nstore $o.0 = %4", functions))
     verify(lowered)
-    assert "call dot3_(%v.1, %v.1)" in text(lowered)
+    assert "call dot3_2(%v.1, %v.1)" in text(lowered)
 
 
 def test_common_values_are_computed_once_and_lane_operations_twice():

@@ -9,6 +9,7 @@ import pytest
 from raytracer import Material, PointLight, Scene, SceneError, render, trade, tradeoff
 from raytracer.cli import main
 from raytracer.meshes.shapes import box, floor
+from raytracer.renderer import Renderer
 from raytracer.trade import Candidate, Tradeoff, Variant, beside, errors
 
 LIGHT = PointLight((2, 4, 3))
@@ -74,10 +75,14 @@ def test_without_mirrors_no_bounce_is_measured():
     assert {c.variant.bounces for c in t.candidates} == {0}
 
 
-def test_render_takes_an_error():
+def test_render_takes_an_error(monkeypatch):
     scene = mirrors()
+    made = []
+    build = Renderer.__init__
+    monkeypatch.setattr(Renderer, "__init__", lambda self, *a, **k: (made.append(k), build(self, *a, **k))[1])
     image = render(scene, (32, 24), backend="numpy", bounces=2, max_error=1.0)
     assert "2 bounces" in image.stats.picked or "1 bounces" in image.stats.picked
+    assert len({str(k) for k in made}) == len(made), "each variant is made once"
     assert errors(image, render(scene, (32, 24), backend="numpy", bounces=2, precision="f64"))["rmse"] < 1.5
     assert render(scene, (8, 6), backend="numpy").stats.picked == ""
 

@@ -15,7 +15,7 @@ layout(location = 0) out float out_0;
 layout(location = 1) out int out_status;
 
 // The number where one is NaN.
-float sh_min(float a, float b) {
+float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;
 }

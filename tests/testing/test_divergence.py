@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,13 @@ from testing.faults import op, with_fault
 
 import shpy as sh
 from shpy import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
+from shpy.ir.nodes import Let, Module, Value
+from shpy.ir.traverse import rewrite
+from shpy.ir.types import vec
 
 HERE = Path(__file__).read_text().splitlines()
 X = np.linspace(-4, 4, 17).astype(np.float32)
+F, U = vec("f"), vec("u")
 
 
 def line_of(text: str) -> int:
@@ -165,6 +170,67 @@ def test_a_flushed_denormal_is_told():
     assert found.loc.line == line_of("the denormal")
     assert found.denormal
     assert "a denormal: one of the two flushes it to zero" in str(found)
+
+
+def off_by(count: int):
+    """Every sine is `count` numbers further from 0 than it should be."""
+
+    def fault(module: Module) -> Module:
+        def changed(s):
+            if not (isinstance(s, Let) and s.op == "sin"):
+                return s
+            wrong, bits, one, more = (Value(s.value.id + n, t) for n, t in ((9000, F), (9001, U), (9002, U), (9003, U)))
+            return (
+                replace(s, value=wrong),
+                Let(bits, "bits_from_float", (wrong.id,)),
+                Let(one, "const", (), (count,)),
+                Let(more, "add", (bits.id, one.id)),
+                Let(s.value, "float_from_bits", (more.id,)),
+            )
+
+        return replace(module, functions=tuple(replace(f, body=rewrite(f.body, changed)) for f in module.functions))
+
+    return fault
+
+
+@sh.program
+def cancelling(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+    y = sh.sin(x)  # off by a little
+    with SH_FOR(0, n):
+        y[:] = y * 2
+    rest = y - 0.47942 * 2.0**3  # off by much
+    return rest
+
+
+def test_a_distance_may_be_allowed(monkeypatch):
+    with_fault(monkeypatch, "numpy", off_by(2))
+    program, given = sh.Program(cancelling._recorded), (np.float32([1.1, 0.5]), 3)
+    between = {"backends": ("interpreter", "numpy")}
+    found = sh.testing.first_divergence(program, *given, **between)
+    assert (found.loc.line, found.ulp, found.element) == (line_of("off by a little"), 2, (0,))
+    assert "   2 ULP apart" in str(found)
+    found = sh.testing.first_divergence(program, *given, **between, ulp=16)
+    assert (found.loc.line, found.name, found.element) == (line_of("off by much"), "rest", (1,))
+    assert found.ulp > 1000
+    assert [row.same for row in found.rows].index(False) == 6, "what is within the distance is not marked"
+    assert sh.testing.first_divergence(program, *given, **between, ulp=found.ulp) is None
+    assert sh.testing.first_divergence(program, *given, **between, ulp=16, atol=1) is None
+    with pytest.raises(AssertionError, match=f"part at .*:{line_of('off by much')}, element 1(.|\n)* ULP apart"):
+        sh.testing.assert_equivalent(program, *given, **between, ulp=16)
+
+
+def test_ways_that_part_are_found_whatever_distance_is_allowed(monkeypatch):
+    with_fault(monkeypatch, "numpy", off_by(2))
+
+    @sh.program
+    def ways(x: sh.Attrib1f) -> sh.Attrib1f:
+        y = sh.sin(x)
+        with SH_IF(y > 0.47942555):  # the way
+            y += 1
+        return y
+
+    found = sh.testing.first_divergence(ways, np.float32(0.5), backends=("interpreter", "numpy"), ulp=16)
+    assert found.loc.line == line_of("the way")
 
 
 def test_one_backend_is_not_enough():

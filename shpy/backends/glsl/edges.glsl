@@ -1,51 +1,52 @@
 // What GLSL 3.30 leaves open, or drivers do differently, done as the op table says, for one component.
-// Read by prologue.py, which emits what a program uses and adds the vector forms.
+// Read by prologue.py, which emits what a program uses and adds the vector forms. Parameters are precise, for what is
+// computed where they are handed over must be as well: a driver may take `sh_isnan(a - a)` for `sh_isnan(0.0)`.
 
-bool sh_and(bool a, bool b) {
+bool sh_and(precise bool a, precise bool b) {
     return a && b;
 }
 
-bool sh_or(bool a, bool b) {
+bool sh_or(precise bool a, precise bool b) {
     return a || b;
 }
 
-bool sh_xor(bool a, bool b) {
+bool sh_xor(precise bool a, precise bool b) {
     return a != b;
 }
 
-float sh_select(bool c, float a, float b) {
+float sh_select(precise bool c, precise float a, precise float b) {
     return c ? a : b;
 }
 
-int sh_select(bool c, int a, int b) {
+int sh_select(precise bool c, int a, int b) {
     return c ? a : b;
 }
 
-uint sh_select(bool c, uint a, uint b) {
+uint sh_select(precise bool c, uint a, uint b) {
     return c ? a : b;
 }
 
-bool sh_select(bool c, bool a, bool b) {
+bool sh_select(precise bool c, precise bool a, precise bool b) {
     return c ? a : b;
 }
 
 // The number where one is NaN.
-float sh_min(float a, float b) {
+float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;
 }
 
-float sh_max(float a, float b) {
+float sh_max(precise float a, precise float b) {
     precise bool second = a < b || a != a;
     return second ? b : a;
 }
 
-float sh_clamp(float x, float low, float high) {
+float sh_clamp(precise float x, precise float low, precise float high) {
     return sh_min(sh_max(x, low), high);
 }
 
 // Truncates and saturates; 0 for NaN.
-int sh_int(float x) {
+int sh_int(precise float x) {
     precise bool inside = x > -2147483648.0 && x < 2147483648.0;
     precise bool above = x >= 2147483648.0;
     precise bool below = x <= -2147483648.0;
@@ -53,7 +54,7 @@ int sh_int(float x) {
 }
 
 // In two halves: a driver may convert through int.
-uint sh_uint(float x) {
+uint sh_uint(precise float x) {
     precise bool inside = x > 0.0 && x < 4294967296.0;
     precise bool above = x >= 4294967296.0;
     precise float past = x - 2147483648.0;
@@ -96,27 +97,27 @@ int sh_popcount(int a) {
     return int(sh_popcount(uint(a)));
 }
 
-uint sh_bits(float x) {
+uint sh_bits(precise float x) {
     precise bool nan = x != x;
     return nan ? 0x7fc00000u : floatBitsToUint(x);
 }
 
-bool sh_isnan(float x) {
+bool sh_isnan(precise float x) {
     return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u;
 }
 
-bool sh_isinf(float x) {
+bool sh_isinf(precise float x) {
     return (floatBitsToUint(x) & 0x7fffffffu) == 0x7f800000u;
 }
 
-float sh_sign(float x) {
+float sh_sign(precise float x) {
     precise bool above = x > 0.0;
     precise bool below = x < 0.0;
     return float(above) - float(below);
 }
 
 // x * 2^n rounded once: by the bits, but for results that are denormal (one product) or too large.
-float sh_ldexp(float x, int n) {
+float sh_ldexp(precise float x, int n) {
     uint bits = floatBitsToUint(x);
     int raised = (bits & 0x7f800000u) == 0u ? 24 : 0;
     precise float normal = raised == 0 ? x : x * 16777216.0;
@@ -130,7 +131,7 @@ float sh_ldexp(float x, int n) {
 }
 
 // The nearest binary16, half to even: by the bits, but for halves that are denormal, where 2^-24 is the last place.
-float sh_half(float x) {
+float sh_half(precise float x) {
     uint bits = floatBitsToUint(x);
     uint size = bits & 0x7fffffffu;
     uint rounded = (size + 0xfffu + ((size >> 13) & 1u)) & 0xffffe000u;
@@ -141,7 +142,7 @@ float sh_half(float x) {
 }
 
 // a * b as a sum of two floats (Dekker 1971), for products that neither overflow nor underflow.
-vec2 sh_two_product(float a, float b) {
+vec2 sh_two_product(precise float a, precise float b) {
     precise float product = a * b;
     precise float a_high = a * 4097.0 - (a * 4097.0 - a);
     precise float b_high = b * 4097.0 - (b * 4097.0 - b);
@@ -152,7 +153,7 @@ vec2 sh_two_product(float a, float b) {
 }
 
 // a + b as a sum of two floats (Knuth 1969).
-vec2 sh_two_sum(float a, float b) {
+vec2 sh_two_sum(precise float a, precise float b) {
     precise float sum = a + b;
     precise float back = sum - a;
     precise float rest = (a - (sum - back)) + (b - back);
@@ -161,7 +162,7 @@ vec2 sh_two_sum(float a, float b) {
 
 // a * b + c rounded once: the exact parts of the product and of the sums, the lower ones rounded to odd (Boldo and
 // Melquiond 2008). Mantissas are taken to [1, 2), so that no part leaves the range.
-float sh_fma(float a, float b, float c) {
+float sh_fma(precise float a, precise float b, precise float c) {
     uvec3 bits = floatBitsToUint(vec3(a, b, c));
     ivec3 e = ivec3((bits >> 23) & 255u) - 127;
     vec3 m = uintBitsToFloat((bits & 0x807fffffu) | 0x3f800000u);

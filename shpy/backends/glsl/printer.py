@@ -116,7 +116,7 @@ class Printer(CLike):
         self.exact = exact
         self.sheltered = sheltered_functions(module)
         self.guarded = False
-        self.prologue = Prologue()
+        self.prologue = Prologue(exact=exact)
         self.tables: dict[str, TableTexture] = {}
         self.reader_names: dict[str, str] = {}
         self.readers: dict[str, str] = {}

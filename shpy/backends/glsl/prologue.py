@@ -7,7 +7,7 @@ is these, those that they call, and their forms for vectors, in the order of the
 >>> prologue.use("sh_min", (vec(Base.F, 2),) * 2)
 'sh_min'
 >>> print(prologue.text().split("\n\n")[1])
-vec2 sh_min(vec2 a, vec2 b) {
+vec2 sh_min(precise vec2 a, precise vec2 b) {
     return vec2(sh_min(a.x, b.x), sh_min(a.y, b.y));
 }
 """
@@ -26,6 +26,8 @@ SCALARS: Final = {Base.F: "float", Base.I: "int", Base.U: "uint", Base.B: "bool"
 """GLSL's name of one component."""
 
 _VECTORS: Final = {Base.F: "vec", Base.I: "ivec", Base.U: "uvec", Base.B: "bvec"}
+_ROUNDED: Final = ("float", "bool")
+_PRECISE: Final = "precise "
 _HEAD: Final = re.compile(r"^(\w+) (sh_\w+)\((.*)\) \{$", re.MULTILINE)
 
 
@@ -52,7 +54,10 @@ class Helper:
     def sized(self, size: int) -> str:
         """The same function of vectors, component by component."""
         wide = {scalar: f"{_VECTORS[base]}{size}" for base, scalar in SCALARS.items()}
-        takes = ", ".join(f"{wide[t]} {p}" for t, p in zip(self.types, self.parameters, strict=True))
+        takes = ", ".join(
+            f"{_PRECISE if t in _ROUNDED else ''}{wide[t]} {p}"
+            for t, p in zip(self.types, self.parameters, strict=True)
+        )
         each = [f"{self.name}({', '.join(f'{p}.{c}' for p in self.parameters)})" for c in "xyzw"[:size]]
         result = wide[self.result]
         return f"{result} {self.name}({takes}) {{\n    return {result}({', '.join(each)});\n}}"
@@ -68,7 +73,7 @@ def helpers() -> tuple[Helper, ...]:
         if head is None:
             continue
         result, name, inside = head.groups()
-        pairs = [p.rsplit(" ", 1) for p in inside.split(", ")]
+        pairs = [p.removeprefix(_PRECISE).rsplit(" ", 1) for p in inside.split(", ")]
         found.append(
             Helper(name, result, tuple(t for t, _ in pairs), tuple(p for _, p in pairs), paragraph.strip("\n"))
         )
@@ -76,9 +81,10 @@ def helpers() -> tuple[Helper, ...]:
 
 
 class Prologue:
-    """The functions that one shader uses."""
+    """The functions that one shader uses. `exact`: what is handed to them keeps its order of operations."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, exact: bool = True) -> None:
+        self._exact = exact
         self._used: set[Helper] = set()
         self._sized: set[tuple[Helper, int]] = set()
 
@@ -105,4 +111,5 @@ class Prologue:
             if helper in wanted:
                 parts.append(helper.text)
                 parts += [helper.sized(size) for size in (2, 3, 4) if (helper, size) in self._sized]
-        return "\n\n".join(parts)
+        text = "\n\n".join(parts)
+        return text if self._exact else _HEAD.sub(lambda head: head[0].replace(_PRECISE, ""), text)

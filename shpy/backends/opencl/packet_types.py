@@ -20,9 +20,12 @@ from functools import cache
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type
 from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import remove_unused_functions
+from shpy.passes.names import fresh
+from shpy.passes.rewriter import Functions, Rewriter
 from shpy.passes.uniformity import varies
 from shpy.passes.vectorize import VectorModule
 
@@ -78,36 +81,35 @@ def widen(vector: VectorModule, lanes: int) -> Module:
     """The module with types that tell what varies. Its pure functions come twice, as far as they are used."""
     functions = vector.module.functions
     names = {f.name for f in functions}
-    uniform = {f.name: _fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
+    uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
     made: list[Function] = []
     for f in functions:
         if f.pure:
-            made.append(_renamed(f, uniform))
+            made.append(_Uniform(f, {}, uniform).run())
         facts = _everything_varies(f) if f.pure else vector.facts[f.name]
         made.append(_Widener(f, facts, lanes, uniform).run())
     return remove_unused_functions(replace(vector.module, functions=tuple(made)))
 
 
-def _fresh(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
+class _Uniform(Rewriter):
+    """A pure function for arguments that do not vary, calling others of that kind: all lanes are as one."""
 
+    def __init__(self, function: Function, functions: Functions, names: dict[str, str]) -> None:
+        super().__init__(replace(function, name=names[function.name]), functions)
+        self.names = names
 
-def _renamed(function: Function, names: dict[str, str]) -> Function:
-    """A function for arguments that do not vary, calling others of that kind."""
-    body = tuple(
-        replace(s, attr=names[str(s.attr)]) if isinstance(s, Let) and s.op == "call" else s for s in function.body
-    )
-    return replace(function, name=names[function.name], body=body)
+    def let(self, let: Let) -> None:
+        if let.op == "lane_any":
+            self.replace(let.value, let.args[0])
+        else:
+            self.emit(replace(let, attr=self.names[str(let.attr)]) if let.op == "call" else let)
 
 
 def _everything_varies(function: Function) -> LaneFacts:
     """What varies in a pure function whose arguments do: all slots, and what comes from these and from those."""
     slots = frozenset(v.id for v in (*function.outputs, *function.variables))
     varying = {v.id for v in function.inputs}
-    for s in function.body:
+    for s in walk(function.body):
         if isinstance(s, Let) and (s.op == "load" or varies(s.op, (a in varying for a in s.args))):
             varying.add(s.value.id)
     return LaneFacts(frozenset(varying), slots)

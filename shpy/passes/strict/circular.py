@@ -1,8 +1,8 @@
 """Sine, cosine, tangent and their inverses, from operations that every target rounds alike.
 
 Stage: improve. Angles are reduced to within an eighth of a turn with pi / 2 in three parts (Cody and Waite 1980), and
-the reduced angle is kept in two, so that what cancels beside a multiple of pi / 2 costs nothing. Past 2**20 there is
-no reduction: the angle is taken for 0.
+the reduced angle is kept in two, so that what cancels beside a multiple of pi / 2 costs nothing. Past 2**20, which is
+rare, the function of `payne_hanek` reduces them.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from shpy.passes.strict.parts import (
     two_sum,
     whole_and_shifted,
 )
-from shpy.passes.terms import Term, where
+from shpy.passes.strict.payne_hanek import FAR
+from shpy.passes.terms import Term, joined, replaced, where
 
 __all__ = ["acos", "asin", "atan", "atan2", "cos", "sin", "tan"]
 
 Pair = tuple[Term, Term]
+Triple = tuple[Term, Term, Term]
 
 INFINITY: Final = float("inf")
-FAR: Final = 2.0**20
-"""Angles up to here are reduced."""
 
 
 def _times_part(k: Term, part: float) -> Pair:
@@ -49,13 +49,24 @@ def _times_part(k: Term, part: float) -> Pair:
     return product, (rest.named("rest") + k_low * high + k_low * low).named("product_low")
 
 
-def _reduced(x: Term) -> tuple[Term, Term, Term]:
-    """(high, low, k): x is k * pi / 2 + high + low, and high at most pi / 4."""
+def _reduced(x: Term) -> Triple:
+    """(high, low, k): x is k * pi / 2 + high + low but for whole turns, and high at most pi / 4."""
+
+    def far() -> list[Term]:
+        found = [x[n].op("payne_hanek", type=x.type.sized(3)) for n in range(x.type.size)]
+        return [joined(*(triple[n] for triple in found)) for n in range(3)]
+
+    near = dict(zip(("high", "low", "k"), _near_reduced(x), strict=True))
+    high, low, k = replaced((abs(x) > FAR).named("far"), near, far)
+    return high, low, k
+
+
+def _near_reduced(x: Term) -> Triple:
+    """The same for an x of at most FAR in size; anything for others."""
     first, second, third = (constants(x, HALF_PI) + (0.0,))[:3]
-    near = where(abs(x) <= FAR, x, x - x).named("near")
-    k = whole_and_shifted(near * constants(x, TWO_BY_PI)[0])[0].named("k")
+    k = whole_and_shifted(x * constants(x, TWO_BY_PI)[0])[0].named("near_k")
     product, rest = _times_part(k, first)
-    left = (near - product).named("left")
+    left = (x - product).named("left")
     if x.type.base is Base.F:
         left, lost = two_sum(left, -rest)
     product, rest = _times_part(k, second)
@@ -64,7 +75,7 @@ def _reduced(x: Term) -> tuple[Term, Term, Term]:
     if x.type.base is Base.F:
         tail = (lost + more - rest).named("lost") - k * third
     high, low = fast_two_sum(left, tail.named("tail"))
-    return high.named("high"), low.named("low"), k
+    return high.named("near_high"), low.named("near_low"), k
 
 
 def _quadrant(k: Term) -> Pair:

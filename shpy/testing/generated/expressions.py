@@ -1,6 +1,6 @@
 """Draws expressions of a wanted type from what is in sight.
 
-Stage: test. Only operations with one exact answer, so that every target must give the same bits.
+Stage: test. Only operations with one exact answer, so that every target must give the same bits: those of strict mode.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
 from shpy.testing.generated.inputs import NUMBERS
 from shpy.testing.generated.syntax import (
@@ -44,6 +45,7 @@ FLOAT_TERNARY = ("clamp", "mix", "mad", "smoothstep", "fma")
 INT_UNARY = ("neg", "not", "abs", "popcount", "sign")
 INT_BINARY = ("add", "sub", "mul", "and", "or", "xor", "floordiv", "floormod", "min", "max", "shl", "shr")
 VECTOR = ("dot", "distance")
+FUNCTIONS = tuple(sorted(TRANSCENDENTALS))
 COMPARE = ("lt", "eq", "ge", "ne", "gt", "le")
 
 
@@ -111,6 +113,9 @@ class Expressions:
 
     def arithmetic(self, type: Type, depth: int) -> Expr:
         """An expression of floats."""
+        if self.chance(4):
+            op = self.pick(FUNCTIONS)
+            return self.row(type, op, OPS[op].signature.count("T") - 1, depth)
         kind = self.draw(st.integers(0, 9))
         if kind < 5:
             return self.row(type, self.pick(FLOAT_BINARY), 2, depth)

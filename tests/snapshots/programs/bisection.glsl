@@ -12,7 +12,7 @@ uniform int each_x;  // 0 where one value serves all elements
 layout(location = 0) out float out_0;
 layout(location = 1) out int out_status;
 
-float sh_max(float a, float b) {
+float sh_max(precise float a, precise float b) {
     precise bool second = a < b || a != a;
     return second ? b : a;
 }

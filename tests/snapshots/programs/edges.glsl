@@ -20,34 +20,34 @@ layout(location = 5) out float out_5;
 layout(location = 6) out uint out_6;
 
 // The number where one is NaN.
-float sh_min(float a, float b) {
+float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;
 }
 
-float sh_max(float a, float b) {
+float sh_max(precise float a, precise float b) {
     precise bool second = a < b || a != a;
     return second ? b : a;
 }
 
-float sh_clamp(float x, float low, float high) {
+float sh_clamp(precise float x, precise float low, precise float high) {
     return sh_min(sh_max(x, low), high);
 }
 
 // Truncates and saturates; 0 for NaN.
-int sh_int(float x) {
+int sh_int(precise float x) {
     precise bool inside = x > -2147483648.0 && x < 2147483648.0;
     precise bool above = x >= 2147483648.0;
     precise bool below = x <= -2147483648.0;
     return inside ? int(x) : above ? 2147483647 : below ? (-2147483647 - 1) : 0;
 }
 
-uint sh_bits(float x) {
+uint sh_bits(precise float x) {
     precise bool nan = x != x;
     return nan ? 0x7fc00000u : floatBitsToUint(x);
 }
 
-float sh_sign(float x) {
+float sh_sign(precise float x) {
     precise bool above = x > 0.0;
     precise bool below = x < 0.0;
     return float(above) - float(below);

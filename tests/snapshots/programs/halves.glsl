@@ -14,7 +14,7 @@ layout(location = 0) out float out_0;
 layout(location = 1) out float out_1;
 
 // The nearest binary16, half to even: by the bits, but for halves that are denormal, where 2^-24 is the last place.
-float sh_half(float x) {
+float sh_half(precise float x) {
     uint bits = floatBitsToUint(x);
     uint size = bits & 0x7fffffffu;
     uint rounded = (size + 0xfffu + ((size >> 13) & 1u)) & 0xffffe000u;

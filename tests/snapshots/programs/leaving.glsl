@@ -13,7 +13,7 @@ layout(location = 0) out int out_0;
 layout(location = 1) out int out_1;
 layout(location = 2) out int out_status;
 
-bool sh_isnan(float x) {
+bool sh_isnan(precise float x) {
     return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u;
 }
 

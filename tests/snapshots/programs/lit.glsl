@@ -18,7 +18,7 @@ uniform int each_n;  // 0 where one value serves all elements
 layout(location = 0) out vec3 out_0;
 layout(location = 1) out float out_1;
 
-float sh_max(float a, float b) {
+float sh_max(precise float a, precise float b) {
     precise bool second = a < b || a != a;
     return second ? b : a;
 }

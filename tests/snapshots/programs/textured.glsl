@@ -14,33 +14,33 @@ uniform int each_uv;  // 0 where one value serves all elements
 layout(location = 0) out vec3 out_0;
 
 // The number where one is NaN.
-float sh_min(float a, float b) {
+float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;
 }
 
-float sh_max(float a, float b) {
+float sh_max(precise float a, precise float b) {
     precise bool second = a < b || a != a;
     return second ? b : a;
 }
 
-float sh_clamp(float x, float low, float high) {
+float sh_clamp(precise float x, precise float low, precise float high) {
     return sh_min(sh_max(x, low), high);
 }
 
-vec2 sh_clamp(vec2 x, vec2 low, vec2 high) {
+vec2 sh_clamp(precise vec2 x, precise vec2 low, precise vec2 high) {
     return vec2(sh_clamp(x.x, low.x, high.x), sh_clamp(x.y, low.y, high.y));
 }
 
 // Truncates and saturates; 0 for NaN.
-int sh_int(float x) {
+int sh_int(precise float x) {
     precise bool inside = x > -2147483648.0 && x < 2147483648.0;
     precise bool above = x >= 2147483648.0;
     precise bool below = x <= -2147483648.0;
     return inside ? int(x) : above ? 2147483647 : below ? (-2147483647 - 1) : 0;
 }
 
-ivec2 sh_int(vec2 x) {
+ivec2 sh_int(precise vec2 x) {
     return ivec2(sh_int(x.x), sh_int(x.y));
 }
 

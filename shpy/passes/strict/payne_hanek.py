@@ -1,0 +1,95 @@
+"""Angles of any size, less the multiples of pi / 2 in them (Payne and Hanek 1983).
+
+Stage: improve. x * 2 / pi is wanted but for multiples of 4, and so only some of the digits of 2 / pi matter: those
+whose products with the digits of x are neither multiples of 4 nor too small. Digits are balanced, whole numbers of at
+most half of the radix in size, so that a column of products and its carry are exact in the float itself.
+
+    [high, low, k] = payne_hanek(x)    # x is k * pi / 2 + high + low, and some turns; high is at most pi / 4
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from shpy.ir.types import Base
+from shpy.passes.strict.coefficients import PI, TWO_BY_PI_DIGITS
+from shpy.passes.strict.parts import constants, fast_two_sum, two_product, whole_and_shifted
+from shpy.passes.terms import Term, joined, replaced, where
+
+__all__ = ["BOUNDED", "FAR", "payne_hanek"]
+
+FAR: Final = 2.0**20
+"""From here on x may be; it is scaled to less than FAR times the radix."""
+
+_RADIX_BITS: Final = {Base.F: 12, Base.D: 26}
+"""Three digits hold a float that is from 1 up to the radix: its 24 or 53 bits, wherever the first of them is."""
+
+_SHIFTS: Final = {Base.F: (8, 4, 2, 1), Base.D: (32, 16, 8, 4, 2, 1)}
+"""By how many digits x is scaled down, all in all up to 2**128 or 2**1024."""
+
+_COLUMNS: Final = 7
+"""Digits of x * 2 / pi: one of multiples of 4 and of k, and six of the rest. Of these two or less may vanish."""
+
+_WINDOW: Final = _COLUMNS + 2
+
+
+def _window(x: Term) -> tuple[Term, list[Term]]:
+    """x / FAR from 1 up to the radix, scaled by a power of the radix, and the digits that meet it then."""
+    base = x.type.base
+    bits = _RADIX_BITS[base]
+    window = [x.constant(digit) for digit in constants(x, TWO_BY_PI_DIGITS)]
+    for shift in _SHIFTS[base]:
+        large = (abs(x) >= FAR * 2.0 ** (bits * shift)).named("large")
+        x = where(large, x * 2.0 ** (-bits * shift), x).named("scaled")
+        shifted = [where(large, b, a).named("digit") for a, b in zip(window, window[shift:], strict=False)]
+        window = (shifted + window[len(shifted) :])[: _WINDOW + shift - 1]
+    return (x * (1 / FAR)).named("mantissa"), window
+
+
+def _fraction(x: Term) -> tuple[Term, Term, Term]:
+    """x * 2 / pi, but for multiples of 4, as (high, low, k): k is whole, and the others at most 1/2 in all."""
+    mantissa, window = _window(x)
+    radix = 2.0 ** _RADIX_BITS[x.type.base]
+    first = whole_and_shifted(mantissa)[0].named("first")
+    rest = ((mantissa - first) * radix).named("rest")
+    second = whole_and_shifted(rest)[0].named("second")
+    third = ((rest - second) * radix).named("third")
+    columns = [
+        (first * window[n + 2] + second * window[n + 1] + third * window[n]).named("column") for n in range(_COLUMNS)
+    ]
+    found = []
+    total = columns.pop()
+    while columns:
+        carry = whole_and_shifted(total * (1 / radix))[0].named("carry")
+        found.append((total - carry * radix).named("place"))
+        total = (columns.pop() + carry).named("total")
+    # Two places stand in one float.
+    scales = [radix**-2, radix**-4, radix**-6]
+    a, b, c = (
+        ((upper * radix + lower) * scale).named("pair")
+        for upper, lower, scale in zip(found[::-2], found[-2::-2], scales, strict=True)
+    )
+    high, low = fast_two_sum(a, b)
+    return high, (low + c).named("low"), total.named("k")
+
+
+def payne_hanek(x: Term) -> Term:
+    """[high, low, k]: the scalar x, of FAR or more in size, is some turns and k * pi / 2 + high + low."""
+    part, part_low, k = _fraction(x)
+    pi, pi_low = constants(x, PI)
+    product, rest = two_product(part, x.constant(pi * 0.5))
+    high, low = fast_two_sum(product, (rest + (part * (pi_low * 0.5) + part_low * (pi * 0.5))).named("tail"))
+    return joined(high.named("high"), low.named("low"), k)
+
+
+def _bounded(name: str) -> Callable[[Term], Term]:
+    def meaning(x: Term) -> Term:
+        far = (abs(x) > FAR).named("far")
+        return replaced(far, {"size": x.op(name)}, lambda: [x.op(f"{name}_strict", type=x.type)])[0]
+
+    return meaning
+
+
+BOUNDED: Final = {name: _bounded(name) for name in ("sin", "cos")}
+"""The target's own functions, and the strict ones for angles that are far."""
