@@ -26,6 +26,7 @@ from functools import reduce
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
+from shpy.ir.traverse import walk
 
 __all__ = ["COMPONENTS", "GEOMETRY", "SCALED", "take_apart"]
 
@@ -56,7 +57,7 @@ def _expressions(functions: Sequence[Function]) -> set[str]:
     """The pure functions that still are when every vector is taken apart: neither they nor what they call give any."""
     found: set[str] = set()
     for f in functions:
-        called = {s.attr for s in f.body if isinstance(s, Let) and s.op == "call"}
+        called = {s.attr for s in walk(f.body) if isinstance(s, Let) and s.op == "call"}
         if f.pure and f.outputs[0].type.size == 1 and called <= found:
             found.add(f.name)
     return found

@@ -48,7 +48,7 @@ def on_a_grid() -> sh.Attrib1f:
     row, column = sh.grid_index(2)
     total = sh.Attrib1f(0)
     with SH_FOR(7) as j:
-        total += sh.sin(sh.Attrib1f(row * j)) * column
+        total += sh.sqrt(sh.Attrib1f(row * j)) * column
     return total
 
 
