@@ -48,7 +48,7 @@ class WideIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        node = NodeTest(ray, eye, near, self.margin)
+        node = NodeTest(ray, eye, near, self.margin, self.last)
         block = BlockTest(ray, eye, near)
         stack = Stack(self.deepest, self.last)
         reach = farther(limit) + LEAST
@@ -57,7 +57,6 @@ class WideIntersector:
         with SH_IF((near < limit) & is_ray(ray, eye)), SH_DO():
             with SH_WHILE(lambda: (key & LEAF) == 0):  # not so of NONE either
                 keys, first = node(self.records, ROWS * place, reach)
-                first = sh.clamp(first, 0, self.last)  # as it is: so every row is known to be in range
                 nearest = least_of(keys)
                 keys = beyond(nearest, keys)
                 second = least_of(keys)
@@ -101,6 +100,11 @@ def child(key: Any, first: Any) -> Any:
     return first + sh.Attrib1i(key & (LEAF - 1))
 
 
+def record_of(number: Any, last: int) -> Any:
+    """A record's number as it is read: no more than `last`, as it is anyway, so that it is known to be in range."""
+    return sh.Attrib1i(sh.min(number, sh.Attrib1u(last)))
+
+
 class Stack:
     """What is still to be looked into: the record's number and the box's key, which says where the box begins."""
 
@@ -120,7 +124,7 @@ class Stack:
         with SH_DO():
             self.top -= 1
             SH_UNTIL(sh.float_from_bits(self.held[self.top].y) <= reach)
-        place[:] = sh.clamp(sh.Attrib1i(self.held[self.top].x), 0, self.last)
+        place[:] = record_of(self.held[self.top].x, self.last)
         key[:] = self.held[self.top].y
 
 
@@ -130,10 +134,9 @@ class NodeTest:
     Which side of a box a ray comes to first is known from the ray's sign, so `first` and `last` are rows of a node.
     """
 
-    def __init__(self, ray: Any, eye: Any, near: Any, margin: float) -> None:
+    def __init__(self, ray: Any, eye: Any, near: Any, margin: float, last: int) -> None:
         inverse = inverse_of(ray)
-        self.eye = eye
-        self.near = higher(0.0, sh.Attrib1f(near))  # as it is: so the key is known not to be NaN
+        self.eye, self.near, self.last_record = eye, near, last
         self.sooner = inverse * (1 - margin)
         self.later = sh.clamp(inverse * (1 + margin), -FAR, FAR)
         self.first = [sh.cond(inverse[axis] < 0, 2 * (axis + 3), 2 * axis) for axis in range(3)]  # -0.0 goes down too
@@ -145,7 +148,7 @@ class NodeTest:
         A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
         """
         keys = [self.half(records, row, half, reach) for half in range(2)]
-        return keys, sh.Attrib1i(records[row + FIRST].x)
+        return keys, record_of(records[row + FIRST].x, self.last_record)
 
     def half(self, records: Any, row: Any, half: int, reach: Any) -> Any:
         """The keys of four boxes."""
@@ -154,7 +157,7 @@ class NodeTest:
             return (sh.float_from_bits(records[row + (side + half)]) - self.eye[axis]) * inverse[axis]
 
         x, y, z = (along(axis, self.first[axis], self.sooner) for axis in range(3))
-        enter = higher(self.near, higher(higher(x, y), z))
+        enter = higher(higher(x, y), higher(z, self.near))
         x, y, z = (along(axis, self.last[axis], self.later) for axis in range(3))
         leave = lower(lower(x, y), lower(z, reach))
         tagged = (sh.bits_from_float(enter) & (NONE - 2 * LEAF + 1)) | records[row + (TAGS + half)]

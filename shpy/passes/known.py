@@ -1,13 +1,11 @@
-"""What is known of values before anything runs: between which numbers an int lies, and that a float is never NaN.
+"""What is known of values before anything runs: between which numbers an int lies.
 
-Stage: improve; it changes nothing. A printer asks, and leaves out what cannot come up: the clamp of an index that is in
-range anyway, the one answer for every NaN. What is not known to be so may be anything.
+Stage: improve; it changes nothing. A printer asks, and leaves out the clamp of an index that is in range anyway. What
+is not known to be so may be anything.
 
     %3: i = min %2, %n        of which %2 is at least 0 and %n is 9
     %5: i = and %4, 7
     %6: i = add %3, %5        span(%6) == (0, 16)
-    %8: b = lt %x, %y
-    %9: f = cond %8, %y, 1.0  never_nan(%9): a NaN is not greater than anything
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 
-from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, Let, Store, Variable
 from shpy.ir.traverse import results, walk
 from shpy.ir.types import Base
@@ -28,7 +25,6 @@ _SPANS = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1), Base.B: (0, 1)}
 _SAME = frozenset({"splat", "construct", "swizzle"})
 _DEEPEST = 50
 """Operations that an answer is sought behind."""
-_ORDERED = frozenset({"lt", "le", "gt", "ge", "eq"})
 
 
 class Known:
@@ -91,32 +87,6 @@ class Known:
             self._spans[key] = anything
             self._spans[key] = _hull([(0, 0), *(self.span(v) for v in self._stored[variable])])
         return self._spans[key]
-
-    def never_nan(self, value: int, depth: int = _DEEPEST) -> bool:
-        """Whether no component of a float can be NaN."""
-        let = self._lets.get(value)
-        if let is None or depth == 0:
-            return False
-        if let.op == "const":
-            assert isinstance(let.attr, tuple)
-            return all(x == x for x in decode(let.value.type, let.attr))
-        if let.op in _SAME:
-            return all(self.never_nan(a, depth - 1) for a in let.args)
-        if let.op != "cond":
-            return False
-        condition, then, orelse = let.args
-        return (self._compared(condition, then) or self.never_nan(then, depth - 1)) and self.never_nan(
-            orelse, depth - 1
-        )
-
-    def _compared(self, condition: int, value: int) -> bool:
-        """Whether a condition that holds says that a value is no NaN."""
-        let = self._lets.get(condition)
-        if let is None:
-            return False
-        if let.op == "and":
-            return any(self._compared(a, value) for a in let.args)
-        return let.op in _ORDERED and value in let.args
 
 
 def _hull(spans: list[Span]) -> Span:

@@ -240,8 +240,6 @@ class Spelling(CLike):
         narrow = type.based(Base.F)
         if type is not narrow:
             e = self.convert(narrow, e, type)
-        if self.known.never_nan(let.args[0]):
-            return ex.call(f"as_{self.type_name(let.value.type)}", e)
         return ex.call(self.prologue.use("bits_from_float", narrow), e)
 
     def op_float_from_bits(self, let: Let) -> Expr:
