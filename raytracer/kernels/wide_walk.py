@@ -48,7 +48,7 @@ class WideIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        node = NodeTest(ray, eye, near, self.margin, self.last)
+        node = NodeTest(ray, eye, near, self.margin)
         block = BlockTest(ray, eye, near)
         stack = Stack(self.deepest, self.last)
         reach = farther(limit) + LEAST
@@ -56,12 +56,13 @@ class WideIntersector:
         key = sh.Attrib1u(0)
         with SH_IF((near < limit) & is_ray(ray, eye)), SH_DO():
             with SH_WHILE(lambda: (key & LEAF) == 0):  # not so of NONE either
-                keys, first = node(self.records, ROWS * place, reach)
+                row = ROWS * place
+                keys = node(self.records, row, reach)
+                first = record_of(self.records[row + FIRST].x, self.last)
                 nearest = least_of(keys)
                 keys = beyond(nearest, keys)
                 second = least_of(keys)
-                keys = beyond(second, keys)
-                self.push_all(keys, first, stack)
+                stack.push_all(beyond(second, keys), first)
                 stack.push(second.x, first)
                 key[:] = nearest.x
                 place[:] = child(nearest.x, first)
@@ -71,16 +72,6 @@ class WideIntersector:
             stack.pop(place, key, reach)
             SH_UNTIL((stack.top == 0) | (any_hit & (hit.id >= 0)))
         return hit
-
-    def push_all(self, keys: list[Any], first: Any, stack: Stack) -> None:
-        """Put boxes on the stack: more than two are met seldom enough for a branch, and for no order."""
-        left = [sh.Attrib4u(half) for half in keys]
-        next = least_of(left)
-        with SH_WHILE(lambda: next.x != NONE):
-            stack.push(next.x, first)
-            for half, rest in zip(left, beyond(next, left), strict=True):
-                half[:] = rest
-            next[:] = least_of(left)
 
 
 def least_of(keys: list[Any]) -> Any:
@@ -119,6 +110,16 @@ class Stack:
         self.held[self.top] = sh.Attrib2u(sh.Attrib1u(child(key, first)), key)
         self.top += sh.cond(key != NONE, 1, 0)
 
+    def push_all(self, keys: list[Any], first: Any) -> None:
+        """Put on the stack what comes after the second: seldom anything, so that a branch pays and order does not."""
+        rest = [sh.Attrib4u(half) for half in keys]
+        least = least_of(rest)
+        with SH_WHILE(lambda: least.x != NONE):
+            self.push(least.x, first)
+            for half, left in zip(rest, beyond(least, rest), strict=True):
+                half[:] = left
+            least[:] = least_of(rest)
+
     def pop(self, place: Any, key: Any, reach: Any) -> None:
         """Take off what begins beyond `reach`, and store the first that does not; at the bottom is what begins at 0."""
         with SH_DO():
@@ -134,21 +135,20 @@ class NodeTest:
     Which side of a box a ray comes to first is known from the ray's sign, so `first` and `last` are rows of a node.
     """
 
-    def __init__(self, ray: Any, eye: Any, near: Any, margin: float, last: int) -> None:
+    def __init__(self, ray: Any, eye: Any, near: Any, margin: float) -> None:
         inverse = inverse_of(ray)
-        self.eye, self.near, self.last_record = eye, near, last
+        self.eye, self.near = eye, near
         self.sooner = inverse * (1 - margin)
         self.later = sh.clamp(inverse * (1 + margin), -FAR, FAR)
         self.first = [sh.cond(inverse[axis] < 0, 2 * (axis + 3), 2 * axis) for axis in range(3)]  # -0.0 goes down too
         self.last = [4 * axis + 6 - first for axis, first in enumerate(self.first)]
 
-    def __call__(self, records: Any, row: Any, reach: Any) -> tuple[list[Any], Any]:
-        """The keys of a node's boxes, in two halves, and the number of its first child's record.
+    def __call__(self, records: Any, row: Any, reach: Any) -> list[Any]:
+        """The keys of a node's boxes, in two halves.
 
         A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
         """
-        keys = [self.half(records, row, half, reach) for half in range(2)]
-        return keys, record_of(records[row + FIRST].x, self.last_record)
+        return [self.half(records, row, half, reach) for half in range(2)]
 
     def half(self, records: Any, row: Any, half: int, reach: Any) -> Any:
         """The keys of four boxes."""
