@@ -2,9 +2,10 @@
 
 Stage: kernel, for rays that have little in common with their neighbours. Vectors of four hold what boxes or triangles
 say to one ray, so a CPU's vectors are full though the ray walks alone. What such a ray waits for is the way from one
-node to the next: the fewer nodes the better, and nothing that can be done beside that way costs much. Of the boxes that
-the ray meets the nearest is looked into next; the others are put on a stack, the second on top, and are looked into
-unless a hit has been found before them.
+node to the next: the fewer nodes the better, and nothing that can be done beside that way costs much.
+
+Of the boxes that a ray meets the nearest is looked into next; the others are put on a stack, the second on top, and are
+looked into unless a hit has been found before them. Where any hit will do, no order is sought.
 
 What is computed of a triangle is what `TriangleTest` computes, to the bit, and so is the hit.
 """
@@ -21,7 +22,7 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, ROWS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, is_ray, lower, product, same_side
-from shpy import SH_DO, SH_IF, SH_UNTIL, SH_WHILE
+from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
 NONE = 0xFFFFFFFF
 """The key of a box that is not met: it comes after all others."""
@@ -42,23 +43,28 @@ class WideIntersector:
         spare = np.zeros((WIDTH - 1, ROWS, HALF), np.uint32)  # so that a child's number is in range without a look
         records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
         self.records = sh.Table(records, sh.Attrib4u, "records")
-        self.deepest = (WIDTH - 1) * wide.depth + 2
+        self.depth = wide.depth
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
+        """The nearest hit at a distance in [near, limit); with `any_hit` the first that is found."""
         hit = Hit(limit)
-        node = NodeTest(ray, eye, near, self.margin)
-        block = BlockTest(ray, eye, near)
-        stack = Stack(self.deepest, self.last)
-        reach = farther(limit) + LEAST
+        walk = self.find_any if any_hit else self.find_nearest
+        with SH_IF((near < limit) & is_ray(ray, eye)):
+            walk(NodeTest(ray, eye, near, self.margin), BlockTest(ray, eye, near), hit)
+        return hit
+
+    def find_nearest(self, node: NodeTest, block: BlockTest, hit: Hit) -> None:
+        """Look into the nearest box first, and into none that begins behind the nearest hit."""
+        stack = Stack((WIDTH - 1) * self.depth + 2)
+        reach = farther(hit.l) + LEAST
         place = sh.Attrib1i(0)
         key = sh.Attrib1u(0)
-        with SH_IF((near < limit) & is_ray(ray, eye)), SH_DO():
+        with SH_DO():
             with SH_WHILE(lambda: (key & LEAF) == 0):  # not so of NONE either
                 row = ROWS * place
-                keys = node(self.records, row, reach)
-                first = record_of(self.records[row + FIRST].x, self.last)
+                keys = node.keys(self.records, row, reach)
+                first = self.number(self.records[row + FIRST].x)
                 nearest = least_of(keys)
                 keys = beyond(nearest, keys)
                 second = least_of(keys)
@@ -69,9 +75,39 @@ class WideIntersector:
             with SH_IF(key != NONE):
                 block(self.records, ROWS * place, hit)
                 reach[:] = farther(hit.l) + LEAST
-            stack.pop(place, key, reach)
-            SH_UNTIL((stack.top == 0) | (any_hit & (hit.id >= 0)))
-        return hit
+            number, met = stack.pop(reach)
+            place[:] = self.number(number)
+            key[:] = met
+            SH_UNTIL(stack.top == 0)
+
+    def find_any(self, node: NodeTest, block: BlockTest, hit: Hit) -> None:
+        """Look into boxes in the order in which they stand: a bit for each sibling that is met says what is left."""
+        held = sh.Array(sh.Attrib2u, self.depth + 2)
+        top = sh.Attrib1i(1)
+        reach = farther(hit.l)
+        first = sh.Attrib1i(0)
+        bits = sh.Attrib1u(1)
+        with SH_DO():
+            rest = bits & (bits - 1)
+            tag = sh.popcount(~bits & (bits - 1))  # the place of the lowest bit
+            row = ROWS * child(tag, first)
+            held[top] = sh.Attrib2u(sh.Attrib1u(first), rest)
+            top += sh.cond(rest != 0, 1, 0)
+            with SH_IF(tag < LEAF):
+                bits[:] = node.bits(self.records, row, reach)
+                first[:] = self.number(self.records[row + FIRST].x)
+            with SH_ELSE():
+                block(self.records, row, hit)
+                bits[:] = 0
+            with SH_IF(bits == 0):
+                top -= 1
+                first[:] = self.number(held[top].x)
+                bits[:] = held[top].y
+            SH_UNTIL((bits == 0) | (hit.id >= 0))
+
+    def number(self, read: Any) -> Any:
+        """A record's number as it is read: the last at most, as it is anyway, so that it is known to be in range."""
+        return sh.Attrib1i(sh.min(read, sh.Attrib1u(self.last)))
 
 
 def least_of(keys: list[Any]) -> Any:
@@ -91,19 +127,13 @@ def child(key: Any, first: Any) -> Any:
     return first + sh.Attrib1i(key & (LEAF - 1))
 
 
-def record_of(number: Any, last: int) -> Any:
-    """A record's number as it is read: no more than `last`, as it is anyway, so that it is known to be in range."""
-    return sh.Attrib1i(sh.min(number, sh.Attrib1u(last)))
-
-
 class Stack:
     """What is still to be looked into: the record's number and the box's key, which says where the box begins."""
 
-    def __init__(self, size: int, last: int) -> None:
-        """Of `size` boxes at most, with records numbered up to `last`."""
+    def __init__(self, size: int) -> None:
         held = sh.Array(sh.Attrib2u, size)
         top = sh.Attrib1i(1)
-        self.held, self.top, self.last = held, top, last
+        self.held, self.top = held, top
 
     def push(self, key: Any, first: Any) -> None:
         """Put a box on the stack if it is met: without a branch, which nobody could foresee."""
@@ -120,13 +150,13 @@ class Stack:
                 half[:] = left
             least[:] = least_of(rest)
 
-    def pop(self, place: Any, key: Any, reach: Any) -> None:
-        """Take off what begins beyond `reach`, and store the first that does not; at the bottom is what begins at 0."""
+    def pop(self, reach: Any) -> tuple[Any, Any]:
+        """Take off what begins beyond `reach`, and give the first that does not; at the bottom is what begins at 0."""
         with SH_DO():
             self.top -= 1
             SH_UNTIL(sh.float_from_bits(self.held[self.top].y) <= reach)
-        place[:] = record_of(self.held[self.top].x, self.last)
-        key[:] = self.held[self.top].y
+        number, key = self.held[self.top]
+        return number, key
 
 
 class NodeTest:
@@ -143,25 +173,38 @@ class NodeTest:
         self.first = [sh.cond(inverse[axis] < 0, 2 * (axis + 3), 2 * axis) for axis in range(3)]  # -0.0 goes down too
         self.last = [4 * axis + 6 - first for axis, first in enumerate(self.first)]
 
-    def __call__(self, records: Any, row: Any, reach: Any) -> list[Any]:
+    def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
         """The keys of a node's boxes, in two halves.
 
         A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
         """
-        return [self.half(records, row, half, reach) for half in range(2)]
+        return [
+            sh.cond(met, (sh.bits_from_float(begin) & (NONE - 2 * LEAF + 1)) | tags, sh.Attrib4u(NONE))
+            for begin, met, tags in self.halves(records, row, reach)
+        ]
 
-    def half(self, records: Any, row: Any, half: int, reach: Any) -> Any:
-        """The keys of four boxes."""
+    def bits(self, records: Any, row: Any, reach: Any) -> Any:
+        """A bit for each of a node's boxes that is met, at the place that is the box's tag."""
+        one, none = sh.Attrib4u(1), sh.Attrib4u(0)
+        first, last = (sh.cond(met, one << tags, none) for _, met, tags in self.halves(records, row, reach))
+        some = first | last
+        some = some | some.zwxy
+        return (some | some.yxwz).x
+
+    def halves(self, records: Any, row: Any, reach: Any) -> list[tuple[Any, Any, Any]]:
+        """Of four boxes each: where they begin, whether they are met before `reach`, and their tags."""
 
         def along(axis: int, side: Any, inverse: Any) -> Any:
-            return (sh.float_from_bits(records[row + (side + half)]) - self.eye[axis]) * inverse[axis]
+            return (sh.float_from_bits(records[row + side]) - self.eye[axis]) * inverse[axis]
 
-        x, y, z = (along(axis, self.first[axis], self.sooner) for axis in range(3))
-        enter = higher(higher(x, y), higher(z, self.near))
-        x, y, z = (along(axis, self.last[axis], self.later) for axis in range(3))
-        leave = lower(lower(x, y), lower(z, reach))
-        tagged = (sh.bits_from_float(enter) & (NONE - 2 * LEAF + 1)) | records[row + (TAGS + half)]
-        return sh.cond(enter <= leave, tagged, sh.Attrib4u(NONE))
+        found = []
+        for half in range(2):
+            x, y, z = (along(axis, self.first[axis] + half, self.sooner) for axis in range(3))
+            begin = higher(higher(x, y), higher(z, self.near))
+            x, y, z = (along(axis, self.last[axis] + half, self.later) for axis in range(3))
+            end = lower(lower(x, y), lower(z, reach))
+            found.append((begin, begin <= end, records[row + (TAGS + half)]))
+        return found
 
 
 class BlockTest:
