@@ -143,12 +143,16 @@ class Stack:
     def push_all(self, keys: list[Any], first: Any) -> None:
         """Put on the stack what comes after the second: seldom anything, so that a branch pays and order does not."""
         rest = [sh.Attrib4u(half) for half in keys]
-        least = least_of(rest)
-        with SH_WHILE(lambda: least.x != NONE):
+
+        def some() -> Any:
+            met = sh.min(*rest) != NONE
+            return met.x | met.y | met.z | met.w
+
+        with SH_WHILE(some):
+            least = least_of(rest)
             self.push(least.x, first)
             for half, left in zip(rest, beyond(least, rest), strict=True):
                 half[:] = left
-            least[:] = least_of(rest)
 
     def pop(self, reach: Any) -> tuple[Any, Any]:
         """Take off what begins beyond `reach`, and give the first that does not; at the bottom is what begins at 0."""
