@@ -117,6 +117,13 @@ def least_of(keys: list[Any]) -> Any:
     return sh.min(least, least.yxwz)
 
 
+def greatest_of(keys: list[Any]) -> Any:
+    """The greatest of eight keys, in each of four components."""
+    greatest = sh.max(*keys)
+    greatest = sh.max(greatest, greatest.zwxy)
+    return sh.max(greatest, greatest.yxwz)
+
+
 def beyond(least: Any, keys: list[Any]) -> list[Any]:
     """The keys that are greater, which are all but one if it is the least, and NONE in the place of that."""
     return [sh.cond(half > least, half, sh.Attrib4u(NONE)) for half in keys]
@@ -141,18 +148,17 @@ class Stack:
         self.top += sh.cond(key != NONE, 1, 0)
 
     def push_all(self, keys: list[Any], first: Any) -> None:
-        """Put on the stack what comes after the second: seldom anything, so that a branch pays and order does not."""
-        rest = [sh.Attrib4u(half) for half in keys]
-
-        def some() -> Any:
-            met = sh.min(*rest) != NONE
-            return met.x | met.y | met.z | met.w
-
-        with SH_WHILE(some):
-            least = least_of(rest)
-            self.push(least.x, first)
-            for half, left in zip(rest, beyond(least, rest), strict=True):
-                half[:] = left
+        """Put on the stack what comes after the second, the farthest first: seldom anything, so that a branch pays."""
+        met = sh.min(*keys) != NONE
+        with SH_IF(met.x | met.y | met.z | met.w):
+            none = sh.Attrib4u(0)  # no key: one has been taken that is less
+            rest = [sh.Attrib4u(sh.cond(half != NONE, half, none)) for half in keys]
+            farthest = greatest_of(rest)
+            with SH_WHILE(lambda: farthest.x != 0):
+                self.push(farthest.x, first)
+                for half in rest:
+                    half[:] = sh.cond(half < farthest, half, none)
+                farthest[:] = greatest_of(rest)
 
     def pop(self, reach: Any) -> tuple[Any, Any]:
         """Take off what begins beyond `reach`, and give the first that does not; at the bottom is what begins at 0."""
