@@ -24,7 +24,8 @@ import numpy as np
 from benchmarks.work import Agreement, Run, Work, compare
 
 ENOUGH = 0.02
-PAUSE = 0.01
+PAUSE = 0.03
+"""Seconds: Dr.Jit's threads look for work for 15 to 20 ms, and slow down by a third who comes after them till then."""
 
 
 @dataclass

@@ -1,8 +1,11 @@
-"""What one ray meets first: four boxes at a time, and four triangles at a time.
+"""What one ray meets first: eight boxes at a time, and four triangles at a time.
 
-Stage: kernel, for rays that have little in common with their neighbours. A vector of four holds what four boxes or
-triangles say to one ray, so a CPU's vectors are full though the ray walks alone. Boxes that the ray meets are put on a
-stack, the farthest first, and are looked into unless a hit has been found before them.
+Stage: kernel, for rays that have little in common with their neighbours. Vectors of four hold what boxes or triangles
+say to one ray, so a CPU's vectors are full though the ray walks alone. What such a ray waits for is the way from one
+node to the next: the fewer nodes the better, and nothing that can be done beside that way costs much.
+
+Of the boxes that a ray meets the nearest is looked into next; the others are put on a stack, the second on top, and are
+looked into unless a hit has been found before them. Where any hit will do, no order is sought.
 
 What is computed of a triangle is what `TriangleTest` computes, to the bit, and so is the hit.
 """
@@ -16,23 +19,19 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.bvh import Bvh
-from raytracer.accel.wide import BASES, BLOCKS_FROM, LEAF, NUMBERS, TAGS, WIDTH, widen
+from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, ROWS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, is_ray, lower, product, same_side
-from shpy import SH_DO, SH_IF, SH_UNTIL, SH_WHILE
+from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
-ROWS_OF_A_NODE = 8
-ROWS_OF_A_BLOCK = 10
 NONE = 0xFFFFFFFF
 """The key of a box that is not met: it comes after all others."""
 LEAST = 2.0**-126
 """Farther than 0 by more than a tag adds to a key."""
-END = -(1 << 31) + 1
-"""The code at the bottom of the stack."""
 
 
 class WideIntersector:
-    """The tables of the wide form of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk.
+    """The table of the wide form of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk.
 
     It works at f32, on ranges that begin at 0 or beyond.
     """
@@ -40,70 +39,138 @@ class WideIntersector:
     def __init__(self, bvh: Bvh, triangles: NDArray[Any]) -> None:
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
-        self.nodes = sh.Table(wide.nodes.reshape(-1, WIDTH), sh.Attrib4u, "nodes")
-        self.blocks = sh.Table(wide.blocks.reshape(-1, WIDTH), sh.Attrib4u, "blocks")
-        self.deepest = (WIDTH - 1) * wide.depth + 2
+        self.last = len(wide.records) - 1
+        spare = np.zeros((WIDTH - 1, ROWS, HALF), np.uint32)  # so that a child's number is in range without a look
+        records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
+        self.records = sh.Table(records, sh.Attrib4u, "records")
+        self.depth = wide.depth
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
+        """The nearest hit at a distance in [near, limit); with `any_hit` the first that is found."""
         hit = Hit(limit)
-        node = NodeTest(ray, eye, near, self.margin)
-        block = BlockTest(ray, eye, near)
-        stack = Stack(self.deepest)
-        reach = farther(limit) + LEAST
-        code = sh.Attrib1i(0)
-        with SH_IF((near < limit) & is_ray(ray, eye)), SH_DO():
-            with SH_WHILE(lambda: code >= 0):
-                keys, inner, leaves = node(self.nodes, ROWS_OF_A_NODE * code, reach)
-                codes = [code_of(key, inner, leaves) for key in keys]
-                with SH_IF(keys[2] != NONE):  # more than two are met seldom enough for a branch
-                    stack.push(keys[3], codes[3])
-                    stack.push(keys[2], codes[2])
-                stack.push(keys[1], codes[1])
-                code[:] = codes[0]
-                with SH_IF(keys[0] == NONE):
-                    stack.pop(code, reach)
-            with SH_IF(code != END):
-                block(self.blocks, ROWS_OF_A_BLOCK * (code - BLOCKS_FROM), hit)
-                reach[:] = farther(hit.l) + LEAST
-                stack.pop(code, reach)
-            SH_UNTIL((code == END) | (any_hit & (hit.id >= 0)))
+        walk = self.find_any if any_hit else self.find_nearest
+        with SH_IF((near < limit) & is_ray(ray, eye)):
+            walk(NodeTest(ray, eye, near, self.margin), BlockTest(ray, eye, near), hit)
         return hit
 
+    def find_nearest(self, node: NodeTest, block: BlockTest, hit: Hit) -> None:
+        """Look into the nearest box first, and into none that begins behind the nearest hit."""
+        stack = Stack((WIDTH - 1) * self.depth + 2)
+        reach = farther(hit.l) + LEAST
+        place = sh.Attrib1i(0)
+        key = sh.Attrib1u(0)
+        with SH_DO():
+            with SH_WHILE(lambda: (key & LEAF) == 0):  # not so of NONE either
+                row = ROWS * place
+                keys = node.keys(self.records, row, reach)
+                first = self.number(self.records[row + FIRST].x)
+                nearest = least_of(keys)
+                keys = beyond(nearest, keys)
+                second = least_of(keys)
+                stack.push_all(beyond(second, keys), first)
+                stack.push(second.x, first)
+                key[:] = nearest.x
+                place[:] = child(nearest.x, first)
+            with SH_IF(key != NONE):
+                block(self.records, ROWS * place, hit)
+                reach[:] = farther(hit.l) + LEAST
+            number, met = stack.pop(reach)
+            place[:] = self.number(number)
+            key[:] = met
+            SH_UNTIL(stack.top == 0)
 
-def code_of(key: Any, inner: Any, leaves: Any) -> Any:
-    """The code of a box, by the tag in its key."""
-    return sh.cond((key & LEAF) != 0, leaves, inner) + sh.Attrib1i(key & (WIDTH - 1))
+    def find_any(self, node: NodeTest, block: BlockTest, hit: Hit) -> None:
+        """Look into boxes in the order in which they stand: a bit for each sibling that is met says what is left."""
+        held = sh.Array(sh.Attrib2u, self.depth + 2)
+        top = sh.Attrib1i(1)
+        reach = farther(hit.l)
+        first = sh.Attrib1i(0)
+        bits = sh.Attrib1u(1)
+        with SH_DO():
+            rest = bits & (bits - 1)
+            tag = sh.popcount(~bits & (bits - 1))  # the place of the lowest bit
+            row = ROWS * child(tag, first)
+            held[top] = sh.Attrib2u(sh.Attrib1u(first), rest)
+            top += sh.cond(rest != 0, 1, 0)
+            with SH_IF(tag < LEAF):
+                bits[:] = node.bits(self.records, row, reach)
+                first[:] = self.number(self.records[row + FIRST].x)
+            with SH_ELSE():
+                block(self.records, row, hit)
+                bits[:] = 0
+            with SH_IF(bits == 0):
+                top -= 1
+                first[:] = self.number(held[top].x)
+                bits[:] = held[top].y
+            SH_UNTIL((bits == 0) | (hit.id >= 0))
+
+    def number(self, read: Any) -> Any:
+        """A record's number as it is read: the last at most, as it is anyway, so that it is known to be in range."""
+        return sh.Attrib1i(sh.min(read, sh.Attrib1u(self.last)))
+
+
+def least_of(keys: list[Any]) -> Any:
+    """The least of eight keys, in each of four components."""
+    least = sh.min(*keys)
+    least = sh.min(least, least.zwxy)
+    return sh.min(least, least.yxwz)
+
+
+def greatest_of(keys: list[Any]) -> Any:
+    """The greatest of eight keys, in each of four components."""
+    greatest = sh.max(*keys)
+    greatest = sh.max(greatest, greatest.zwxy)
+    return sh.max(greatest, greatest.yxwz)
+
+
+def beyond(least: Any, keys: list[Any]) -> list[Any]:
+    """The keys that are greater, which are all but one if it is the least, and NONE in the place of that."""
+    return [sh.cond(half > least, half, sh.Attrib4u(NONE)) for half in keys]
+
+
+def child(key: Any, first: Any) -> Any:
+    """The number of a box's record, by the tag in its key."""
+    return first + sh.Attrib1i(key & (LEAF - 1))
 
 
 class Stack:
-    """What is still to be looked into, each with the distance where it begins."""
+    """What is still to be looked into: the record's number and the box's key, which says where the box begins."""
 
     def __init__(self, size: int) -> None:
-        codes = sh.Array(sh.Attrib1i, size)
-        begins = sh.Array(sh.Attrib1f, size)
+        held = sh.Array(sh.Attrib2u, size)
         top = sh.Attrib1i(1)
-        codes[0] = END
-        begins[0] = -FAR
-        self.codes, self.begins, self.top = codes, begins, top
+        self.held, self.top = held, top
 
-    def push(self, key: Any, code: Any) -> None:
+    def push(self, key: Any, first: Any) -> None:
         """Put a box on the stack if it is met: without a branch, which nobody could foresee."""
-        self.codes[self.top] = code
-        self.begins[self.top] = sh.float_from_bits(key)
+        self.held[self.top] = sh.Attrib2u(sh.Attrib1u(child(key, first)), key)
         self.top += sh.cond(key != NONE, 1, 0)
 
-    def pop(self, code: Any, reach: Any) -> None:
-        """Take off what begins beyond `reach`, and store the code of the first that does not."""
+    def push_all(self, keys: list[Any], first: Any) -> None:
+        """Put on the stack what comes after the second, the farthest first: seldom anything, so that a branch pays."""
+        met = sh.min(*keys) != NONE
+        with SH_IF(met.x | met.y | met.z | met.w):
+            none = sh.Attrib4u(0)  # no key: one has been taken that is less
+            rest = [sh.Attrib4u(sh.cond(half != NONE, half, none)) for half in keys]
+            farthest = greatest_of(rest)
+            with SH_WHILE(lambda: farthest.x != 0):
+                self.push(farthest.x, first)
+                for half in rest:
+                    half[:] = sh.cond(half < farthest, half, none)
+                farthest[:] = greatest_of(rest)
+
+    def pop(self, reach: Any) -> tuple[Any, Any]:
+        """Take off what begins beyond `reach`, and give the first that does not; at the bottom is what begins at 0."""
         with SH_DO():
             self.top -= 1
-            SH_UNTIL(self.begins[self.top] <= reach)
-        code[:] = self.codes[self.top]
+            SH_UNTIL(sh.float_from_bits(self.held[self.top].y) <= reach)
+        number, key = self.held[self.top]
+        return number, key
 
 
 class NodeTest:
-    """What a ray needs to be tried against four boxes at a time.
+    """What a ray needs to be tried against eight boxes at a time.
 
     Which side of a box a ray comes to first is known from the ray's sign, so `first` and `last` are rows of a node.
     """
@@ -113,32 +180,41 @@ class NodeTest:
         self.eye, self.near = eye, near
         self.sooner = inverse * (1 - margin)
         self.later = sh.clamp(inverse * (1 + margin), -FAR, FAR)
-        self.first = [sh.cond(inverse[axis] < 0, axis + 3, axis) for axis in range(3)]  # -0.0 goes down too
-        self.last = [2 * axis + 3 - first for axis, first in enumerate(self.first)]
+        self.first = [sh.cond(inverse[axis] < 0, 2 * (axis + 3), 2 * axis) for axis in range(3)]  # -0.0 goes down too
+        self.last = [4 * axis + 6 - first for axis, first in enumerate(self.first)]
 
-    def __call__(self, nodes: Any, row: Any, reach: Any) -> tuple[list[Any], Any, Any]:
-        """The keys of a node's boxes, nearest first, and the codes from which its children are counted.
+    def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
+        """The keys of a node's boxes, in two halves.
 
         A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
         """
-        enter, leave = sh.Attrib4f(self.near), sh.Attrib4f(reach)
-        for axis in range(3):
-            side = sh.float_from_bits(nodes[row + self.first[axis]])
-            enter = higher((side - self.eye[axis]) * self.sooner[axis], enter)
-        for axis in range(3):
-            side = sh.float_from_bits(nodes[row + self.last[axis]])
-            leave = lower((side - self.eye[axis]) * self.later[axis], leave)
-        tagged = (sh.bits_from_float(enter) & (NONE - 2 * LEAF + 1)) | nodes[row + TAGS]
-        bases = sh.Attrib4i(nodes[row + BASES])
-        return sorted_keys(sh.cond(enter <= leave, tagged, sh.Attrib4u(NONE))), bases.x, bases.y
+        return [
+            sh.cond(met, (sh.bits_from_float(begin) & (NONE - 2 * LEAF + 1)) | tags, sh.Attrib4u(NONE))
+            for begin, met, tags in self.halves(records, row, reach)
+        ]
 
+    def bits(self, records: Any, row: Any, reach: Any) -> Any:
+        """A bit for each of a node's boxes that is met, at the place that is the box's tag."""
+        one, none = sh.Attrib4u(1), sh.Attrib4u(0)
+        first, last = (sh.cond(met, one << tags, none) for _, met, tags in self.halves(records, row, reach))
+        some = first | last
+        some = some | some.zwxy
+        return (some | some.yxwz).x
 
-def sorted_keys(keys: Any) -> list[Any]:
-    """The four components in ascending order: a sorting network, as far as it goes on vectors."""
-    low, high = sh.min(keys, keys.yxwz), sh.max(keys, keys.yxwz)
-    second, third = sh.max(low, low.zwxy).x, sh.min(high, high.zwxy).x
-    least, greatest = sh.min(low, low.zwxy).x, sh.max(high, high.zwxy).x
-    return [sh.Attrib1u(key) for key in (least, sh.min(second, third), sh.max(second, third), greatest)]
+    def halves(self, records: Any, row: Any, reach: Any) -> list[tuple[Any, Any, Any]]:
+        """Of four boxes each: where they begin, whether they are met before `reach`, and their tags."""
+
+        def along(axis: int, side: Any, inverse: Any) -> Any:
+            return (sh.float_from_bits(records[row + side]) - self.eye[axis]) * inverse[axis]
+
+        found = []
+        for half in range(2):
+            x, y, z = (along(axis, self.first[axis] + half, self.sooner) for axis in range(3))
+            begin = higher(higher(x, y), higher(z, self.near))
+            x, y, z = (along(axis, self.last[axis] + half, self.later) for axis in range(3))
+            end = lower(lower(x, y), lower(z, reach))
+            found.append((begin, begin <= end, records[row + (TAGS + half)]))
+        return found
 
 
 class BlockTest:
@@ -150,24 +226,24 @@ class BlockTest:
         by_x, by_xy = self.sight.by_x, self.sight.by_xy
         self.rows = (sh.cond(by_x, 1, 0), sh.cond(by_xy, 2, 1), sh.cond(by_x, 0, sh.cond(by_xy, 1, 2)))
 
-    def __call__(self, blocks: Any, row: Any, hit: Hit) -> None:
+    def __call__(self, records: Any, row: Any, hit: Hit) -> None:
         """Store a block's triangle in `hit` if the ray meets it; see `TriangleTest`."""
         sight = self.sight
-        a, b, c = ([self.side(blocks, row + 3 * k, axis) for axis in range(3)] for k in range(3))
+        a, b, c = ([self.side(records, row + 3 * k, axis) for axis in range(3)] for k in range(3))
         wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
         t = product((wa, wb, wc), (a[2], b[2], c[2])) / (whole * sight.pace)
         met = same_side(wa, wb, wc) & (whole != 0) & (t >= self.near) & (t <= hit.l)
         with SH_IF(met.x | met.y | met.z | met.w):
             t = higher(t, sight.begin(a, b, c))
-            numbers = sh.Attrib4i(blocks[row + NUMBERS])
-            for k in range(WIDTH):
+            numbers = sh.Attrib4i(records[row + NUMBERS])
+            for k in range(HALF):
                 nearer = (t[k] < hit.l) | ((t[k] == hit.l) & (numbers[k] < hit.id))
                 with SH_IF(met[k] & nearer):
                     hit.l[:] = t[k]
                     hit.uv[:] = sh.TexCoord2f(wb[k], wc[k]) / whole[k]
                     hit.id[:] = numbers[k]
 
-    def side(self, blocks: Any, row: Any, axis: int) -> Any:
+    def side(self, records: Any, row: Any, axis: int) -> Any:
         """A coordinate of a corner of each triangle, relative to the ray's origin."""
-        return sh.float_from_bits(blocks[row + self.rows[axis]]) - self.sight.eye[axis]
+        return sh.float_from_bits(records[row + self.rows[axis]]) - self.sight.eye[axis]

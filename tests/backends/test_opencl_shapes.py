@@ -140,7 +140,7 @@ def test_one_element_of_an_array_is_guarded_where_it_is_not_known() -> None:
         "    float a[4] = {0.0f};\n    a[1] = 2.0f;\n    if (i >= 0 && i < 4) {\n        a[i] = 3.0f;\n    }\n"
         in text(f)
     )
-    assert "a[clamp(i, 0, 3)] + a[0] + a[1]" in text(f)
+    assert "a[sh_at(i, 4)] + a[0] + a[1]" in text(f)
 
 
 def test_a_value_keeps_what_it_read_before_a_store() -> None:

@@ -89,7 +89,9 @@ def test_rays_may_walk_together_or_alone(name):
         alone, together = (make(BvhIntersector(structure, rows, together=t)) for t in (False, True))
         kernels = [alone.compile("numpy", loop_limit=None), together.compile("numpy", loop_limit=None)]
         kernels += [together.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 4, 8, 16)]
-        kernels += [make(WideIntersector(structure, rows)).compile("opencl", lanes=1, loop_limit=None)]
+        wide = make(WideIntersector(structure, rows))
+        kernels += [wide.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 16)]
+        kernels += [wide.compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
         first, *others = (kernel(origins, directions, 0.0, limit) for kernel in kernels)
         for other in others:
             same(first, other)

@@ -1,30 +1,38 @@
-"""Four boxes a node, four triangles a leaf: everything is there once, and in its box."""
+"""Eight boxes a node, four triangles a leaf: everything is there once, and in its box."""
 
 import numpy as np
 import pytest
 from test_bvh import MESHES
 
-from raytracer.accel.bvh import build_bvh
-from raytracer.accel.wide import BASES, BLOCKS_FROM, LEAF, NUMBERS, TAGS, WIDTH, widen
+from raytracer.accel.bvh import COUNT_BITS, build_bvh
+from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, TAGS, WIDTH, widen
 
 
 def boxes_of(wide):
-    """(node, low, high, code) of every box that is there."""
-    for node, rows in enumerate(wide.nodes):
-        low, high = rows[:3].view(np.float32).T, rows[3:6].view(np.float32).T
-        inner, leaves, *_ = rows[BASES].view(np.int32).tolist()
+    """(record, low, high, child, whether it is a block) of every box that is there, node by node."""
+    nodes = [0]
+    for node in nodes:
+        rows = wide.records[node]
+        low, high = rows[:TAGS].view(np.float32).reshape(2, 3, WIDTH).transpose(0, 2, 1)
+        tags, first = rows[TAGS:FIRST].reshape(WIDTH), int(rows[FIRST, 0])
         for k in np.flatnonzero((low <= high).all(axis=1)):
-            tag = int(rows[TAGS, k])
-            yield node, low[k], high[k], (leaves if tag & LEAF else inner) + tag % WIDTH
+            child, is_block = first + int(tags[k]) % LEAF, bool(tags[k] & LEAF)
+            yield node, low[k], high[k], child, is_block
+            if not is_block:
+                nodes.append(child)
 
 
-def held_by(wide, code):
-    """The corners (n, 3) of the triangles in a leaf, or of the boxes in a node."""
-    if code < 0:
-        rows = wide.blocks[code - BLOCKS_FROM]
-        there = rows[NUMBERS].view(np.int32) >= 0
-        return rows[:NUMBERS].view(np.float32).reshape(3, 3, WIDTH)[..., there].transpose(0, 2, 1).reshape(-1, 3)
-    sides = wide.nodes[code, :TAGS].view(np.float32).reshape(2, 3, WIDTH)
+def triangles_of(record):
+    """The numbers (n,) and corners (n, 9) of a block's triangles."""
+    numbers = record[NUMBERS].view(np.int32)
+    return numbers[numbers >= 0], record[:NUMBERS].view(np.float32).reshape(9, HALF).T[numbers >= 0]
+
+
+def held_by(record, is_block):
+    """The corners (n, 3) of the triangles in a block, or of the boxes in a node."""
+    if is_block:
+        return triangles_of(record)[1].reshape(-1, 3)
+    sides = record[:TAGS].view(np.float32).reshape(2, 3, WIDTH)
     there = (sides[0] <= sides[1]).all(axis=0)
     return sides[..., there].transpose(0, 2, 1).reshape(-1, 3)
 
@@ -33,23 +41,61 @@ def held_by(wide, code):
 def test_everything_is_there_once_and_in_its_box(name):
     corners = MESHES[name].astype(np.float32)
     wide = widen(build_bvh(corners), corners)
-    numbers = wide.blocks[:, NUMBERS].view(np.int32)
-    assert sorted(numbers[numbers >= 0].tolist()) == list(range(len(corners)))
-    for block, items in zip(wide.blocks, numbers, strict=True):
-        held = block[:NUMBERS].view(np.float32).reshape(9, WIDTH).T
-        np.testing.assert_array_equal(held[items >= 0], corners[items[items >= 0]].reshape(-1, 9))
-    met = [0]
-    for node, low, high, code in boxes_of(wide):
-        assert code < 0 or code > node
-        assert np.all((low <= held_by(wide, code)) & (held_by(wide, code) <= high))
-        met.append(code)
-    assert sorted(code for code in met if code >= 0) == list(range(len(wide.nodes)))
-    assert sorted(code - BLOCKS_FROM for code in met if code < 0) == list(range(len(wide.blocks)))
+    met, found = [0], []
+    for node, low, high, child, is_block in boxes_of(wide):
+        held = held_by(wide.records[child], is_block)
+        assert child > node
+        assert np.all((low <= held) & (held <= high))
+        met.append(child)
+        if is_block:
+            numbers, held = triangles_of(wide.records[child])
+            np.testing.assert_array_equal(held, corners[numbers].reshape(-1, 9))
+            found += numbers.tolist()
+    assert sorted(met) == list(range(len(wide.records)))
+    assert sorted(found) == list(range(len(corners)))
 
 
 def test_nodes_and_blocks_are_full():
     corners = MESHES["ball"]
     wide = widen(build_bvh(corners), corners)
-    assert len(list(boxes_of(wide))) > 0.7 * WIDTH * len(wide.nodes)
-    assert (wide.blocks[:, NUMBERS].view(np.int32) >= 0).mean() > 0.7
-    assert wide.depth < 8
+    boxes = list(boxes_of(wide))
+    blocks = [child for *_, child, is_block in boxes if is_block]
+    assert len(boxes) > 0.7 * WIDTH * (len(wide.records) - len(blocks))
+    assert len(corners) > 0.7 * HALF * len(blocks)
+    assert wide.depth < 6
+
+
+def surface(low, high):
+    x, y, z = np.float64(high) - np.float64(low)
+    return x * y + y * z + z * x
+
+
+def children_of(bvh, node):
+    first = int(bvh.links[0, node, 0])
+    return (first, int(bvh.links[0, first, 1])) if first >= 0 else ()
+
+
+def held_below(bvh, node):
+    """How many triangles a node of the two-armed hierarchy holds."""
+    code = -1 - int(bvh.links[0, node, 0])
+    children = children_of(bvh, node)
+    return sum(held_below(bvh, child) for child in children) if children else code % (1 << COUNT_BITS)
+
+
+def least_surface(bvh, node, boxes):
+    """By trying every way: the least surface of the wide nodes for what a node holds, in so many boxes."""
+    if held_below(bvh, node) <= HALF:
+        return 0.0
+    left, right = children_of(bvh, node)
+    ways = [least_surface(bvh, left, k) + least_surface(bvh, right, boxes - k) for k in range(1, boxes)]
+    if boxes < WIDTH:
+        ways.append(surface(bvh.low[node], bvh.high[node]) + least_surface(bvh, node, WIDTH))
+    return min(ways)
+
+
+def test_the_nodes_have_the_least_surface():
+    corners = np.random.default_rng(5).random((90, 1, 3)) + np.random.default_rng(6).random((90, 3, 3)) / 10
+    bvh = build_bvh(corners)
+    wide = widen(bvh, corners.astype(np.float32))
+    found = sum(surface(low, high) for *_, low, high, _, is_block in boxes_of(wide) if not is_block)
+    assert found == pytest.approx(least_surface(bvh, 0, WIDTH))

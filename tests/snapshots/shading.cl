@@ -21,8 +21,8 @@ size_t sh_at2(int2 at, int2 size) {
 }
 
 // The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
-int sh_at(int i, int size) {
-    return __builtin_expect((uint)i < (uint)size, 1) ? i : clamp(i, 0, size - 1);
+uint sh_at(int i, int size) {
+    return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }
 
 // The number where one is NaN.

@@ -25,8 +25,9 @@ from shpy.backends.naming import Target
 from shpy.backends.opencl.prologue import Prologue, spelled
 from shpy.backends.operations import INFIX
 from shpy.errors import CompileError
-from shpy.ir.nodes import Let, Module, Table, Variable
+from shpy.ir.nodes import Function, Let, Module, Table, Variable
 from shpy.ir.types import Base, Type
+from shpy.passes.known import Known
 from shpy.passes.pipeline import Math
 
 FUNCTIONS: Final[Mapping[str, str]] = {
@@ -68,6 +69,11 @@ class Spelling(CLike):
         self.size_names: dict[str, str] = {}
         self.grid_names: dict[str, str] = {}
         self.grid_rank = 0
+
+    def begin(self, function: Function) -> None:
+        """What is known of its values spares checks."""
+        super().begin(function)
+        self.known = Known(function)
 
     # Types, literals, vectors
 
@@ -127,8 +133,8 @@ class Spelling(CLike):
         return f"{self.declaration(variable.type, f'{name}[{variable.length}]')} = {{{self.zero(variable.type).text}}};"
 
     def in_range(self, index: Expr, length: int) -> Expr:
-        """`clamp(i, 0, 7)`."""
-        return ex.call("clamp", index, Expr("0"), Expr(str(length - 1)))
+        """`sh_at(i, 8)`."""
+        return ex.call(self.prologue.flat_index(1), index, Expr(str(length)))
 
     # Operations
 
@@ -258,6 +264,16 @@ class Spelling(CLike):
         return ex.cast(name, e) if type.size == 1 else ex.call(f"convert_{name}", e)
 
     # Tables and the grid
+
+    def op_table(self, let: Let) -> Expr:
+        """An index that is in range anyway is taken as it is."""
+        table = self.tables[str(let.attr)]
+        (index,) = let.args
+        if table.rank == 1 and table.size is not None:
+            low, high = self.known.span(index)
+            if low >= 0 and high < table.size[0]:
+                return self.read(ex.name(self.table_names[table.name]), self.take(index), let.value.type)
+        return super().op_table(let)
 
     def table(self, name: str, type: Type, index: Expr) -> Expr:
         """`noise[sh_at(i, noise_size)]`."""

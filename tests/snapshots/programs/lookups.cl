@@ -1,8 +1,8 @@
 #pragma OPENCL FP_CONTRACT OFF
 
 // The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
-int sh_at(int i, int size) {
-    return __builtin_expect((uint)i < (uint)size, 1) ? i : clamp(i, 0, size - 1);
+uint sh_at(int i, int size) {
+    return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }
 
 // The place of an element, the nearest one for an index that is out of range.

@@ -1,0 +1,121 @@
+"""What is known of values before anything runs: between which numbers an int lies.
+
+Stage: improve; it changes nothing. A printer asks, and leaves out the clamp of an index that is in range anyway. What
+is not known to be so may be anything.
+
+    %3: i = min %2, %n        of which %2 is at least 0 and %n is 9
+    %5: i = and %4, 7
+    %6: i = add %3, %5        span(%6) == (0, 16)
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+
+from shpy.ir.nodes import Call, Function, Let, Store, Variable
+from shpy.ir.traverse import results, walk
+from shpy.ir.types import Base
+
+__all__ = ["Known"]
+
+Span = tuple[int, int]
+
+_SPANS = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1), Base.B: (0, 1)}
+_SAME = frozenset({"splat", "construct", "swizzle"})
+_DEEPEST = 50
+"""Operations that an answer is sought behind."""
+
+
+class Known:
+    """What is known of a function's values, wherever in it they are computed."""
+
+    def __init__(self, function: Function) -> None:
+        self._lets: dict[int, Let] = {}
+        self._stored: dict[int, list[int]] = defaultdict(list)
+        self._types = {i.id: i.type for i in function.inputs if not isinstance(i, Variable)}
+        own = {v.id for v in function.variables}
+        self._hidden = {v.id for v in (*function.inputs, *function.outputs)} - own
+        self._spans: dict[tuple[str, int], Span] = {}
+        self._depth = 0
+        for s in walk(function.body):
+            for value in results(s):
+                self._types[value.id] = value.type
+            match s:
+                case Let():
+                    self._lets[s.value.id] = s
+                case Store():
+                    self._stored[s.variable].append(s.value)
+                case Call():
+                    self._hidden |= set(s.args)  # what is handed on by reference may be changed
+
+    def span(self, value: int) -> Span:
+        """The least and the greatest number that any component of an int, uint or bool can be."""
+        anything = _SPANS[self._types[value].base]
+        let = self._lets.get(value)
+        if let is None or self._depth > _DEEPEST:
+            return anything
+        key = "value", value
+        if key not in self._spans:
+            self._spans[key] = anything  # for what depends on itself, in a loop
+            self._depth += 1
+            low, high = self._span(let)
+            self._depth -= 1
+            fits = anything[0] <= low and high <= anything[1]  # else it wraps
+            self._spans[key] = (low, high) if fits else anything
+        return self._spans[key]
+
+    def _span(self, let: Let) -> Span:
+        anything = _SPANS[let.value.type.base]
+        if let.op == "const":
+            assert isinstance(let.attr, tuple)
+            return min(let.attr), max(let.attr)
+        if let.op == "load":
+            assert isinstance(let.attr, int)
+            return self._slot(let.attr, anything)
+        args = let.args[1:] if let.op == "cond" else let.args
+        if let.op not in _SPANNED or any(self._types[a].is_float for a in args):
+            return anything
+        return _SPANNED[let.op]([self.span(a) for a in args], anything)
+
+    def _slot(self, variable: int, anything: Span) -> Span:
+        """Of what is stored in it, and of the zero that it begins with."""
+        if variable in self._hidden:
+            return anything
+        key = "slot", variable
+        if key not in self._spans:
+            self._spans[key] = anything
+            self._spans[key] = _hull([(0, 0), *(self.span(v) for v in self._stored[variable])])
+        return self._spans[key]
+
+
+def _hull(spans: list[Span]) -> Span:
+    return min(low for low, _ in spans), max(high for _, high in spans)
+
+
+def _products(spans: list[Span], _: Span) -> Span:
+    (a, b), (c, d) = spans
+    ends = a * c, a * d, b * c, b * d
+    return min(ends), max(ends)
+
+
+def _bits_of_both(spans: list[Span], anything: Span) -> Span:
+    """No more than either, if that is not negative."""
+    limits = [high for low, high in spans if low >= 0]
+    return (0, min(limits)) if limits else anything
+
+
+_SPANNED: dict[str, Callable[[list[Span], Span], Span]] = {
+    "add": lambda spans, _: (spans[0][0] + spans[1][0], spans[0][1] + spans[1][1]),
+    "sub": lambda spans, _: (spans[0][0] - spans[1][1], spans[0][1] - spans[1][0]),
+    "mul": _products,
+    "min": lambda spans, _: (min(low for low, _ in spans), min(high for _, high in spans)),
+    "max": lambda spans, _: (max(low for low, _ in spans), max(high for _, high in spans)),
+    "clamp": lambda spans, _: (
+        min(max(spans[0][0], spans[1][0]), spans[2][0]),
+        min(max(spans[0][1], spans[1][1]), spans[2][1]),
+    ),
+    "and": _bits_of_both,
+    "convert": lambda spans, _: spans[0],
+} | dict.fromkeys(["cond", *_SAME], lambda spans, _: _hull(spans))
+"""From the spans of the operands that of the result before it wraps; the second is that of its type."""
