@@ -15,14 +15,14 @@ runs beside it: that is why `vectorize` can ask them about lanes that have left.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from shpy.ir.nodes import Break, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import regions_of, walk
 from shpy.passes.uniformity import LoopFacts
 
-__all__ = ["Note", "annotate", "stored_in"]
+__all__ = ["Note", "annotate", "loops", "stored_in"]
 
 Set = frozenset[int]
 _NONE: Set = frozenset()
@@ -211,3 +211,12 @@ def _turn(loop: Loop, note: Note | None, dirty: Set, leaving: _Leaving) -> Set:
     at_step = leaving.turns if end is None else leaving.turns | end
     at_until = _dirty(loop.continuing, continuing, at_step, leaving)
     return at_step if at_until is None else at_until
+
+
+def loops(region: Region, notes: Sequence[Note]) -> Iterator[tuple[Loop, Note]]:
+    """The loops of a region and of those inside, from the first on, with their notes."""
+    for s, note in zip(region, notes, strict=True):
+        if isinstance(s, Loop):
+            yield s, note
+        for inner, inner_notes in zip(regions_of(s), note.regions, strict=False):
+            yield from loops(inner, inner_notes)

@@ -17,7 +17,7 @@ from itertools import pairwise
 
 from shpy.ir.nodes import Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, uses, walk
-from shpy.passes.liveness import Note, annotate
+from shpy.passes.liveness import annotate, loops
 
 __all__ = ["ExitCopy", "Plan", "plans"]
 
@@ -46,7 +46,7 @@ def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> 
     if not live:
         return made
     used = Counter(v for s in walk(function.body) for v in uses(s))
-    for loop, note in _loops(function.body, annotate(function)):
+    for loop, note in loops(function.body, annotate(function)):
         masks = live & note.inner[0] & {s.variable for s in _direct(loop) if isinstance(s, Store)}
         changed = note.stored & note.after & varying
         if len(masks) != 1 or masks & changed or any(isinstance(s, Return) for s in walk((loop,))):
@@ -56,14 +56,6 @@ def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> 
         if all(touched[slot] == 2 * sum(c[0] == slot for c in copies.values()) for slot in changed):
             made[id(loop)] = Plan(next(iter(masks)), {v: c for v, (_, c) in copies.items()}, changed)
     return made
-
-
-def _loops(region: Region, notes: list[Note]) -> Iterator[tuple[Loop, Note]]:
-    for s, note in zip(region, notes, strict=True):
-        if isinstance(s, Loop):
-            yield s, note
-        for inner, inner_notes in zip(regions_of(s), note.regions, strict=False):
-            yield from _loops(inner, inner_notes)
 
 
 def _direct(loop: Loop) -> Iterator[Stmt]:

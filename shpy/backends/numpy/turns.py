@@ -13,15 +13,14 @@ the rows are then added in the order of the turns, so that not a bit changes:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from shpy.ir.constants import to_array
 from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Store
-from shpy.ir.traverse import defined, regions_of, uses, walk
+from shpy.ir.traverse import defined, uses, walk
 from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
-from shpy.passes.liveness import Note, annotate
+from shpy.passes.liveness import Note, annotate, loops
 
 __all__ = ["Sum", "Turns", "counted"]
 
@@ -63,17 +62,9 @@ def counted(function: Function, facts: LaneFacts) -> dict[int, Turns]:
     made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
     used = Counter(v for s in walk(function.body) for v in uses(s))
     sizes = {v.id: v.type.size for v in defined(function)}
-    found = ((loop, _turns(loop, note, made)) for loop, note in _loops(function.body, annotate(function)))
+    found = ((loop, _turns(loop, note, made)) for loop, note in loops(function.body, annotate(function)))
     every = {id(loop): _summed(*turns, facts, made, used, sizes) for loop, turns in found if turns}
     return {loop: turns for loop, turns in every.items() if turns}
-
-
-def _loops(region: Region, notes: list[Note]) -> Iterator[tuple[Loop, Note]]:
-    for s, note in zip(region, notes, strict=True):
-        if isinstance(s, Loop):
-            yield s, note
-        for inner, inner_notes in zip(regions_of(s), note.regions, strict=False):
-            yield from _loops(inner, inner_notes)
 
 
 def _turns(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Turns, Region] | None:
