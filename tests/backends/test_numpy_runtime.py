@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import shpy as sh
 from shpy.backends.base import Call, Options, TableData
 from shpy.backends.numpy.lanes import pick, put, vector
 from shpy.backends.numpy.runtime import NumpyBackend
@@ -187,3 +188,13 @@ def test_the_largest_index_is_no_negative_one():
     y = np.zeros(3, np.float32)
     run(module_of(b), 3, [np.uint32([2**32 - 1, 1, 0])], [y])
     assert y.tolist() == [0, 7, 7]
+
+
+def test_a_uniform_double_is_no_literal():
+    limit = sh.Param(sh.Attrib1f, -2.0, name="limit")
+
+    @sh.program
+    def bounded(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x + sh.max(0.0, limit) + sh.min(1.5, limit)
+
+    np.testing.assert_array_equal(bounded.compile("numpy", precision="f64")(np.float64([1, 2])), [-1, 0])

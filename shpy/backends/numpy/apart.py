@@ -48,14 +48,15 @@ def lay_out(module: Module) -> Layout:
     made, used = _vectors([f.body for f in module.functions])
     leaving = any(facts.live for facts in whole.facts.values())
     grid = _knows_its_place(module) and not leaving and not _holds(module, lambda slot: slot.length is not None)
-    if grid and not made + used and not _holds(module, lambda slot: slot.type.size > 1):
-        return Layout(whole, apart=False, grid=True)
     if not made + used:
+        return Layout(whole, apart=False, grid=grid and not _holds(module, lambda slot: slot.type.size > 1))
+    turns = _turns(module)
+    in_loops, used_in_loops = _vectors(turns)
+    pays = (grid and made > 0) or used_in_loops < _WORTH_MAKING * in_loops
+    if not pays and not turns:
         return Layout(whole, apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
-    in_loops, used_in_loops = _vectors(_turns(module))
-    together = any(counted(f, scalars.facts[f.name]) for f in scalars.module.functions if not f.pure)
-    if (grid and made) or used_in_loops < _WORTH_MAKING * in_loops or together:
+    if pays or any(counted(f, scalars.facts[f.name]) for f in scalars.module.functions if not f.pure):
         return Layout(scalars, apart=True, grid=grid)
     return Layout(whole, apart=False, grid=False)
 

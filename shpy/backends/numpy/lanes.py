@@ -133,7 +133,7 @@ def clamp(x: Any, low: Any, high: Any) -> Array:
 
 
 def _is_literal(b: Any) -> bool:
-    return isinstance(b, float) and b == b
+    return type(b) is float and b == b  # a uniform of binary64 is a float too, of a class of its own
 
 
 def _bounded(extremum: np.ufunc, x: Array, bound: float, within: np.ufunc) -> Array:
@@ -197,7 +197,7 @@ def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
     into = lane.take(at)
     for k in range(len(whole)) if whole.ndim > 1 else (...,):
         row = value[k] if np.ndim(value) > 1 else value
-        whole[k][into] = row.take(at) if row.size > 1 else row
+        whole[k][into] = row.take(at) if np.size(row) > 1 else row
 
 
 def compact(live: Array, *values: Array) -> list[Array]:
