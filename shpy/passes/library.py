@@ -73,7 +73,8 @@ def _cross(a: Term, b: Term) -> Term:
 def _scales(v: Term) -> tuple[Term, Term]:
     """By what v can be squared, a power of two, and what undoes it: 1 but for very large and very small vectors."""
     low, high, factor = RANGES["d" if v.type.base is Base.D else "f"]
-    largest = reduce(lambda a, b: a.op("max", b), [v[k].op("abs") for k in range(v.type.size)]).named("largest")
+    sizes = [v[k].op("abs") for k in range(v.type.size)]
+    largest = reduce(lambda a, b: where(a < b, b, a), sizes).named("largest")  # of NaN nothing comes but NaN
     one, up, down = v[0].constant(1), v[0].constant(factor), v[0].constant(1 / factor)
     large, small = largest > high, largest < low
     return where(large, down, where(small, up, one)), where(large, up, where(small, down, one))

@@ -61,12 +61,12 @@ _TEXTS: Final = {
     ("min", Base.F): """\
 // The number where one is NaN.
 T {name}(T a, T b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }""",
     ("max", Base.F): """\
 // The number where one is NaN.
 T {name}(T a, T b) {
-    return (a < b) | (a != a) ? b : a;
+    return !(a >= b) & (b == b) ? b : a;
 }""",
     ("abs", Base.I): """\
 // |a|, but INT_MIN for INT_MIN.

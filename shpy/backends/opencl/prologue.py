@@ -10,7 +10,7 @@ from the scalar one, component by component. Only what is used is printed.
 >>> print(prologue.text())
 // The number where one is NaN.
 float3 sh_min3(float3 a, float3 b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }
 """
 
@@ -29,12 +29,12 @@ _ANY_SIZE: Final = {
     "min": """\
 // The number where one is NaN.
 T {name}(T a, T b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }""",
     "max": """\
 // The number where one is NaN.
 T {name}(T a, T b) {
-    return (a < b) | (a != a) ? b : a;
+    return !(a >= b) & (b == b) ? b : a;
 }""",
 }
 

@@ -2,7 +2,7 @@
 
 // The number where one is NaN.
 float sh_max(float a, float b) {
-    return (a < b) | (a != a) ? b : a;
+    return !(a >= b) & (b == b) ? b : a;
 }
 
 void bisection_element(float x, float *result, int *status) {  // snapshot_programs.py:185

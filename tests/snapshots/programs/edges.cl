@@ -2,12 +2,12 @@
 
 // The number where one is NaN.
 float sh_min(float a, float b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }
 
 // The number where one is NaN.
 float sh_max(float a, float b) {
-    return (a < b) | (a != a) ? b : a;
+    return !(a >= b) & (b == b) ? b : a;
 }
 
 // The bits of x; the same ones for every NaN.

@@ -2,12 +2,12 @@
 
 // The number where one is NaN.
 float2 sh_max2(float2 a, float2 b) {
-    return (a < b) | (a != a) ? b : a;
+    return !(a >= b) & (b == b) ? b : a;
 }
 
 // The number where one is NaN.
 float2 sh_min2(float2 a, float2 b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }
 
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
