@@ -24,13 +24,28 @@ if TYPE_CHECKING:
     from shpy.lang.data import Texture2D
 
 
-def _pcg(x: Attrib1u) -> Any:
-    state = x * 747796405 + 2891336453
+_STEP = 747796405
+
+
+def _scramble(state: Attrib1u) -> Any:
     word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737
     return (word >> 22) ^ word
 
 
+scramble = Subroutine(_scramble, "scramble")
+
+
+def _pcg(x: Attrib1u) -> Any:
+    return scramble(x * _STEP + 2891336453)
+
+
 pcg = Subroutine(_pcg, "pcg")
+
+
+def _pcg_pair(x: Attrib1u) -> Any:
+    """pcg(x) and pcg(x + 1), whose states are a step apart."""
+    state = x * _STEP + 2891336453
+    return scramble(state), scramble(state + _STEP)
 
 
 def hash(x: Any, y: Any = None, z: Any = None) -> Any:
@@ -77,8 +92,9 @@ def _fade(t: Any) -> Any:
 def _noise1(p: Attrib1f) -> Any:
     cell = Attrib1u(Attrib1i(floor(p)))
     t = p - floor(p)
-    a = gradient1(pcg(cell)) * t
-    b = gradient1(pcg(cell + 1)) * (t - 1)
+    left, right = _pcg_pair(cell)
+    a = gradient1(left) * t
+    b = gradient1(right) * (t - 1)
     return mix(a, b, _fade(t)) * 2
 
 
@@ -87,11 +103,13 @@ def _noise2(p: Attrib2f) -> Any:
     x = Attrib1u(Attrib1i(cell.x))
     y = Attrib1u(Attrib1i(cell.y))
     t = p - cell
-    low, high = pcg(y), pcg(y + 1)
-    n00 = dot(gradient2(pcg(x + low)), t)
-    n10 = dot(gradient2(pcg(x + 1 + low)), t - (1, 0))
-    n01 = dot(gradient2(pcg(x + high)), t - (0, 1))
-    n11 = dot(gradient2(pcg(x + 1 + high)), t - (1, 1))
+    low, high = _pcg_pair(y)
+    h00, h10 = _pcg_pair(x + low)
+    h01, h11 = _pcg_pair(x + high)
+    n00 = dot(gradient2(h00), t)
+    n10 = dot(gradient2(h10), t - (1, 0))
+    n01 = dot(gradient2(h01), t - (0, 1))
+    n11 = dot(gradient2(h11), t - (1, 1))
     fade = _fade(t)
     return mix(mix(n00, n10, fade.x), mix(n01, n11, fade.x), fade.y)
 
@@ -104,13 +122,12 @@ def _noise3(p: Attrib3f) -> Any:
     t = p - cell
     fade = _fade(t)
     layers = []
-    for k in (0, 1):
-        depth = pcg(z + k)
+    for k, depth in enumerate(_pcg_pair(z)):
         rows = []
-        for j in (0, 1):
-            row = pcg(y + j + depth)
-            a = dot(gradient3(pcg(x + row)), t - (0, j, k))
-            b = dot(gradient3(pcg(x + 1 + row)), t - (1, j, k))
+        for j, row in enumerate(_pcg_pair(y + depth)):
+            left, right = _pcg_pair(x + row)
+            a = dot(gradient3(left), t - (0, j, k))
+            b = dot(gradient3(right), t - (1, j, k))
             rows.append(mix(a, b, fade.x))
         layers.append(mix(rows[0], rows[1], fade.y))
     return mix(layers[0], layers[1], fade.z)

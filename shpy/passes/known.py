@@ -49,6 +49,11 @@ class Known:
                 case Call():
                     self._hidden |= set(s.args)  # what is handed on by reference may be changed
 
+    def within(self, value: int, low: int, high: int) -> bool:
+        """Whether no component of an int, uint or bool can be outside of these."""
+        least, greatest = self.span(value)
+        return low <= least and greatest <= high
+
     def span(self, value: int) -> Span:
         """The least and the greatest number that any component of an int, uint or bool can be."""
         anything = _SPANS[self._types[value].base]
@@ -105,6 +110,14 @@ def _bits_of_both(spans: list[Span], anything: Span) -> Span:
     return (0, min(limits)) if limits else anything
 
 
+def _shifted_right(spans: list[Span], anything: Span) -> Span:
+    (low, high), (least, most) = spans
+    if not 0 <= least <= most < 32:
+        return anything
+    ends = low >> least, low >> most, high >> least, high >> most
+    return min(ends), max(ends)
+
+
 _SPANNED: dict[str, Callable[[list[Span], Span], Span]] = {
     "add": lambda spans, _: (spans[0][0] + spans[1][0], spans[0][1] + spans[1][1]),
     "sub": lambda spans, _: (spans[0][0] - spans[1][1], spans[0][1] - spans[1][0]),
@@ -116,6 +129,7 @@ _SPANNED: dict[str, Callable[[list[Span], Span], Span]] = {
         min(max(spans[0][1], spans[1][1]), spans[2][1]),
     ),
     "and": _bits_of_both,
+    "shr": _shifted_right,
     "convert": lambda spans, _: spans[0],
 } | dict.fromkeys(["cond", *_SAME], lambda spans, _: _hull(spans))
 """From the spans of the operands that of the result before it wraps; the second is that of its type."""

@@ -237,3 +237,23 @@ def test_loops_that_end_on_one_line_give_their_names_back_from_the_inside_out() 
     kernel = nested.compile("numpy")
     assert "        a = all_a\n        b = all_b\n    a = all_a_2\n" in kernel.source
     np.testing.assert_array_equal(kernel(a, b), expected)
+
+
+def test_a_shift_is_an_operator_where_it_is_known_to_be_less_than_32() -> None:
+    @sh.program
+    def shifted(u: sh.Attrib1u, i: sh.Attrib1i) -> tuple[sh.Attrib1u, sh.Attrib1u, sh.Attrib1i]:
+        return (u >> (u & 31)) + 1, (u << (u & 63)) + 1, (i >> (i & 31)) + (i << (u & 15))
+
+    kernel = shifted.compile("numpy")
+    assert "u >> (u & 31)" in kernel.source
+    assert "i >> (i & 31)" in kernel.source
+    assert "shift_left(u, u & 63)" in kernel.source, "may be 32 and more"
+    assert "shift_left(i, u & 15)" in kernel.source, "numpy would make 64 bits of an int and an unsigned one"
+    u = np.array([0, 1, 31, 32, 33, 2**31, 2**32 - 1], np.uint32)
+    i = np.array([0, 1, -1, 31, -33, -(2**31), 2**31 - 1], np.int32)
+    found = kernel(u, i)
+    n = [(int(k) & 31) for k in u]
+    assert found[0].tolist() == [((int(k) >> m) + 1) % 2**32 for k, m in zip(u, n, strict=True)]
+    assert found[1].tolist() == [((int(k) << m) + 1) % 2**32 for k, m in zip(u, n, strict=True)]
+    wanted = [(int(k) >> (int(k) & 31)) + (int(k) << (m & 15)) for k, m in zip(i, n, strict=True)]
+    assert found[2].tolist() == [(w + 2**31) % 2**32 - 2**31 for w in wanted]

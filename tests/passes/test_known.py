@@ -30,6 +30,21 @@ def test_what_is_computed_of_bounded_ints_is_bounded():
     assert index_of(f) == (-6 - 5, 27 + 7 - 1)
 
 
+def test_what_is_shifted_right_by_a_bounded_number_is_bounded():
+    def f(i: sh.Attrib1i, u: sh.Attrib1u) -> sh.Attrib1f:
+        return ROWS[(sh.clamp(i, -9, 9) >> sh.clamp(i, 1, 2)) + sh.Attrib1i(u >> 28)]
+
+    assert index_of(f) == (-5, 4 + 15)
+
+
+@pytest.mark.parametrize(("least", "most"), [(-1, 4), (3, 32)])
+def test_a_shift_that_may_begin_anew_gives_anything(least, most):
+    def f(i: sh.Attrib1i) -> sh.Attrib1f:
+        return ROWS[sh.clamp(i, -9, 9) >> sh.clamp(i, least, most)]
+
+    assert index_of(f) == ANY_INT
+
+
 def test_a_variable_holds_what_is_stored_and_the_zero_before():
     def f(i: sh.Attrib1i, x: sh.Attrib1f) -> sh.Attrib1f:
         at = sh.Attrib1i(3)

@@ -63,6 +63,8 @@ _MEANING: Final = {
     "floormod": "floor_mod_int",
 }
 _GEOMETRY: Final = frozenset({"dot", "cross", "length", "distance", "normalize", "reflect", "refract", "faceforward"})
+SHIFTS: Final = {"shl": "<<", "shr": ">>"}
+"""What Python's operators do too, by less than 32."""
 _LITERALS_WELCOME: Final = frozenset({"min", "max", "clamp", "mod", "atan2"})
 """Functions that give a literal the type of the other operand."""
 
@@ -211,8 +213,8 @@ def _elementwise(op: str, args: list[Expr], types: Sequence[Type], type: Type, v
             whole = method(args[0], "view", "np.float32")
             return whole if type.base is Base.F else method(whole, "astype", dtype(type))
         case "shl" | "shr" | "floordiv" | "floormod" if args[1].literal and _plain(op, args[1], type):
-            symbol = {"shl": "<<", "shr": ">>", "floordiv": "//", "floormod": "%"}[op]
-            return infix(symbol, args[0], args[1])
+            symbols = {**SHIFTS, "floordiv": "//", "floormod": "%"}
+            return infix(symbols[op], args[0], args[1])
     if op in _NUMPY:
         return call(f"np.{_NUMPY[op]}", *(args if op in _LITERALS_WELCOME else [a.own() for a in args]))
     function = use.from_meaning(_MEANING[op])

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from shpy.backends.naming import Names
-from shpy.backends.numpy.expressions import Expr, call, item, method, name
+from shpy.backends.numpy.expressions import Expr, call, infix, item, method, name
 from shpy.backends.numpy.heading import LANES
-from shpy.backends.numpy.operations import Imports, constant, operation, picked
+from shpy.backends.numpy.operations import SHIFTS, Imports, constant, operation, picked
 from shpy.ir.nodes import Function, Let, Loc, Store, Variable
 from shpy.ir.traverse import defined, uses, walk
 from shpy.passes.calls import LaneFacts
+from shpy.passes.known import Known
 
 __all__ = ["Around", "ValuePrinter", "is_partial"]
 
@@ -54,6 +55,7 @@ class ValuePrinter:
         self.f, self.functions, self.use, self.asked = function, around.functions, around.use, around.asked
         self.names = around.names.scope()
         self.varying, self.varying_slots = facts.varying, facts.slots
+        self.known = Known(function)
         self.made = {v.id: v for v in defined(function)}
         self.slots = {v.id: v for v in (*function.outputs, *function.variables)}
         self.slot_names: dict[int, str] = {}
@@ -170,6 +172,8 @@ class ValuePrinter:
                 return call(self.functions[function], *[self.take(a).own() for a in s.args], *self.context(function))
         args = [self.take(a) for a in s.args]
         types = [self.made[a].type for a in s.args]
+        if s.op in SHIFTS and types[0] is types[1] and self.known.within(s.args[1], 0, 31):
+            return infix(SHIFTS[s.op], *args)
         return operation(s.op, args, types, s.value.type, s.value.id in self.varying, self.use)
 
     def context(self, function: str) -> list[Expr]:
