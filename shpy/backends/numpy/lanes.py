@@ -51,6 +51,8 @@ FEW = 2048
 """Up to here numpy's own time to start a function counts more than what it does."""
 MANY = 16_384
 """From here on the rows of several vectors do not fit a cache beside each other."""
+MANY_ROWS = 4
+"""From here on a reduction is quicker than an operation for each row."""
 TOGETHER = 65_536
 """Lanes, times turns of a loop, that are computed together: numpy reuses temporaries that are so large."""
 
@@ -179,8 +181,17 @@ def turns_of(start: Any, stop: Any, step: int, lanes: int | tuple[int, int]) -> 
 
 
 def fold(operation: np.ufunc, total: Array, terms: Array) -> Array:
-    """The total after an operation with each row of `terms`, in order: what a loop of single turns gives."""
-    found = np.asarray(operation(total, terms[0]))
+    """The total after an operation with each row of `terms`, in order: what a loop of single turns gives.
+
+    numpy reduces the first of several axes in order, row by row; along a single one it would sum in pairs.
+    """
+    first = np.asarray(operation(total, terms[0]))
+    if len(terms) >= MANY_ROWS and first.size > 1 and terms.flags.carray and first.shape == terms.shape[1:]:
+        kept, terms[0] = terms[0].copy(), first
+        found = operation.reduce(terms, axis=0)
+        terms[0] = kept
+        return np.asarray(found)
+    found = first
     for row in terms[1:]:
         operation(found, row, out=found)
     return found

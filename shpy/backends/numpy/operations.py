@@ -29,9 +29,9 @@ from shpy.backends.numpy.expressions import (
 from shpy.ir.constants import DTYPES, to_array
 from shpy.ir.types import Base, Type
 
-__all__ = ["Imports", "constant", "dtype", "operation", "picked", "zeros"]
+__all__ = ["INFIX", "SHIFTS", "Imports", "constant", "dtype", "operation", "picked", "zeros"]
 
-_INFIX: Final = {
+INFIX: Final = {
     "add": "+",
     "sub": "-",
     "mul": "*",
@@ -46,6 +46,7 @@ _INFIX: Final = {
     "gt": ">",
     "ge": ">=",
 }
+"""Operations that are operators of Python."""
 _NUMPY: Final = {
     **{n: n for n in ("floor", "ceil", "trunc", "sqrt", "isnan", "isinf", "abs", "exp", "exp2", "log", "log2")},
     **{n: n for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
@@ -185,9 +186,9 @@ def _elementwise(op: str, args: list[Expr], types: Sequence[Type], type: Type, v
     if all(a.literal for a in args):
         args = [a.own() for a in args]
     if op in ("eq", "ne", "lt", "le", "gt", "ge"):
-        return comparison(_INFIX[op], args[0], args[1], ordered=not types[0].is_float)
-    if op in _INFIX:
-        return infix(_INFIX[op], args[0], args[1])
+        return comparison(INFIX[op], args[0], args[1], ordered=not types[0].is_float)
+    if op in INFIX:
+        return infix(INFIX[op], args[0], args[1])
     match op:
         case "neg":
             return prefix("-", args[0])

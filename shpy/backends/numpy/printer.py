@@ -27,6 +27,7 @@ from shpy.backends.numpy.heading import asked_by, components_of, imports_of
 from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
 from shpy.backends.numpy.operations import Imports, dtype, zeros
 from shpy.backends.numpy.turns import Turns, counted
+from shpy.backends.numpy.updates import Updates
 from shpy.backends.numpy.values import MAX_LENGTH, Around, ValuePrinter, is_partial
 from shpy.ir import meaning
 from shpy.ir.nodes import (
@@ -61,13 +62,11 @@ class Printed:
     """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
 
     An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
-    `compacts`: whether it has loops that go on with the lanes that are left.
     """
 
     text: str
     entry: str
     arguments: tuple[tuple[str, str], ...]
-    compacts: bool
 
 
 def print_python(vector: VectorModule) -> Printed:
@@ -81,10 +80,10 @@ def print_python(vector: VectorModule) -> Printed:
     for function in module.functions:
         facts = _all_of(function) if function.pure else vector.facts[function.name]
         printers.append(_Printer(function, facts, around))
+    printers[-1].updates = Updates(module.entry, vector.facts[module.entry.name])
     texts = [printer.function() for printer in printers]
     text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
-    compacts = any(printer.compactions for printer in printers)
-    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]), compacts)
+    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]))
 
 
 def _all_of(function: Function) -> LaneFacts:
@@ -372,6 +371,7 @@ class _Printer(ValuePrinter):
         head = f"{self.use.from_lanes('turns_of')}({counter}, {stop.text}, {turns.step}, {self.lanes})"
         self.line(f"for {counter} in {head}:", s.loc)
         self.indent += 1
+        updates, self.updates = self.updates, None  # what is new has several rows, what was there before may have one
         for let in turns.body:
             self.let(let)
         for total in turns.sums:
@@ -379,6 +379,7 @@ class _Printer(ValuePrinter):
             self.settle([total.slot])
             folded = call(self.use.from_lanes("fold"), total.fold, slot, term.own())
             self.line(f"{slot} = {folded.text}", self.made[total.term].loc)
+        self.updates = updates
         self.indent -= 1
         self.stored.clear()
 

@@ -31,10 +31,8 @@ from shpy.passes.pipeline import Prepared, Target, prepare
 
 __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
-TILE: Final = 32_768
-"""Lanes that run together."""
-LEAVING_TILE: Final = 65_536
-"""Lanes that run together where they leave loops one by one: those that are left should still be many."""
+TILE: Final = 65_536
+"""Lanes that run together: their arrays still fit a cache, and numpy reuses temporaries from 256 KiB on."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
 TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos"}), vector=True)
@@ -65,8 +63,7 @@ class NumpyBackend:
         vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector)
-        tile = tile or (LEAVING_TILE if printed.compacts else TILE)
-        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module))
+        return NumpyExecutable(prepared, layout, printed, tile or TILE, _compiled(printed, module))
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:

@@ -8,6 +8,7 @@ store to what it reads comes first; one that is used more often gets the name of
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from shpy.backends.naming import Names
 from shpy.backends.numpy.expressions import Expr, call, infix, item, method, name
 from shpy.backends.numpy.heading import LANES
 from shpy.backends.numpy.operations import SHIFTS, Imports, constant, operation, picked
+from shpy.backends.numpy.updates import UPDATES, Updates
 from shpy.ir.nodes import Function, Let, Loc, Store, Variable
 from shpy.ir.traverse import defined, uses, walk
 from shpy.passes.calls import LaneFacts
@@ -72,6 +74,8 @@ class ValuePrinter:
         self.indent = 1
         self.shown: Loc | None = None
         self.stored: list[tuple[int, Expr]] = []
+        self.updates: Updates | None = None
+        self.fresh: dict[int, int] = {}
 
     def line(self, text: str, loc: Loc | None = None) -> None:
         """Print a line, with the source line that it came from if that is another than before."""
@@ -113,11 +117,28 @@ class ValuePrinter:
         self.line(f"{bound} = {self.unshared(scalar or e).own().text}", made.loc)
         if value in self.varying:
             self.lane_names.add(bound)
+        self.fresh[value] = self.indent
         whole = name(bound)
         if scalar is not None:
             size = made.type.size
             whole = replace(call(self.use.from_lanes("splat"), whole, str(size)), splat=whole)
         self.values[value] = whole
+
+    def is_alone(self, value: int) -> bool:
+        """Whether a value was named in this region, and nothing that is still to be written reads that name."""
+        if self.fresh.get(value) != self.indent:
+            return False
+        named = re.compile(rf"\b{self.values[value].text}\b")
+        return not any(named.search(self.values[other].text) for other in self.waiting)
+
+    def update(self, s: Let) -> None:
+        """Let the array of the first operand become the value."""
+        first, *rest = s.args
+        held = self.take(first)
+        for symbol, operand in zip(UPDATES[s.op], rest, strict=True):
+            self.line(f"{held.text} {symbol}= {self.take(operand).text}", s.value.loc)
+        self.values[s.value.id] = held
+        self.fresh[s.value.id] = self.indent
 
     def unshared(self, e: Expr) -> Expr:
         """A copy, where a later store could change the array that the expression looks into."""
@@ -136,6 +157,9 @@ class ValuePrinter:
         self.left[value] = self.uses[value]
         if not self.left[value]:
             self.left.subtract(s.args)
+            return
+        if self.updates is not None and self.updates.allows(s, self.left) and self.is_alone(s.args[0]):
+            self.update(s)
             return
         e = self.expression(s)
         self.hold(value, e)

@@ -1,12 +1,15 @@
 import numpy as np
 
-from shpy.ir.meaning import floor_div_int, floor_mod_int, shift_right
+from shpy.ir.meaning import floor_div_int, floor_mod_int
+
+
+def scramble(state):
+    word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737  # library.py:31
+    return (word >> 22) ^ word  # library.py:32
 
 
 def pcg(x):
-    state = x * 747796405 + 2891336453  # library.py:28
-    word = (shift_right(state, (state >> 28) + 4) ^ state) * 277803737  # library.py:29
-    return (word >> 22) ^ word  # library.py:30
+    return scramble(x * 747796405 + 2891336453)  # library.py:39
 
 
 def whole_numbers(a, b, u, lanes):

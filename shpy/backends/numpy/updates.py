@@ -1,0 +1,71 @@
+"""Which values may take the place of another: `total += w * x` instead of `total_2 = total + w * x`.
+
+Stage: emit. Part of the numpy printer. Takes the entry of a vectorised module; says of an operation whether the array
+of its first operand may be changed. numpy then neither makes an array nor fills another part of the cache.
+
+What is asked for: the operand is an array that the text has made itself, as large as the result; nothing but operators
+ever reads it, so that no view and no slot holds it too; this is its last use; and both are values of one variable.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+
+from shpy.backends.numpy.operations import INFIX
+from shpy.ir.nodes import Function, Let, Value
+from shpy.ir.traverse import defined, uses, walk
+from shpy.passes.calls import LaneFacts
+
+__all__ = ["UPDATES", "Updates"]
+
+UPDATES = {"add": ("+",), "sub": ("-",), "mul": ("*",), "mad": ("*", "+")}
+"""By operation what is done to its first operand, with one of the others after the other."""
+_READERS = frozenset(INFIX) | UPDATES.keys() | {"sqrt", "neg"}
+"""What makes a new array of those that it reads."""
+
+
+class Updates:
+    """The values of an entry that may be changed once they are read for the last time."""
+
+    def __init__(self, entry: Function, facts: LaneFacts) -> None:
+        readers: dict[int, set[str]] = defaultdict(set)
+        self.made: dict[int, Let] = {}
+        for s in walk(entry.body):
+            if isinstance(s, Let):
+                self.made[s.value.id] = s
+            for value in uses(s):
+                readers[value].add(s.op if isinstance(s, Let) else "")
+        own = {v for v, s in self.made.items() if s.op in UPDATES.keys() | {"div"}}
+        large = _large(entry, facts)
+        self.changing = {v for v in own & large if readers[v] <= _READERS}
+        self.large = large
+
+    def allows(self, s: Let, left: Counter[int]) -> bool:
+        """Whether the operation may change its first operand."""
+        if s.op not in UPDATES:
+            return False
+        first, *rest = s.args
+        before = self.made.get(first)
+        return (
+            first in self.changing
+            and left[first] == 1
+            and first not in rest
+            and before is not None
+            and _alike(before.value, s.value)
+        )
+
+
+def _alike(before: Value, after: Value) -> bool:
+    return before.type is after.type and before.type.size == 1 and before.name == after.name is not None
+
+
+def _large(entry: Function, facts: LaneFacts) -> set[int]:
+    """What has a number for each lane, even if the kernel knows its place in a grid: not for each row or column."""
+    lets = [s for s in walk(entry.body) if isinstance(s, Let)]
+    if not any(s.op == "grid_index" for s in lets):
+        return {v.id for v in defined(entry)} & facts.varying
+    found = {i.id for i in entry.inputs}
+    for s in lets:
+        if s.op == "neighbour" or (s.op in _READERS and any(a in found for a in s.args)):
+            found.add(s.value.id)
+    return found
