@@ -1,10 +1,5 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The number where one is NaN.
-float sh_max(float a, float b) {
-    return (a < b) | (a != a) ? b : a;
-}
-
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod_i(int a, int b) {
     if (b == 0 || b == -1) {
@@ -26,8 +21,13 @@ uint sh_at(int i, int size) {
 }
 
 // The number where one is NaN.
+float sh_max(float a, float b) {
+    return !(a >= b) & (b == b) ? b : a;
+}
+
+// The number where one is NaN.
 float sh_min(float a, float b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }
 
 float dot3(float3 a, float3 b) {
@@ -35,12 +35,16 @@ float dot3(float3 a, float3 b) {
 }
 
 float3 normalize3(float3 v) {
-    float largest = sh_max(sh_max(fabs(v.x), fabs(v.y)), fabs(v.z));
-    float3 t = (float3)(largest > 4.611686e+18f ? 7.888609e-31f : (largest < 8.881784e-16f ? 1.2676506e+30f : 1.0f));
-    float3 scaled = v * t;
+    float t = fabs(v.x);
+    float t2 = fabs(v.y);
+    float t3 = fabs(v.z);
+    float t4 = t < t2 ? t2 : t;
+    float largest = t4 < t3 ? t3 : t4;
+    float3 t5 = (float3)(largest > 4.611686e+18f ? 7.888609e-31f : (largest < 8.881784e-16f ? 1.2676506e+30f : 1.0f));
+    float3 scaled = v * t5;
     float size = sqrt(dot3(scaled, scaled));
-    bool t2 = size > 0.0f;
-    return t2 ? scaled / (t2 ? size : 1.0f) : (float3)(0.0f);
+    bool t6 = size > 0.0f;
+    return t6 ? scaled / (t6 ? size : 1.0f) : (float3)(0.0f);
 }
 
 float3 shade(float3 n, float3 light, float3 color) {  // test_opencl_text.py:42
