@@ -2,7 +2,7 @@
 
 // The number where one is NaN.
 float sh_min(float a, float b) {
-    return (b < a) | (a != a) ? b : a;
+    return !(a <= b) & (b == b) ? b : a;
 }
 
 void walk_element(float x, int n, float *result, int *status) {  // test_opencl_text.py:83

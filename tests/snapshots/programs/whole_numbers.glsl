@@ -35,10 +35,14 @@ int sh_floormod(int a, int b) {
     return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
 }
 
-uint pcg(uint x) {  // library.py:27
-    uint state = x * 747796405u + 2891336453u;  // library.py:28
-    uint word = ((state >> (((state >> 28) + 4u) & 31u)) ^ state) * 277803737u;  // library.py:29
-    uint result = (word >> 22) ^ word;  // library.py:30
+uint scramble(uint state) {  // library.py:30
+    uint word = ((state >> (((state >> 28) + 4u) & 31u)) ^ state) * 277803737u;  // library.py:31
+    uint result = (word >> 22) ^ word;  // library.py:32
+    return result;
+}
+
+uint pcg(uint x) {  // library.py:38
+    uint result = scramble(x * 747796405u + 2891336453u);  // library.py:39
     return result;
 }
 
