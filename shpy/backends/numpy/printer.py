@@ -62,11 +62,14 @@ class Printed:
     """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
 
     An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
+    `large`: many lanes are to run together, for they leave loops one by one, and those that are left should still be
+    many; or no function is called, so that few arrays live at a time, and numpy reuses temporaries of 256 KiB.
     """
 
     text: str
     entry: str
     arguments: tuple[tuple[str, str], ...]
+    large: bool
 
 
 def print_python(vector: VectorModule) -> Printed:
@@ -83,7 +86,8 @@ def print_python(vector: VectorModule) -> Printed:
     printers[-1].updates = Updates(module.entry, vector.facts[module.entry.name])
     texts = [printer.function() for printer in printers]
     text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
-    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]))
+    large = len(printers) == 1 or any(printer.compactions for printer in printers)
+    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]), large)
 
 
 def _all_of(function: Function) -> LaneFacts:

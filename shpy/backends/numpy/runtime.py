@@ -31,8 +31,10 @@ from shpy.passes.pipeline import Prepared, Target, prepare
 
 __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
-TILE: Final = 65_536
-"""Lanes that run together: their arrays still fit a cache, and numpy reuses temporaries from 256 KiB on."""
+TILE: Final = 32_768
+"""Lanes that run together."""
+LARGE_TILE: Final = 65_536
+"""Lanes that run together where that is better, see `Printed.large`."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
 TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos"}), vector=True)
@@ -63,7 +65,8 @@ class NumpyBackend:
         vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector)
-        return NumpyExecutable(prepared, layout, printed, tile or TILE, _compiled(printed, module))
+        tile = tile or (LARGE_TILE if printed.large else TILE)
+        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module))
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
