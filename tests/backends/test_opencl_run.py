@@ -1,6 +1,10 @@
 """The OpenCL runtime: what goes to the device and comes back, memory, errors."""
 
+import ast
 import gc
+import os
+import subprocess
+import sys
 import threading
 import weakref
 from typing import Any
@@ -220,6 +224,31 @@ def test_without_a_driver_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(sh.BackendUnavailable, match="apt install pocl-opencl-icd"):
         backend.devices()
     device._found.cache_clear()
+
+
+_CORES_OF_THREADS = """
+import os
+import shpy as sh
+CONFINE
+[d for b in sh.backends() for d in b.devices if b.name == "opencl"]
+print([sorted(os.sched_getaffinity(int(thread))) for thread in os.listdir("/proc/self/task")])
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux" or (os.cpu_count() or 1) < 2, reason="threads are placed on several cores")
+@pytest.mark.parametrize(
+    ("told", "confine", "kept"),
+    [
+        ({}, "", set(range(os.cpu_count() or 1))),
+        ({"POCL_AFFINITY": "0"}, "", set()),
+        ({}, "os.sched_setaffinity(0, {1})", {1}),
+    ],
+)
+def test_threads_of_a_processor_stay_on_cores_of_their_own(told: dict[str, str], confine: str, kept: set[int]) -> None:
+    command = [sys.executable, "-c", _CORES_OF_THREADS.replace("CONFINE", confine)]
+    environment = {k: v for k, v in os.environ.items() if k != "POCL_AFFINITY"} | told
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert {cores[0] for cores in ast.literal_eval(found) if len(cores) == 1} == kept
 
 
 def test_a_device_that_is_not_there() -> None:
