@@ -104,6 +104,20 @@ def test_names_that_glsl_or_the_printer_uses_do_no_harm() -> None:
         assert np.array_equal(b, (x * 0 + x + 1) * (x + 2), equal_nan=True)
 
 
+@sh.program
+def shifted(x: sh.Attrib1u, by: sh.Attrib1u) -> tuple[sh.Attrib1u, sh.Attrib1u]:
+    return x >> by, x << ((by & 15) + 16)
+
+
+def test_what_a_shift_is_by_is_masked_unless_it_is_known_to_be_less_than_32() -> None:
+    kernel = shifted.compile("glsl")
+    assert "x >> (by & 31u)" in kernel.source
+    assert "x << ((by & 15u) + 16u)" in kernel.source
+    right, left = kernel(np.uint32([96, 5]), np.uint32([33, 34]))
+    assert right.tolist() == [48, 1]
+    assert left.tolist() == [96 << 17, 5 << 18]
+
+
 def test_the_prologue_holds_what_is_used_and_what_that_calls() -> None:
     prologue = Prologue()
     prologue.use("sh_fma", (vec(Base.F, 3),) * 3)

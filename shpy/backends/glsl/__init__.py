@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 
 from shpy.backends.base import Array, Call, Device, Options
 from shpy.backends.glsl.context import Context, open_context
-from shpy.backends.glsl.printer import FAST, NATIVE, Printer
+from shpy.backends.glsl.printer import Printer
 from shpy.backends.glsl.runtime import Program, Runtime, unsupported
+from shpy.backends.glsl.spelling import FAST, NATIVE
 from shpy.backends.probe import notes_of, refuse_wrong
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.nodes import Loc, Module, Value, Variable

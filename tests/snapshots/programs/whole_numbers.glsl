@@ -36,7 +36,7 @@ int sh_floormod(int a, int b) {
 }
 
 uint scramble(uint state) {  // library.py:30
-    uint word = ((state >> (((state >> 28) + 4u) & 31u)) ^ state) * 277803737u;  // library.py:31
+    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:31
     uint result = (word >> 22) ^ word;  // library.py:32
     return result;
 }
