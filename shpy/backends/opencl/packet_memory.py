@@ -82,10 +82,11 @@ class PacketMemory:
     shuffle: bool
 
     def packet(self) -> str:
-        """`sh_packet` and the function that makes the packet of a work item."""
+        """`sh_packet` and the functions that make the packet of a work item."""
         lanes, rows = self.lanes, self.lanes // COLUMNS
         columns = ", ".join(str(k % COLUMNS) for k in range(lanes))
         lines = ", ".join(str(k // COLUMNS) for k in range(lanes))
+        by_rows = f" * {rows}" if rows > 1 else ""
         return f"""\
 // The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {COLUMNS} in an array that is `row` wide.
 // Each lane holds the element `first + at`, which is in column x of line y.
@@ -100,11 +101,15 @@ typedef struct {{
     bool empty;
 }} sh_packet;
 
-// The packet of this work item; the last one of a row, and the last row, may hold fewer elements.
-{INLINE} sh_packet sh_packet_of(ulong count, int row) {{
-    bool list = row == {COLUMNS};
-    int x = list ? 0 : (int)get_global_id(0) * {COLUMNS};
-    int y = (int)get_global_id(list ? 0 : 1) * {rows};
+// Where this work item's packet begins: its column and line.
+{INLINE} int2 sh_corner(int row) {{
+    int i = get_global_id(0), j = get_global_id(1);
+    return row == {COLUMNS} ? (int2)(0, i{by_rows}) : (int2)(i * {COLUMNS}, j{by_rows});
+}}
+
+// The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
+{INLINE} sh_packet sh_packet_at(int2 corner, ulong count, int row) {{
+    int x = corner.x, y = corner.y;
     sh_packet p;
     p.first = (size_t)y * row + x;
     p.row = row;

@@ -188,10 +188,9 @@ class PacketPrologue(Prologue):
         """Ask for the struct of a packet of vectors; gives its name."""
         return self._ask(spelled_wide(type), lambda _: struct_text(type))
 
-    def packet(self) -> str:
-        """Ask for the packet of a work item; gives the function's name."""
+    def packet(self) -> None:
+        """Ask for the packet of a work item."""
         self._ask("sh_packet", lambda _: self._memory.packet())
-        return "sh_packet_of"
 
     def memory(self, way: str, base: Base, size: int) -> str:
         """Ask for the function that can `read`, `write` or `gather`; gives its name."""

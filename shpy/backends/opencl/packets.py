@@ -67,7 +67,9 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
                 if base is not Base.H:
                     self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
         self.row = self.globals.take("row")
+        self.corner = self.globals.take("corner")
         self.packet = self.globals.take("packet")
+        self.is_inner = False
 
     def print(self) -> Kernel:
         """The whole text."""
@@ -87,11 +89,13 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         return found
 
     def _handed(self, function: Function) -> list[tuple[str, str]]:
-        """The packet is handed to the entry's own function; a lane's place in the grid is wide."""
+        """A lane's place in the grid is wide; the entry's own function is handed what its packet is made of."""
         pairs = super()._handed(function)
         index = self.grid_names["grid_index"]
-        pairs = [(self.declaration(self._index_type(), name) if name == index else text, name) for text, name in pairs]
-        return [(f"sh_packet {self.packet}", self.packet), *pairs] if function.name == self.module.entry.name else pairs
+        if function.name == self.module.entry.name:
+            here = [("int2", self.corner), ("ulong", self.count), ("int", self.row)]
+            return [*((f"{type} {name}", name) for type, name in here), *(pair for pair in pairs if pair[1] != index)]
+        return [(self.declaration(self._index_type(), name) if name == index else text, name) for text, name in pairs]
 
     def _index_type(self) -> Type:
         return rows_of(Base.I, max(self.grid_rank, 1), self.lanes)
@@ -105,10 +109,12 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         name = self.function_names[entry.name]
         apart = _is_large(entry) or leaves_early(entry)
         inner = self.globals.take(f"{name}_packet") if apart else ""
-        if apart:
-            self._function(entry, inner)
-        self.begin(entry)
         self.prologue.packet()
+        if apart:
+            self.is_inner = True
+            self._function(entry, inner)
+            self.is_inner = False
+        self.begin(entry)
         read = [i for i in entry.inputs if isinstance(i, Value) and self.layout.uses[i.id]]
         self.inputs = tuple(at for at, i in enumerate(entry.inputs) if i in read)
         inputs = [(self.inputs[k], i, self.names.take(f"{i.name or 'a'}_in")) for k, i in enumerate(read)]
@@ -117,7 +123,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         self.emit("")
         self._packet_signature(name, entry, inputs, steps, outputs)
         with self.block(scope=False):
-            self._packet_prelude(entry)
+            self._packet_prelude(entry, apart)
             for (at, value, array), step in zip(inputs, steps, strict=True):
                 type = self.ports.inputs[at].type
                 function = self.prologue.memory("read", type.base, type.size)
@@ -142,7 +148,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
             parameters.append(f"{spelled(vec(Base.I, self.grid_rank))} {self.grid_names['grid_shape']}")
         for (at, _, array), step in zip(inputs, steps, strict=True):
             parameters += [f"{self._array_of(self.ports.inputs[at].type, 'const ')}{array}", f"int {step}"]
-        own = {self.packet, *self.grid_names.values()}
+        own = {self.corner, self.count, self.row, *self.grid_names.values()}
         parameters += [text for text, handed in self._handed(entry) if handed not in own]
         parameters += [f"{self._array_of(o.type)}{n}" for o, n in zip(self.ports.outputs, outputs, strict=True)]
         self._head(f"__kernel void {name}", parameters, entry.loc)
@@ -151,12 +157,27 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         """Inputs and outputs are arrays of numbers."""
         return self.pointer(type.scalar, qualifier)
 
-    def _packet_prelude(self, entry: Function) -> None:
-        self.emit(f"sh_packet {self.packet} = sh_packet_of({self.count}, {self.row});")
+    def body(self, function: Function, *, returns: bool) -> None:
+        """The entry's own function makes its packet again: a struct of vectors that is handed over waits for memory."""
+        if self.is_inner:
+            self._make_packet()
+            self._find_place(function)
+        super().body(function, returns=returns)
+
+    def _packet_prelude(self, entry: Function, apart: bool) -> None:
+        self.emit(f"int2 {self.corner} = sh_corner({self.row});")
+        self._make_packet()
         self.emit(f"if ({self.packet}.empty) {{")
         with self.block():
             self.emit("return;")
         self.emit("}")
+        if not apart:
+            self._find_place(entry)
+
+    def _make_packet(self) -> None:
+        self.emit(f"sh_packet {self.packet} = sh_packet_at({self.corner}, {self.count}, {self.row});")
+
+    def _find_place(self, entry: Function) -> None:
         if "grid_index" in self.needs[entry.name].grid:
             declaration = self.declaration(self._index_type(), self.grid_names["grid_index"])
             self.emit(f"{declaration} = {self._grid_of_lanes()};")
