@@ -10,7 +10,11 @@ from backends import snapshot_programs
 from backends.running import TARGETS
 
 import shpy as sh
-from shpy.passes.pipeline import optimise
+from shpy.backends.base import Options
+from shpy.backends.opencl.packet_prologue import Abilities
+from shpy.backends.opencl.packets import print_packets
+from shpy.backends.opencl.runtime import PACKET_TARGET
+from shpy.passes.pipeline import optimise, prepare
 from shpy.passes.precision import set_precision
 
 PROGRAMS = {name: thing for name, thing in vars(snapshot_programs).items() if isinstance(thing, sh.Program)}
@@ -28,3 +32,10 @@ def test_the_ir(name, snapshots):
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_text_for(target, name, snapshots):
     snapshots.check(f"programs/{name}.{SUFFIX[target]}", PROGRAMS[name].compile(target, lanes=1).source)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_text_for_packets(name, snapshots):
+    """Of eight elements, for a compiler that has OpenCL C and nothing besides."""
+    prepared = prepare(PROGRAMS[name].ir, Options(), PACKET_TARGET)
+    snapshots.check(f"programs/{name}.packets.cl", print_packets(prepared.module, 8, Abilities()).text)
