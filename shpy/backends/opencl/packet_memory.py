@@ -21,10 +21,10 @@ from shpy.backends.opencl.packet_types import rows_of
 from shpy.backends.opencl.prologue import SCALARS
 from shpy.ir.types import Base, Type
 
-__all__ = ["COLUMNS", "HEX", "INLINE", "NOINLINE", "PacketMemory", "spelled_wide", "struct_text"]
+__all__ = ["HEX", "INLINE", "NOINLINE", "QUAD", "PacketMemory", "spelled_wide", "struct_text"]
 
-COLUMNS: Final = 4
-"""Elements that lie side by side in a packet."""
+QUAD: Final = 4
+"""Numbers that are loaded, stored and sorted together; the columns of a packet that is a block."""
 HEX: Final = "0123456789abcdef"
 _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
@@ -59,12 +59,6 @@ def _scaled(text: str, size: int) -> str:
     return f"{text} * {size}" if size > 1 else text
 
 
-def _start(size: int, row: int) -> str:
-    """Where a row of the block begins."""
-    step = row * size
-    return f"a + {f'{step} * ' if step > 1 else ''}p.row" if step else "a"
-
-
 def _element(base: Base) -> str:
     return "uchar" if base is Base.B else SCALARS[base]
 
@@ -76,19 +70,25 @@ def _place(size: int, component: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PacketMemory:
-    """Writes the functions for packets of `lanes`; `shuffle` if the compiler has `__builtin_shufflevector`."""
+    """Writes the functions for packets of `lanes`; `shuffle` if the compiler has `__builtin_shufflevector`.
+
+    `columns` of the lanes lie side by side: four of a block, or all.
+    """
 
     lanes: int
     shuffle: bool
+    columns: int
 
     def packet(self) -> str:
         """`sh_packet` and the functions that make the packet of a work item."""
-        lanes, rows = self.lanes, self.lanes // COLUMNS
-        columns = ", ".join(str(k % COLUMNS) for k in range(lanes))
-        lines = ", ".join(str(k // COLUMNS) for k in range(lanes))
+        lanes, wide, rows = self.lanes, self.columns, self.lanes // self.columns
+        columns = ", ".join(str(k % wide) for k in range(lanes))
+        lines = ", ".join(str(k // wide) for k in range(lanes))
         by_rows = f" * {rows}" if rows > 1 else ""
+        below, line = (f" + row * (int{lanes})({lines})", f"y + (int{lanes})({lines})") if rows > 1 else ("", "y")
+        last = {1: "", 2: "row + "}.get(rows, f"{rows - 1} * row + ")
         return f"""\
-// The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {COLUMNS} in an array that is `row` wide.
+// The elements of a packet: {rows} row{"s" if rows > 1 else ""} of {wide} in an array that is `row` wide.
 // Each lane holds the element `first + at`, which is in column x of line y.
 typedef struct {{
     size_t first;
@@ -104,7 +104,7 @@ typedef struct {{
 // Where this work item's packet begins: its column and line.
 {INLINE} int2 sh_corner(int row) {{
     int i = get_global_id(0), j = get_global_id(1);
-    return row == {COLUMNS} ? (int2)(0, i{by_rows}) : (int2)(i * {COLUMNS}, j{by_rows});
+    return row == {wide} ? (int2)(0, i{by_rows}) : (int2)(i * {wide}, j{by_rows});
 }}
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
@@ -116,12 +116,12 @@ typedef struct {{
     p.empty = p.first >= count || x >= row;
     int left = (int)min(count - p.first, (ulong)INT_MAX);
     p.x = (int{lanes})({columns});
-    p.at = p.x + row * (int{lanes})({lines});
+    p.at = p.x{below};
     p.active = (p.x < row - x) & (p.at < left);
-    p.whole = x + {COLUMNS} <= row && left > {rows - 1} * row + {COLUMNS - 1};
+    p.whole = x + {wide} <= row && left > {last}{wide - 1};
     p.at &= p.active;
     p.x += x;
-    p.y = y + (int{lanes})({lines});
+    p.y = {line};
     return p;
 }}"""
 
@@ -224,16 +224,17 @@ typedef struct {{
         pointer = element if held == 1 else f"{element}{held}"
         result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
         if rank == 1:
-            place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {COLUMNS}) + (uint)by);"]
+            place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {self.columns}) + (uint)by);"]
             inside, start = f"i.s0 >= 0 && i.s0 <= size - {lanes}", "i.s0"
-            pitch, slow = str(COLUMNS), f"{gather}(a, clamp(i, 0, size - 1))"
+            pitch, slow = str(QUAD), f"{gather}(a, clamp(i, 0, size - 1))"
         else:
             place = [
                 f"int{lanes} y = as_int{lanes}(as_uint{lanes}(p.y) + (uint)by.x);",
                 f"int{lanes} x = as_int{lanes}(as_uint{lanes}(p.x) + (uint)by.y);",
             ]
-            inside = f"y.s0 >= 0 && y.s0 <= size.x - {lanes // COLUMNS} && x.s0 >= 0 && x.s0 <= size.y - {COLUMNS}"
-            start, pitch = "(size_t)y.s0 * size.y + x.s0", "size.y"
+            rows = lanes // self.columns
+            inside = f"y.s0 >= 0 && y.s0 <= size.x - {rows} && x.s0 >= 0 && x.s0 <= size.y - {self.columns}"
+            start, pitch = "(size_t)y.s0 * size.y + x.s0", "size.y" if rows > 1 else str(QUAD)
             slow = f"{gather}(a, {flat}((int{lanes}x2){{y, x}}, size))"
         return "\n".join([
             "// The elements of a table at the packet's own place, moved.",
@@ -248,14 +249,16 @@ typedef struct {{
         ])  # fmt: skip
 
     def _near_loads(self, base: Base, size: int, pitch: str) -> list[str]:
-        """The statements that load a block of a table whose lines are `pitch` elements apart."""
-        element, rows = _element(base), range(self.lanes // COLUMNS)
+        """The statements that load quads of a table that are `pitch` elements apart."""
+        element, rows = _element(base), range(self.lanes // QUAD)
+        if size == 1 and pitch == str(QUAD):
+            return [f"return {self._loaded(f'vload{self.lanes}(0, a)', base)};"]
         if size == 1:
             starts = ["a", *(f"a + {f'{r} * ' if r > 1 else ''}{pitch}" for r in rows[1:])]
             loads = ", ".join(f"vload4(0, {start})" for start in starts)
             return [f"return {self._loaded(f'({element}{self.lanes})({loads})', base)};"]
         result = spelled_wide(rows_of(base, size, self.lanes))
-        places = [f"{f'{r} * {pitch} + ' if r else ''}{c}" for r in rows for c in range(COLUMNS)]
+        places = [f"{f'{r} * {pitch} + ' if r else ''}{c}" for r in rows for c in range(QUAD)]
         body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
         return [f"{result} v;", *body, "return v;"]
 
@@ -286,16 +289,18 @@ typedef struct {{
 
     def _if_list(self, size: int, *statements: str) -> list[str]:
         """What to do where the numbers of a packet follow one another, as in a list."""
-        if size > 1 or self.lanes == COLUMNS:
+        if size > 1 or self.lanes == self.columns:
             return []
-        return [f"    if (p.row == {COLUMNS}) {{", *(f"        {s}" for s in statements), "    }"]
+        return [f"    if (p.row == {self.columns}) {{", *(f"        {s}" for s in statements), "    }"]
 
     def _block_loads(self, base: Base, size: int) -> list[str]:
-        """The statements that load a whole block, four numbers at a time, and sort them by component."""
-        element, rows = _element(base), range(self.lanes // COLUMNS)
+        """The statements that load a whole packet, four numbers at a time, and sort them by component."""
+        element, quads = _element(base), range(self.lanes // QUAD)
         wide, lines = f"{element}{self.lanes}", []
+        if size == 1 and self.lanes == self.columns:
+            return [f"v = {self._loaded(f'vload{self.lanes}(0, a)', base)};"]
         for k, part in enumerate(_PARTS[:size]):
-            loads = ", ".join(f"vload4({k}, {_start(size, r)})" for r in rows)
+            loads = ", ".join(f"vload4({k}, {self._start(size, q)})" for q in quads)
             if size == 1:
                 return [f"v = {self._loaded(f'({wide})({loads})', base)};"]
             lines.append(f"{wide} {part} = ({wide})({loads});")
@@ -313,18 +318,27 @@ typedef struct {{
         return lines
 
     def _block_stores(self, element: str, numbers: list[str]) -> list[str]:
-        """The statements that store a whole block, four numbers at a time."""
+        """The statements that store a whole packet, four numbers at a time."""
         size, wide = len(numbers), f"{element}{self.lanes}"
+        if size == 1 and self.lanes == self.columns:
+            return [f"vstore{self.lanes}({numbers[0]}, 0, a);"]
         lines = [f"{wide} {_XYZW[k]} = {n};" for k, n in enumerate(numbers)]
         parts = _PARTS[:size] if size > 1 else ("x",)
         for n, part in enumerate(parts if size > 1 else ()):
             picks = [(_XYZW[at % size], at // size) for at in range(4 * n, 4 * n + 4)]
             steps, made = self._sorted(element, part, picks)
             lines += [*steps, f"{wide} {part} = {made};"]
-        for r in range(self.lanes // COLUMNS):
-            picked = HEX[COLUMNS * r : COLUMNS * (r + 1)]
-            lines += [f"vstore4({part}.s{picked}, {k}, {_start(size, r)});" for k, part in enumerate(parts)]
+        for q in range(self.lanes // QUAD):
+            picked = HEX[QUAD * q : QUAD * (q + 1)]
+            lines += [f"vstore4({part}.s{picked}, {k}, {self._start(size, q)});" for k, part in enumerate(parts)]
         return lines
+
+    def _start(self, size: int, quad: int) -> str:
+        """Where four lanes begin that lie side by side."""
+        step = quad * size
+        if self.lanes == self.columns:
+            return f"a + {step * QUAD}" if step else "a"
+        return f"a + {f'{step} * ' if step > 1 else ''}p.row" if step else "a"
 
     def _pairs(self, element: str, base: Base, places: list[str]) -> list[str]:
         half, lines = self.lanes // 2, []

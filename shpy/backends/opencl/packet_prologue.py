@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from shpy.backends.opencl.packet_memory import HEX, INLINE, PacketMemory, spelled_wide, struct_text
+from shpy.backends.opencl.packet_memory import HEX, INLINE, QUAD, PacketMemory, spelled_wide, struct_text
 from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
 from shpy.backends.opencl.prologue import SCALARS, Prologue
 from shpy.ir.types import Base, Type
@@ -127,14 +127,17 @@ _SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
 
 
 class PacketPrologue(Prologue):
-    """The functions that one packet's kernel uses, in the order in which they were asked for."""
+    """The functions that one packet's kernel uses, in the order in which they were asked for.
 
-    def __init__(self, lanes: int, abilities: Abilities) -> None:
+    `columns` of the lanes lie side by side.
+    """
+
+    def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD) -> None:
         super().__init__()
         self.lanes = lanes
         self.abilities = abilities
         self.doubles = False
-        self._memory = PacketMemory(lanes, abilities.shuffle)
+        self._memory = PacketMemory(lanes, abilities.shuffle, columns)
 
     def use(self, op: str, type: Type) -> str:
         """Ask for the function that does `op` for a first argument of `type`; gives its name."""

@@ -18,10 +18,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from shpy.backends.expressions import Expr
-from shpy.backends.opencl.packet_memory import NOINLINE, spelled_wide
+from shpy.backends.opencl.packet_memory import NOINLINE, QUAD, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packet_spelling import PacketSpelling
-from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of, widen
+from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of, rows_of, widen
 from shpy.backends.opencl.printer import Kernel, Needs, OpenCLPrinter, leaves_early
 from shpy.backends.opencl.prologue import spelled
 from shpy.ir.nodes import Function, Let, Module, Value, Variable
@@ -45,7 +45,19 @@ def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math =
     """The kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do."""
     scalar = optimise(take_apart(module))
     packets = widen(find_neighbours(vectorize(scalar, padded=True)), lanes)
-    return PacketPrinter(packets, module.entry, lanes, abilities, math).print()
+    columns = lanes if _stay_together(packets) else QUAD
+    return PacketPrinter(packets, module.entry, lanes, columns, abilities, math).print()
+
+
+def _stay_together(module: Module) -> bool:
+    """Whether lanes do not part ways and read no places of their own: then it is no good that they are a block.
+
+    What a function without stores does apart is for numbers that are rare.
+    """
+    lets = [(f.name, s) for f in module.functions for s in walk(f.body) if isinstance(s, Let)]
+    pure = {str(s.attr) for _, s in lets if s.op == "call"}
+    part = any(s.op == "lane_any" and name not in pure for name, s in lets)
+    return not part and not any(s.op == "table" and isinstance(s.value.type, Lanes | Rows) for _, s in lets)
 
 
 def _is_large(function: Function) -> bool:
@@ -56,12 +68,13 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
     """Prints one module of packets; `ports` has the inputs and outputs as they were before they were taken apart."""
 
     def __init__(
-        self, module: Module, ports: Function, lanes: int, abilities: Abilities, math: Math = "strict"
+        self, module: Module, ports: Function, lanes: int, columns: int, abilities: Abilities, math: Math = "strict"
     ) -> None:
         super().__init__(module, math)
         self.lanes = lanes
+        self.columns = columns
         self.ports = ports
-        self.prologue = PacketPrologue(lanes, abilities)
+        self.prologue = PacketPrologue(lanes, abilities, columns)
         for base in Base:
             for size in (2, 3, 4):
                 if base is not Base.H:
@@ -74,7 +87,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
     def print(self) -> Kernel:
         """The whole text."""
         made = super().print()
-        return replace(made, doubles=made.doubles or self.prologue.doubles, lanes=self.lanes)
+        return replace(made, doubles=made.doubles or self.prologue.doubles, lanes=self.lanes, columns=self.columns)
 
     # What a function needs besides its arguments
 

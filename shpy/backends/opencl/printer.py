@@ -31,8 +31,9 @@ class Kernel:
 
     Arguments, in this order: the number of elements (ulong), the grid's shape if `grid` (its rank) is not 0; for each
     of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a uniform one); for each of `tables` a
-    pointer and its shape; each of `params`; a pointer for each output. A kernel of packets of `lanes` elements takes
-    the length of a row (int) after the number of elements, and tables of three components as tables of four.
+    pointer and its shape; each of `params`; a pointer for each output. A kernel of packets of `lanes` elements, of
+    which `columns` lie side by side, takes the length of a row (int) after the number of elements, and tables of three
+    components as tables of four.
     """
 
     text: str
@@ -44,6 +45,7 @@ class Kernel:
     tables: tuple[Table, ...]
     params: tuple[str, ...]
     lanes: int = 1
+    columns: int = 1
 
 
 def print_kernel(module: Module, math: Math = "strict") -> Kernel:

@@ -19,7 +19,6 @@ import numpy as np
 
 from shpy.backends.base import Array, Call, Device, Options
 from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
-from shpy.backends.opencl.packet_memory import COLUMNS
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
@@ -219,17 +218,19 @@ class OpenCLExecutable:
         return [np.int32(length)] if self.kernel.lanes > 1 else []
 
     def _row_length(self, call: Call) -> int:
-        """How many elements lie side by side: an image's packets are blocks, those of a list neighbours."""
+        """How many elements lie side by side: an image's packets are parts of it, those of a list neighbours."""
         *others, last = call.shape or (1,)
-        is_image = last >= _WIDE and call.count >= last * (self.kernel.lanes // COLUMNS)
-        return last if others and (is_image or self.kernel.grid) else COLUMNS
+        columns = self.kernel.columns
+        is_image = columns < self.kernel.lanes and last >= _WIDE and call.count >= last * (self.kernel.lanes // columns)
+        return last if others and (is_image or self.kernel.grid) else columns
 
     def _items(self, count: int, row: int) -> tuple[int, int]:
         """Work items: one an element; or one a packet, in as many columns and lines as there are."""
         if self.kernel.lanes == 1:
             return count, 1
-        lines = -(-count // (row * (self.kernel.lanes // COLUMNS)))
-        return (lines, 1) if row == COLUMNS else (-(-row // COLUMNS), lines)
+        columns = self.kernel.columns
+        lines = -(-count // (row * (self.kernel.lanes // columns)))
+        return (lines, 1) if row == columns else (-(-row // columns), lines)
 
     def _shape(self, shape: tuple[int, ...]) -> list[Any]:
         return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []

@@ -30,7 +30,7 @@ __attribute__((always_inline)) sh_packet sh_packet_at(int2 corner, ulong count, 
     p.x = (int8)(0, 1, 2, 3, 0, 1, 2, 3);
     p.at = p.x + row * (int8)(0, 0, 0, 0, 1, 1, 1, 1);
     p.active = (p.x < row - x) & (p.at < left);
-    p.whole = x + 4 <= row && left > 1 * row + 3;
+    p.whole = x + 4 <= row && left > row + 3;
     p.at &= p.active;
     p.x += x;
     p.y = y + (int8)(0, 0, 0, 0, 1, 1, 1, 1);

@@ -1,6 +1,6 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The elements of a packet: 2 rows of 4 in an array that is `row` wide.
+// The elements of a packet: 1 row of 8 in an array that is `row` wide.
 // Each lane holds the element `first + at`, which is in column x of line y.
 typedef struct {
     size_t first;
@@ -16,7 +16,7 @@ typedef struct {
 // Where this work item's packet begins: its column and line.
 __attribute__((always_inline)) int2 sh_corner(int row) {
     int i = get_global_id(0), j = get_global_id(1);
-    return row == 4 ? (int2)(0, i * 2) : (int2)(i * 4, j * 2);
+    return row == 8 ? (int2)(0, i) : (int2)(i * 8, j);
 }
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
@@ -27,13 +27,13 @@ __attribute__((always_inline)) sh_packet sh_packet_at(int2 corner, ulong count, 
     p.row = row;
     p.empty = p.first >= count || x >= row;
     int left = (int)min(count - p.first, (ulong)INT_MAX);
-    p.x = (int8)(0, 1, 2, 3, 0, 1, 2, 3);
-    p.at = p.x + row * (int8)(0, 0, 0, 0, 1, 1, 1, 1);
+    p.x = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
+    p.at = p.x;
     p.active = (p.x < row - x) & (p.at < left);
-    p.whole = x + 4 <= row && left > 1 * row + 3;
+    p.whole = x + 8 <= row && left > 7;
     p.at &= p.active;
     p.x += x;
-    p.y = y + (int8)(0, 0, 0, 0, 1, 1, 1, 1);
+    p.y = y;
     return p;
 }
 
@@ -86,9 +86,9 @@ __attribute__((always_inline)) void sh_write_f3(__global float *a, float8x3 v, s
     vstore4(ra.s0123, 0, a);
     vstore4(rb.s0123, 1, a);
     vstore4(rc.s0123, 2, a);
-    vstore4(ra.s4567, 0, a + 3 * p.row);
-    vstore4(rb.s4567, 1, a + 3 * p.row);
-    vstore4(rc.s4567, 2, a + 3 * p.row);
+    vstore4(ra.s4567, 0, a + 12);
+    vstore4(rb.s4567, 1, a + 12);
+    vstore4(rc.s4567, 2, a + 12);
 }
 
 __kernel void checkered(ulong count, int row, int2 grid_shape, __global float *result_out) {  // snapshot_programs.py:173

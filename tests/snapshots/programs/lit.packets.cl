@@ -4,7 +4,7 @@ typedef struct {
     float8 x, y, z;
 } float8x3;
 
-// The elements of a packet: 2 rows of 4 in an array that is `row` wide.
+// The elements of a packet: 1 row of 8 in an array that is `row` wide.
 // Each lane holds the element `first + at`, which is in column x of line y.
 typedef struct {
     size_t first;
@@ -20,7 +20,7 @@ typedef struct {
 // Where this work item's packet begins: its column and line.
 __attribute__((always_inline)) int2 sh_corner(int row) {
     int i = get_global_id(0), j = get_global_id(1);
-    return row == 4 ? (int2)(0, i * 2) : (int2)(i * 4, j * 2);
+    return row == 8 ? (int2)(0, i) : (int2)(i * 8, j);
 }
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
@@ -31,13 +31,13 @@ __attribute__((always_inline)) sh_packet sh_packet_at(int2 corner, ulong count, 
     p.row = row;
     p.empty = p.first >= count || x >= row;
     int left = (int)min(count - p.first, (ulong)INT_MAX);
-    p.x = (int8)(0, 1, 2, 3, 0, 1, 2, 3);
-    p.at = p.x + row * (int8)(0, 0, 0, 0, 1, 1, 1, 1);
+    p.x = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
+    p.at = p.x;
     p.active = (p.x < row - x) & (p.at < left);
-    p.whole = x + 4 <= row && left > 1 * row + 3;
+    p.whole = x + 8 <= row && left > 7;
     p.at &= p.active;
     p.x += x;
-    p.y = y + (int8)(0, 0, 0, 0, 1, 1, 1, 1);
+    p.y = y;
     return p;
 }
 
@@ -71,9 +71,9 @@ __attribute__((always_inline)) float8x3 sh_read_f3(__global const float *a, int 
     if (!p.whole) {
         return sh_read_f3_each(a, p.at);
     }
-    float8 ra = (float8)(vload4(0, a), vload4(0, a + 3 * p.row));
-    float8 rb = (float8)(vload4(1, a), vload4(1, a + 3 * p.row));
-    float8 rc = (float8)(vload4(2, a), vload4(2, a + 3 * p.row));
+    float8 ra = (float8)(vload4(0, a), vload4(0, a + 12));
+    float8 rb = (float8)(vload4(1, a), vload4(1, a + 12));
+    float8 rc = (float8)(vload4(2, a), vload4(2, a + 12));
     float8 x0 = (float8)(ra.s0, ra.s0, ra.s3, ra.s3, ra.s4, ra.s4, ra.s7, ra.s7);
     float8 x1 = (float8)(rb.s2, rb.s2, rc.s1, rc.s1, rb.s6, rb.s6, rc.s5, rc.s5);
     v.x = (float8)(x0.s0, x0.s2, x1.s0, x1.s2, x0.s4, x0.s6, x1.s4, x1.s6);
@@ -132,9 +132,9 @@ __attribute__((always_inline)) void sh_write_f3(__global float *a, float8x3 v, s
     vstore4(ra.s0123, 0, a);
     vstore4(rb.s0123, 1, a);
     vstore4(rc.s0123, 2, a);
-    vstore4(ra.s4567, 0, a + 3 * p.row);
-    vstore4(rb.s4567, 1, a + 3 * p.row);
-    vstore4(rc.s4567, 2, a + 3 * p.row);
+    vstore4(ra.s4567, 0, a + 12);
+    vstore4(rb.s4567, 1, a + 12);
+    vstore4(rc.s4567, 2, a + 12);
 }
 
 // Each lane's number into its element of an array, one after the other.
@@ -159,13 +159,7 @@ __attribute__((always_inline)) void sh_write_f(__global float *a, float8 v, sh_p
         sh_write_f_each(a, v, p.at, p.active);
         return;
     }
-    if (p.row == 4) {
-        vstore8(v, 0, a);
-        return;
-    }
-    float8 x = v;
-    vstore4(x.s0123, 0, a);
-    vstore4(x.s4567, 0, a + p.row);
+    vstore8(v, 0, a);
 }
 
 float8 dot3(float8x3 a, float8x3 b) {

@@ -1,6 +1,6 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The elements of a packet: 2 rows of 4 in an array that is `row` wide.
+// The elements of a packet: 1 row of 8 in an array that is `row` wide.
 // Each lane holds the element `first + at`, which is in column x of line y.
 typedef struct {
     size_t first;
@@ -16,7 +16,7 @@ typedef struct {
 // Where this work item's packet begins: its column and line.
 __attribute__((always_inline)) int2 sh_corner(int row) {
     int i = get_global_id(0), j = get_global_id(1);
-    return row == 4 ? (int2)(0, i * 2) : (int2)(i * 4, j * 2);
+    return row == 8 ? (int2)(0, i) : (int2)(i * 8, j);
 }
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
@@ -27,13 +27,13 @@ __attribute__((always_inline)) sh_packet sh_packet_at(int2 corner, ulong count, 
     p.row = row;
     p.empty = p.first >= count || x >= row;
     int left = (int)min(count - p.first, (ulong)INT_MAX);
-    p.x = (int8)(0, 1, 2, 3, 0, 1, 2, 3);
-    p.at = p.x + row * (int8)(0, 0, 0, 0, 1, 1, 1, 1);
+    p.x = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
+    p.at = p.x;
     p.active = (p.x < row - x) & (p.at < left);
-    p.whole = x + 4 <= row && left > 1 * row + 3;
+    p.whole = x + 8 <= row && left > 7;
     p.at &= p.active;
     p.x += x;
-    p.y = y + (int8)(0, 0, 0, 0, 1, 1, 1, 1);
+    p.y = y;
     return p;
 }
 
@@ -74,10 +74,10 @@ __attribute__((always_inline)) float8x4 sh_read_f4(__global const float *a, int 
     if (!p.whole) {
         return sh_read_f4_each(a, p.at);
     }
-    float8 ra = (float8)(vload4(0, a), vload4(0, a + 4 * p.row));
-    float8 rb = (float8)(vload4(1, a), vload4(1, a + 4 * p.row));
-    float8 rc = (float8)(vload4(2, a), vload4(2, a + 4 * p.row));
-    float8 rd = (float8)(vload4(3, a), vload4(3, a + 4 * p.row));
+    float8 ra = (float8)(vload4(0, a), vload4(0, a + 16));
+    float8 rb = (float8)(vload4(1, a), vload4(1, a + 16));
+    float8 rc = (float8)(vload4(2, a), vload4(2, a + 16));
+    float8 rd = (float8)(vload4(3, a), vload4(3, a + 16));
     float8 lo_ab = (float8)(ra.s0, rb.s0, ra.s1, rb.s1, ra.s4, rb.s4, ra.s5, rb.s5);
     float8 hi_ab = (float8)(ra.s2, rb.s2, ra.s3, rb.s3, ra.s6, rb.s6, ra.s7, rb.s7);
     float8 lo_cd = (float8)(rc.s0, rd.s0, rc.s1, rd.s1, rc.s4, rd.s4, rc.s5, rd.s5);
@@ -113,11 +113,7 @@ __attribute__((always_inline)) int8 sh_read_i(__global const int *a, int step, s
     if (!p.whole) {
         return sh_read_i_each(a, p.at);
     }
-    if (p.row == 4) {
-        v = vload8(0, a);
-        return v;
-    }
-    v = (int8)(vload4(0, a), vload4(0, a + p.row));
+    v = vload8(0, a);
     return v;
 }
 
@@ -149,13 +145,7 @@ __attribute__((always_inline)) void sh_write_f(__global float *a, float8 v, sh_p
         sh_write_f_each(a, v, p.at, p.active);
         return;
     }
-    if (p.row == 4) {
-        vstore8(v, 0, a);
-        return;
-    }
-    float8 x = v;
-    vstore4(x.s0123, 0, a);
-    vstore4(x.s4567, 0, a + p.row);
+    vstore8(v, 0, a);
 }
 
 __kernel void reversing(  // snapshot_programs.py:111
