@@ -1,7 +1,7 @@
 """The prologue of a packet's kernel, part two: how the lanes of a packet read and write memory.
 
-Stage: emit. A packet is a few rows of four elements, `row` elements apart: a block of an image, or, with `row` 4, as
-many neighbours in a list. Each method of `PacketMemory` gives the text of functions for one type:
+Stage: emit. A packet is one row of elements, or a few rows of four, `row` elements apart: a block of an image, or, with
+`row` 4, as many neighbours in a list. Each method of `PacketMemory` gives the text of functions for one type:
 
     float16x2 sh_read_f2(__global const float *a, int step, sh_packet p)      an input; step 0: the same for all
     void sh_write_f2(__global float *a, float16x2 v, sh_packet p)             an output; lanes without an element: not
