@@ -4,7 +4,8 @@ Stage: emit. The module is taken apart into scalars and vectorised; what varies 
 what does not stays a `float`, and control flow is what it was where it is the same for all:
 
     __kernel void mandelbrot(ulong count, int row, __global const float *c_in, int c_step, __global float *result_out) {
-        sh_packet packet = sh_packet_of(count, row);
+        int2 corner = sh_corner(row);
+        sh_packet packet = sh_packet_at(corner, count, row);
         ...
         float16x2 c = sh_read_f2(c_in, c_step, packet);
         float16 z_x = (float16)(0.0f);
