@@ -94,6 +94,23 @@ def test_a_condition_on_nan_is_false_whatever_the_compiler_makes_of_it() -> None
     assert np.array_equal(kind, np.where(below, np.where(x[:, 0] < -1e9, 2, 1), 3))
 
 
+def test_a_sum_that_is_its_own_summand_is_so_by_rounding_too() -> None:
+    """Mesa takes `x + a == x` for `a == 0`, of a condition that is not precise."""
+
+    @sh.program
+    def absorbed(x: sh.Attrib1f, a: sh.Attrib1f) -> sh.Attrib1i:
+        found = sh.Attrib1i(0)
+        with SH_IF(x + a == x):
+            found += 1
+        with SH_IF(x != x + a * a):
+            found += 2
+        return found
+
+    x = np.array([1e8, 1e8, 1, np.inf, np.inf], np.float32)
+    a = np.array([1, 0, 1, 1e30, -np.inf], np.float32)
+    assert absorbed.compile("glsl")(x, a).tolist() == [1, 1, 2, 1, 0]
+
+
 def test_arrays_and_subroutines_by_reference() -> None:
     @sh.subroutine
     def bump(x: sh.Attrib2f, by: sh.Attrib1f) -> sh.Attrib1f:

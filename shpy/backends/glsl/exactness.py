@@ -1,9 +1,9 @@
 """Which conditions must be named, so that they can be `precise`.
 
 Stage: emit, before a function is printed. Mesa turns `!(a < b)` into `a >= b`, which is something else where one is
-NaN, and it negates conditions of its own accord (of an `if` with a `return` on both sides, say). What is assigned to
-a `precise` variable is left as it is, so a condition that compares floats becomes one, where it is not part of a bool
-or float that becomes one anyway:
+NaN, and it negates conditions of its own accord (of an `if` with a `return` on both sides, say). It takes `a + b == a`
+for `b == 0`, whatever was rounded. What is assigned to a `precise` variable is left as it is, so a condition that
+compares floats becomes one, where it is not part of a bool or float that becomes one anyway:
 
     if (a < b && c) { ... }     ->   precise bool t = a < b && c;
                                      if (t) { ... }
@@ -18,7 +18,7 @@ from shpy.ir.nodes import Function, Let, Store, Variable
 from shpy.ir.traverse import defined, uses, walk
 from shpy.ir.types import Type
 
-_ORDERED: Final = frozenset({"lt", "le", "gt", "ge"})
+_COMPARISONS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 
 
 def precise_conditions(function: Function, callees: Mapping[str, Function]) -> set[int]:
@@ -41,8 +41,8 @@ def precise_conditions(function: Function, callees: Mapping[str, Function]) -> s
 
 
 def _compares(let: Let, types: dict[int, Type], comparing: set[int]) -> bool:
-    if let.op in _ORDERED:
-        return types[let.args[0]].is_float
+    if let.op in _COMPARISONS and types[let.args[0]].is_float:
+        return True
     return let.value.type.is_bool and any(a in comparing for a in let.args)
 
 
