@@ -79,7 +79,7 @@ def _pyopencl() -> Any:
 def _keep_threads_apart() -> None:
     """Let PoCL keep each of its threads on a core of its own, unless somebody has said where threads are to be.
 
-    Left to Linux, two that are woken at once may take turns on one core for 10 ms: every fifth call took twice as long.
+    Left to Linux, two that are woken at once may take turns on one core for a whole call: it takes twice as long then.
     PoCL numbers the cores from 0 whatever the process is confined to, so it is asked only where all may be used.
     """
     told = {"POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"} & os.environ.keys()
