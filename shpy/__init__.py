@@ -22,6 +22,7 @@ from shpy.errors import (
     ShpyError,
     ShpyIndexError,
     ShpyTypeError,
+    ShpyWarning,
     VerifyError,
 )
 from shpy.kernel import Kernel, Result
@@ -317,6 +318,7 @@ __all__ = [
     "ShpyError",
     "ShpyIndexError",
     "ShpyTypeError",
+    "ShpyWarning",
     "Step",
     "Table",
     "TexCoord1d",

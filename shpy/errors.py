@@ -24,6 +24,10 @@ class ShpyError(Exception):
         super().__init__(f"{text}\n  {self._cure_follows}: {cure}" if cure else text)
 
 
+class ShpyWarning(UserWarning):
+    """A way is slower or less exact than the way that was asked for; the text names the cause."""
+
+
 class RecordError(ShpyError):
     """A program cannot be recorded as it is written."""
 
