@@ -1,9 +1,13 @@
 """Compiled kernels on disk, so that the next process need not compile them again.
 
-Stage: compile. An entry is a driver's binary under the hash of everything that it depends on (text, options, device,
-driver and version): data only, which a driver loads and nothing executes here. It is written to a temporary name and
-then renamed; one that is broken counts as none. The folder is SHPY_CACHE_DIR, or `shpy` in the user's cache folder;
-SHPY_CACHE_DIR set to nothing keeps nothing.
+Stage: compile. An entry holds a driver's binary: data that a driver loads and that nothing here executes. Its name is
+the hash of everything that the binary depends on (text, options, device, driver and version). Its content is a magic,
+a checksum of key and binary, and the binary: an entry that was cut, or copied to another key, counts as absent.
+
+The folder is SHPY_CACHE_DIR, or `shpy` in the user's cache folder; if SHPY_CACHE_DIR is empty, nothing is kept. A
+driver runs what it is given, so folders and entries count only if they belong to this user and nobody else can write
+them. The folder may hold other files: only files that carry our name and our magic are ever removed. Where the folder
+cannot be used, a ShpyWarning says why, once, and kernels are compiled anew.
 
     key = store.key(text, options, device, driver)
     binary = store.load(key)               # None where there is none
@@ -14,38 +18,34 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
-from contextlib import suppress
+import re
+import secrets
+import stat
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-_MAGIC: Final = b"shpy kernel 1\n"
+from shpy.errors import ShpyWarning
+
+_MAGIC: Final = b"shpy kernel 2\n"
+_HEAD: Final = len(_MAGIC) + hashlib.sha256().digest_size
+_SUFFIX: Final = ".shpy-kernel"
+_ENTRY: Final = re.compile(rf"[0-9a-f]{{64}}{re.escape(_SUFFIX)}")
+_TEMPORARY: Final = re.compile(rf"\.new-[0-9a-f]{{16}}{re.escape(_SUFFIX)}")
 _MOST: Final = 512
-"""Entries kept: the ones used longest ago go first."""
-
-
-def folder() -> Path | None:
-    """Where kernels are kept, made with mode 0700 if it is not there; None where nothing is to be kept or can be."""
-    chosen = os.environ.get("SHPY_CACHE_DIR")
-    if chosen == "":
-        return None
-    try:
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        path = Path(chosen) if chosen else home / "shpy"
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        # Whoever can write here can hand a driver a binary: it has to be the user alone.
-        state = path.stat()
-        if hasattr(os, "getuid") and state.st_uid != os.getuid():
-            return None
-        if state.st_mode & 0o077:
-            path.chmod(0o700)
-    except (OSError, RuntimeError):
-        return None
-    return path
+"""Entries kept: those that were not used for longest go first."""
+_LARGEST: Final = 1 << 28
+"""The most bytes that an entry may have: many times a large kernel's binary."""
+_STALE: Final = 3600.0
+"""Seconds after which a temporary file can only be left of a writer that was killed."""
+_told: set[str] = set()
 
 
 def key(*parts: str) -> str:
-    """The name of an entry: a hash of all that the binary depends on."""
+    """The hash of all that a binary depends on: its key, 64 hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         encoded = part.encode("utf-8", "surrogatepass")
@@ -54,53 +54,158 @@ def key(*parts: str) -> str:
 
 
 def load(name: str) -> bytes | None:
-    """The binary kept under this name; None where there is none, or a broken one, which is removed."""
-    path = folder()
-    if path is None:
-        return None
-    entry = path / name
-    try:
-        data = entry.read_bytes()
-    except OSError:
-        return None
-    head, binary = data[: len(_MAGIC) + 32], data[len(_MAGIC) + 32 :]
-    if head != _MAGIC + hashlib.sha256(binary).digest():
-        remove(name)
-        return None
-    with suppress(OSError):
-        os.utime(entry)
-    return binary
+    """The binary kept under this key; None where there is none, or one that is damaged or not this user's."""
+    with _opened_folder() as folder:
+        if folder is None:
+            return None
+        data = _read(folder, name + _SUFFIX, _LARGEST)
+        if data is None or data[:_HEAD] != _head(name, data[_HEAD:]):
+            return None
+        with suppress(OSError):
+            os.utime(name + _SUFFIX, dir_fd=folder, follow_symlinks=False)
+        return data[_HEAD:]
 
 
 def save(name: str, binary: bytes) -> None:
-    """Keep a binary; whoever reads meanwhile sees the old entry or the whole new one. A full disk is no error."""
-    path = folder()
-    if path is None:
-        return
-    temporary = None
+    """Keep a binary; whoever reads meanwhile sees the old entry or the whole new one. A failure is a ShpyWarning."""
+    with _opened_folder() as folder:
+        if folder is None or len(binary) > _LARGEST - _HEAD:
+            return
+        temporary = f".new-{secrets.token_hex(8)}{_SUFFIX}"
+        try:
+            # O_EXCL follows no link, and fails rather than write to a file that is there.
+            file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600, dir_fd=folder)
+            try:
+                with open(file, "wb") as stream:
+                    stream.write(_head(name, binary) + binary)
+                os.replace(temporary, name + _SUFFIX, src_dir_fd=folder, dst_dir_fd=folder)
+            except BaseException:
+                with suppress(OSError):
+                    os.unlink(temporary, dir_fd=folder)
+                raise
+            _prune(folder)
+        except OSError as error:
+            _tell(f"a kernel could not be written to {_place()} ({error.strerror})")
+
+
+def _head(name: str, binary: bytes) -> bytes:
+    return _MAGIC + hashlib.sha256(name.encode() + binary).digest()
+
+
+def _place() -> Path | None:
+    """The folder that the environment names; None where nothing is to be kept."""
+    chosen = os.environ.get("SHPY_CACHE_DIR")
+    if chosen is not None:
+        return Path(chosen) if chosen else None
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    # The XDG base directory specification has relative paths ignored.
+    return (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "shpy"
+
+
+@contextmanager
+def _opened_folder() -> Iterator[int | None]:
+    """A descriptor of the folder, made with mode 0700 if it is not there; None where there is none to be used.
+
+    All work goes through the descriptor that was checked, so that nobody can put another folder in its place.
+    """
+    descriptor = None
     try:
-        with tempfile.NamedTemporaryFile(dir=path, prefix=".new-", delete=False) as file:
-            temporary = file.name
-            file.write(_MAGIC + hashlib.sha256(binary).digest() + binary)
-        os.replace(temporary, path / name)
-        _prune(path)
-    except OSError:
-        if temporary is not None:
-            with suppress(OSError):
-                os.unlink(temporary)
+        path = _place()
+        if path is not None:
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            fault = _fault(path, os.fstat(descriptor))
+            if fault:
+                _tell(f"the folder {path} {fault}")
+                os.close(descriptor)
+                descriptor = None
+    except (OSError, RuntimeError) as error:
+        _tell(f"the folder {_place_named()} cannot be used ({getattr(error, 'strerror', None) or error})")
+    try:
+        yield descriptor
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
 
 
-def remove(name: str) -> None:
-    """Forget an entry."""
-    path = folder()
-    if path is not None:
-        with suppress(OSError):
-            (path / name).unlink()
+def _place_named() -> str:
+    try:
+        return str(_place())
+    except RuntimeError:
+        return "~/.cache/shpy"
 
 
-def _prune(path: Path) -> None:
-    entries = [e for e in path.iterdir() if not e.name.startswith(".")]
+def _fault(path: Path, state: os.stat_result) -> str | None:
+    """Why a folder is not safe to take binaries from; None if it is."""
+    if state.st_uid != os.geteuid() or path.lstat().st_uid != os.geteuid():
+        return "belongs to another user"
+    return "can be written by other users" if state.st_mode & 0o022 else None
+
+
+def _tell(reason: str) -> None:
+    """Warn, once for each reason, that kernels are compiled anew in each process."""
+    if reason not in _told:
+        _told.add(reason)
+        warnings.warn(
+            f"compiled kernels are not kept for the next process: {reason}; set SHPY_CACHE_DIR to a folder "
+            "that only you can write, or to nothing if none are to be kept",
+            ShpyWarning,
+            stacklevel=2,
+        )
+
+
+def _read(folder: int, name: str, most: int) -> bytes | None:
+    """The first `most` bytes of a regular file of this user; None where there is none.
+
+    Opening neither follows a link nor waits for a pipe's writer, and the state is asked of what was opened.
+    """
+    try:
+        descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        _tell(f"the entry {name} cannot be opened ({error.strerror})")
+        return None
+    try:
+        state = os.fstat(descriptor)
+        if not stat.S_ISREG(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o022:
+            _tell(f"the entry {name} is no file that only this user can write")
+            return None
+        with open(descriptor, "rb", closefd=False) as file:
+            return file.read(most)
+    except OSError as error:
+        _tell(f"the entry {name} cannot be read ({error.strerror})")
+        return None
+    finally:
+        os.close(descriptor)
+
+
+def _prune(folder: int) -> None:
+    """Remove the entries used longest ago beyond the most that are kept, and what killed writers left."""
+    names = os.listdir(folder)
+    for name in filter(_TEMPORARY.fullmatch, names):
+        if time.time() - _modified(folder, name) > _STALE and _is_ours(folder, name):
+            _remove(folder, name)
+    entries = list(filter(_ENTRY.fullmatch, names))
     if len(entries) > _MOST:
-        for entry in sorted(entries, key=lambda e: e.stat().st_mtime)[: len(entries) - _MOST]:
-            with suppress(OSError):
-                entry.unlink()
+        entries = sorted(filter(lambda name: _is_ours(folder, name), entries), key=lambda e: _modified(folder, e))
+        for name in entries[: max(0, len(entries) - _MOST)]:
+            _remove(folder, name)
+
+
+def _modified(folder: int, name: str) -> float:
+    try:
+        return os.stat(name, dir_fd=folder, follow_symlinks=False).st_mtime
+    except OSError:
+        return time.time()
+
+
+def _is_ours(folder: int, name: str) -> bool:
+    """Whether a file begins as we write it; that of a killed writer may end within the magic."""
+    start = _read(folder, name, len(_MAGIC))
+    return start is not None and (start == _MAGIC or (name.startswith(".") and _MAGIC.startswith(start)))
+
+
+def _remove(folder: int, name: str) -> None:
+    with suppress(OSError):
+        os.unlink(name, dir_fd=folder)

@@ -24,6 +24,7 @@ import numpy as np
 
 from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
+from shpy.backends.opencl.absence import explain_absence, explain_cache
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.pace import Pace
@@ -90,16 +91,15 @@ def _keep_threads_apart() -> None:
 @cache
 def _found(process: int) -> tuple[Any, ...]:
     cl = _pyopencl()
+    platforms = []
     try:
-        found = [d for platform in cl.get_platforms() for d in platform.get_devices()]
+        platforms = cl.get_platforms()
+        found = [d for platform in platforms for d in platform.get_devices()]
         found.sort(key=lambda d: not d.type & cl.device_type.GPU)
     except cl.Error:
         found = []
     if not found:
-        raise BackendUnavailable(
-            "opencl needs an OpenCL driver, and there is none",
-            cure="apt install pocl-opencl-icd (or the driver of the GPU)",
-        )
+        raise explain_absence([platform.name.strip() for platform in platforms])
     return tuple(found)
 
 
@@ -141,6 +141,9 @@ class Machine:
     """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
 
     def __init__(self, device: Any) -> None:
+        fault = explain_cache([device.platform.name.strip()])
+        if fault is not None:
+            raise fault
         self.cl = _pyopencl()
         self.device = device
         self.context = self.cl.Context([device])
@@ -184,7 +187,6 @@ class Machine:
         try:
             program = self.cl.Program(self.context, [self.device], [binary]).build(self.options(math), cache_dir=False)
         except self.cl.Error:
-            store.remove(key)
             return None
         self._from_disk.add((text, math))
         return program

@@ -1,0 +1,58 @@
+"""Why OpenCL cannot be used, and the cure: no driver, drivers without a device, or PoCL without a folder for its cache.
+
+Stage: run. Takes the names of platforms, gives the error that names the cause.
+
+    raise explain_absence(["Portable Computing Language"])
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from shpy.errors import BackendUnavailable
+
+_POCL = "Portable Computing Language"
+
+
+def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
+    """The error for a system where these platforms offer no device."""
+    if not platforms:
+        return BackendUnavailable(
+            "opencl needs an OpenCL driver, and there is none",
+            cure="apt install pocl-opencl-icd (or the driver of the GPU)",
+        )
+    return explain_cache(platforms) or BackendUnavailable(
+        f"an OpenCL driver is installed ({', '.join(platforms)}), but it offers no device",
+        cure="see what `clinfo` says, or apt install pocl-opencl-icd, which runs on any processor",
+    )
+
+
+def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
+    """The error where PoCL is among the platforms and cannot write its cache, without which it compiles nothing."""
+    if _POCL not in platforms:
+        return None
+    folder = _cache_of_pocl()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK | os.X_OK):
+            return None
+        reason = "Permission denied"
+    except OSError as error:
+        reason = error.strerror or str(error)
+    return BackendUnavailable(
+        f"PoCL cannot write its cache in {folder} ({reason}), and runs nothing without it",
+        cure="export POCL_CACHE_DIR=FOLDER with a folder that you can write",
+    )
+
+
+def _cache_of_pocl() -> Path:
+    """Where PoCL keeps its kernels, by the environment variables that it reads."""
+    own = os.environ.get("POCL_CACHE_DIR")
+    if own:
+        return Path(own)
+    shared, home = os.environ.get("XDG_CACHE_HOME"), os.environ.get("HOME")
+    # PoCL takes /tmp where HOME is not set.
+    base = Path(shared) if shared else Path(home) / ".cache" if home else Path("/tmp")
+    return base / "pocl" / "kcache"
