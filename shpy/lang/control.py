@@ -463,8 +463,12 @@ def SH_DISCARD(c: Any = None) -> None:
 
 
 def SH_RETURN(value: Any = None, c: Any = None) -> None:
-    """End the innermost program or subroutine with `value` (a tuple for several), where `c` holds if it is given."""
+    """End the program or subroutine whose body it stands in, with `value` (a tuple for several), where `c` holds.
+
+    Raises RecordError in a plain function that the program calls: it would end the program, not that function.
+    """
     frame = need_frame("SH_RETURN")
+    frame.returned.check_place()
     frame.returned.at_exit(value, None if c is None else condition(c, "SH_RETURN"), Return(here()))
 
 

@@ -44,11 +44,34 @@ def user_frame() -> FrameType | None:
         file = frame.f_code.co_filename
         ours = _inside.get(file)
         if ours is None:
-            ours = _inside[file] = os.path.abspath(file).startswith(_HOUSE)
+            ours = _look_inside(file)
         if not ours or (_in_library and file == _LIBRARY):
             return frame
         frame = frame.f_back
     return None
+
+
+def _look_inside(file: str) -> bool:
+    """Whether a file is shpy's, remembered."""
+    ours = _inside[file] = os.path.abspath(file).startswith(_HOUSE)
+    return ours
+
+
+_IN_PLACE = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
+
+
+def called_frames() -> list[FrameType]:
+    """The frames of the user's functions, innermost first, up to the call from shpy that led to them.
+
+    Comprehensions count as the functions that they stand in.
+    """
+    found: list[FrameType] = []
+    frame = user_frame()
+    while frame is not None and not _look_inside(frame.f_code.co_filename):
+        if frame.f_code.co_name not in _IN_PLACE:
+            found.append(frame)
+        frame = frame.f_back
+    return found
 
 
 @lru_cache(maxsize=1024)

@@ -10,6 +10,7 @@ import inspect
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import CodeType
 from typing import Any
 
 from shpy.errors import RecordError, ShpyTypeError
@@ -23,7 +24,7 @@ from shpy.lang.location import at
 from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import Frame, Recording, recording
 from shpy.lang.returns import Returns
-from shpy.lang.signature import hints_of, loc_of, plain_function, return_loc
+from shpy.lang.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.source_check import check_source
 from shpy.lang.structure import Layout, build_values, layout_of, leaves
 from shpy.lang.subroutine import _slot_value
@@ -67,7 +68,9 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     with uncollected(), recording("program" if title == "<lambda>" else title, loc) as made:
         hint = hints_of(function).get("return")
         layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
-        return record_body(made, types, layout, lambda given: _called(function, given), return_loc(function))
+        return record_body(
+            made, types, layout, lambda given: _called(function, given), return_loc(function), bodies_of(function)
+        )
 
 
 def _input_types(function: Callable[..., Any], loc: Loc | None) -> dict[str, InputType]:
@@ -126,10 +129,14 @@ def record_body(
     layout: Layout | None,
     body: Callable[[dict[str, Any]], Any],
     end: Loc | None = None,
+    bodies: frozenset[CodeType] = frozenset(),
 ) -> Recorded:
-    """Record what `body` does with fresh inputs of these types: what `record`, `<<` and `&` share."""
+    """Record what `body` does with fresh inputs of these types: what `record`, `<<` and `&` share.
+
+    `end` is the line of the last return, `bodies` the code of the user's function.
+    """
     frame = made.frame
-    frame.returned = returns = Returns(frame, layout, made.name)
+    frame.returned = returns = Returns(frame, layout, made.name, bodies)
     inputs, ports, given = _open_inputs(frame, types)
     result = body(given)
     with at(end or frame.loc):

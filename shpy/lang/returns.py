@@ -5,25 +5,63 @@ Stage: record. One `Returns` per function being recorded; SH_RETURN and the func
 
 from __future__ import annotations
 
+from types import CodeType, FrameType
 from typing import Any
 
 from shpy.errors import RecordError
-from shpy.ir.nodes import EXITS, Break, If, Loop, Region, Return
+from shpy.ir.nodes import EXITS, Break, If, Let, Loc, Loop, Region, Return
+from shpy.ir.traverse import walk
 from shpy.lang import arithmetic
-from shpy.lang.location import here
+from shpy.lang.location import called_frames, here, loc_in
 from shpy.lang.recorder import Frame, Scope
 from shpy.lang.structure import Layout, flatten, layout_from, leaves
 
 
 class Returns:
-    """The outputs of `frame`. `layout` is what the annotation says, or None until the first value says it."""
+    """The outputs of `frame`. `layout` is what the annotation says, or None until the first value says it.
 
-    def __init__(self, frame: Frame, layout: Layout | None, what: str) -> None:
+    `bodies` is the code of the function that is recorded, where SH_RETURN may stand.
+    """
+
+    def __init__(
+        self, frame: Frame, layout: Layout | None, what: str, bodies: frozenset[CodeType] = frozenset()
+    ) -> None:
         self.frame = frame
         self.layout = layout
         self.what = what
+        self.bodies = bodies
+        self._wrapped_at = 0
+        self._wrappers: set[Loc] = set()
         self.slots: list[int] = []
         self.ports: list[tuple[str, str]] = []
+
+    def check_place(self) -> None:
+        """Error for an SH_RETURN that stands in a function which the recorded one calls: it would end the caller."""
+        inner, *outer = called_frames()
+        called = [frame.f_code for frame in outer]
+        if inner.f_code not in self.bodies or inner.f_code in called:
+            name, cure = _spoken(inner)
+            raise RecordError(
+                f"this SH_RETURN stands in {name}, a plain function, and would end {self.what}, which calls it",
+                loc=here(),
+                cure=cure,
+            )
+        if called and not self._wrappers:
+            self._wrapped_at = len(self.frame.scopes[0].statements)
+            self._wrappers = {
+                loc_in(code.co_filename, line) for code in called for _, _, line in code.co_lines() if line is not None
+            }
+
+    def _check_wrappers(self) -> None:
+        """Error for a decorator that goes on computing after the function that it wraps, which SH_RETURN skips."""
+        for statement in walk(tuple(self.frame.scopes[0].statements[self._wrapped_at :])) if self._wrappers else ():
+            loc = statement.value.loc if isinstance(statement, Let) else getattr(statement, "loc", None)
+            if loc in self._wrappers:
+                raise RecordError(
+                    f"a decorator of {self.what} goes on computing here, and the SH_RETURN in {self.what} skips that",
+                    loc=loc,
+                    cure=f"decorate {self.what} with @sh.subroutine first, below the other decorators",
+                )
 
     def at_exit(self, value: Any, condition: int | None, exit: Return) -> None:
         """Record `SH_RETURN(value)`, under a condition if there is one."""
@@ -73,6 +111,7 @@ class Returns:
 
     def finish(self, value: Any) -> None:
         """The function's own return; an error where it can fall off the end without a value."""
+        self._check_wrappers()
         body = tuple(self.frame.scopes[0].statements)
         if value is not None:
             self.store(value)
@@ -82,6 +121,14 @@ class Returns:
                 loc=self.frame.loc,
                 cure="return a value after the last block, or SH_RETURN in every branch",
             )
+
+
+def _spoken(frame: FrameType) -> tuple[str, str]:
+    """What to call the function that runs in `frame`, and how to let SH_RETURN end that function."""
+    code = frame.f_code
+    if code.co_name == "<lambda>":
+        return f"the lambda of line {code.co_firstlineno}", "a def decorated with @sh.subroutine"
+    return f"`{code.co_name}`", f"decorate `{code.co_name}` with @sh.subroutine: SH_RETURN then ends it alone"
 
 
 def ends(region: Region) -> bool:

@@ -9,6 +9,7 @@ import ast
 import functools
 import inspect
 from collections.abc import Callable
+from types import CodeType
 from typing import Any
 
 from shpy.errors import ShpyTypeError
@@ -28,6 +29,21 @@ def plain_function(function: Any) -> Any:
             function = _call_method(function)
         else:
             return function
+
+
+def bodies_of(function: Any) -> frozenset[CodeType]:
+    """The code of the function, and of each function that its decorators wrap (`functools.wraps`)."""
+    found: set[CodeType] = set()
+    for _ in range(32):  # wrappers may go round in circles
+        plain = plain_function(function)
+        code = getattr(plain, "__code__", None)
+        if isinstance(code, CodeType):
+            found.add(code)
+        wrapped = getattr(function, "__wrapped__", getattr(plain, "__wrapped__", None))
+        if wrapped is None:
+            break
+        function = wrapped
+    return frozenset(found)
 
 
 def _call_method(thing: Any) -> Any:

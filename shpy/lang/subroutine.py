@@ -28,7 +28,7 @@ from shpy.lang.location import at, here, in_library, is_library, loc_in
 from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import Frame, Recording, current
 from shpy.lang.returns import Returns
-from shpy.lang.signature import hints_of, return_loc
+from shpy.lang.signature import bodies_of, hints_of, return_loc
 from shpy.lang.source_check import check_source
 from shpy.lang.structure import Layout, Leaf, build_values, flatten, layout_from, layout_of, leaves
 
@@ -89,7 +89,7 @@ class Subroutine:
         hints = self._hints or {}
         hint = hints.get("return")
         layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
-        frame.returned = Returns(frame, layout, self.name)
+        frame.returned = Returns(frame, layout, self.name, bodies_of(self.function))
         recording.frames.append(frame)
         recording.underway.append(self.function)
         try:

@@ -1,0 +1,148 @@
+"""Where SH_RETURN may stand: in the body of a program or subroutine, and in no function that one calls."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_DO, SH_IF, SH_RETURN, SH_UNTIL
+
+
+def clipped(v):
+    with SH_IF(v > 1):
+        SH_RETURN(v)
+    return sh.Attrib1f(-1)
+
+
+def test_a_plain_helper_cannot_end_the_program():
+    with pytest.raises(sh.RecordError) as caught:
+
+        @sh.program
+        def case(a: sh.Attrib1f) -> sh.Attrib1f:
+            return 100 + clipped(a)
+
+    assert caught.value.message == (
+        "this SH_RETURN stands in `clipped`, a plain function, and would end case, which calls it"
+    )
+    assert caught.value.cure == "decorate `clipped` with @sh.subroutine: SH_RETURN then ends it alone"
+    assert caught.value.loc.line == 14
+
+
+def test_as_a_subroutine_it_ends_itself():
+    helper = sh.subroutine(clipped)
+
+    @sh.program
+    def case(a: sh.Attrib1f) -> sh.Attrib1f:
+        return 100 + helper(a)
+
+    assert case([2, 0]).tolist() == [102, 99]
+
+
+def test_functions_inside_the_program_are_plain_functions_too():
+    def nested(a: sh.Attrib1f) -> sh.Attrib1f:
+        def stop():
+            SH_RETURN(a, a > 1)
+
+        stop()
+        return a + 1
+
+    def anonymous(a: sh.Attrib1f) -> sh.Attrib1f:
+        stop = lambda v: SH_RETURN(v, v > 1)  # noqa: E731
+        stop(a)
+        return a + 1
+
+    with pytest.raises(sh.RecordError, match=r"stands in `stop`, a plain function, and would end nested"):
+        sh.program(nested)
+    with pytest.raises(sh.RecordError, match=r"stands in the lambda of line \d+, a plain function") as caught:
+        sh.program(anonymous)
+    assert caught.value.cure == "a def decorated with @sh.subroutine"
+
+
+def test_a_helper_of_a_subroutine_and_a_second_call_of_the_body_are_errors():
+    @sh.subroutine
+    def outer(v):
+        return clipped(v) * 2
+
+    def case(a: sh.Attrib1f) -> sh.Attrib1f:
+        return outer(a)
+
+    with pytest.raises(sh.RecordError, match="stands in `clipped`, a plain function, and would end outer"):
+        sh.program(case)
+
+    def again(a: sh.Attrib1f, depth=0) -> sh.Attrib1f:
+        SH_RETURN(a, a > 1)
+        return again(a + 1, depth + 1) * 10 if depth < 1 else a
+
+    with pytest.raises(sh.RecordError, match="stands in `again`, a plain function, and would end again"):
+        sh.program(again)
+
+
+def test_every_way_to_give_a_body_is_at_home():
+    def body(k, a: sh.Attrib1f) -> sh.Attrib1f:
+        with SH_DO():
+            a += k
+            [SH_RETURN(a + n, a > 5 + n) for n in (2, 1)]
+            SH_UNTIL(a > 100)
+        return a
+
+    class Scaled:
+        def method(self, a: sh.Attrib1f) -> sh.Attrib1f:
+            SH_RETURN(a * 2, a > 1)
+            return a
+
+        def __call__(self, a: sh.Attrib1f) -> sh.Attrib1f:
+            SH_RETURN(a * 3, a > 1)
+            return a
+
+    @functools.wraps(body)
+    def wrapped(*args, **named):
+        return body(*args, **named)
+
+    assert sh.program(functools.partial(body, 3))(0.0) == 11
+    assert sh.program(functools.partial(wrapped, 3))(0.0) == 11
+    assert sh.program(Scaled().method)([2, 0]).tolist() == [4, 0]
+    assert sh.program(Scaled())([2, 0]).tolist() == [6, 0]
+
+
+def test_a_program_that_is_called_ends_alone():
+    @sh.program
+    def inner(a: sh.Attrib1f) -> sh.Attrib1f:
+        SH_RETURN(a, a > 1)
+        return a + 10
+
+    @sh.program
+    def outer(a: sh.Attrib1f) -> sh.Attrib1f:
+        SH_RETURN(sh.Attrib1f(-1), a > 10)
+        return 100 + inner(a)
+
+    np.testing.assert_array_equal(outer([0, 2, 20]), [110, 102, -1])
+
+
+def test_what_a_decorator_computes_afterwards_is_not_skipped_in_silence():
+    def doubled(function):
+        @functools.wraps(function)
+        def wrapper(*args, **named):
+            result = function(*args, **named)
+            return result * 2
+
+        return wrapper
+
+    def checked(function):
+        @functools.wraps(function)
+        def wrapper(a):
+            SH_RETURN(sh.Attrib1f(0), a < 0)
+            print("recording")
+            return function(a * 2)
+
+        return wrapper
+
+    def case(a: sh.Attrib1f) -> sh.Attrib1f:
+        SH_RETURN(a, a > 1)
+        return a + 1
+
+    with pytest.raises(sh.RecordError, match="a decorator of case goes on computing here") as caught:
+        sh.program(doubled(case))
+    assert caught.value.cure == "decorate case with @sh.subroutine first, below the other decorators"
+    assert sh.program(doubled(sh.subroutine(case)))([0, 2]).tolist() == [2, 4]
+    assert sh.program(checked(case))([-1, 0.25, 2]).tolist() == [0, 1.5, 4]
