@@ -16,6 +16,7 @@ from typing import Any
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Module, Port
+from shpy.lang.coerce import widens
 from shpy.lang.data import Param, Table, TableType, Texture2D, TextureType
 from shpy.lang.inline import call_recorded
 from shpy.lang.location import here
@@ -42,6 +43,20 @@ def _values(layout: Layout, result: Any) -> list[Any]:
     if isinstance(layout, Group) and layout.form == "dict":
         return list(result.values())
     return list(result) if isinstance(layout, Group) and layout.form != "struct" else [result]
+
+
+def _named_parts(layout: Layout) -> list[_Part]:
+    """As `_parts`, and a struct by its fields."""
+    if isinstance(layout, Group) and layout.form == "struct":
+        return list(zip(layout.names, layout.parts, strict=True))
+    return _parts(layout)
+
+
+def _taken_apart(layout: Layout, result: Any) -> list[Any]:
+    """The values of `_named_parts`."""
+    if isinstance(layout, Group) and layout.form == "struct":
+        return [getattr(result, name) for name in layout.names]
+    return _values(layout, result)
 
 
 def _join(parts: list[_Part]) -> Layout:
@@ -73,16 +88,13 @@ def _free(name: str, taken: Mapping[str, Any]) -> str:
     return fresh
 
 
-def _is_array(type_: InputType) -> bool:
-    return not isinstance(type_, TableType | TextureType)
-
-
 def compose(g: Recorded, f: Recorded) -> Recorded:
-    """`g << f`: by name if every output of f is named and each is an input of g, else by position."""
-    parts = _parts(f.output)
-    wanted = [name for name, type_ in g.inputs.items() if _is_array(type_)]
-    by_name = all(name is not None and name in wanted for name, _ in parts)
-    fed = [name if by_name else wanted[i] if i < len(wanted) else None for i, (name, _) in enumerate(parts)]
+    """`g << f`: f's outputs by the names that are g's inputs; by position where no name is, or f's have none.
+
+    The other outputs follow g's, the other inputs follow f's. Raises ShpyTypeError where both could be meant, and where
+    an output does not fit its input.
+    """
+    whole, parts, fed = _connection(g, f)
     types: dict[str, InputType] = dict(f.inputs)
     extra: dict[str, str] = {}
     for name, type_ in g.inputs.items():
@@ -93,7 +105,8 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
     layout = g.output if not left_over else _join(_parts(g.output) + left_over)
 
     def body(given: Mapping[str, Any]) -> Any:
-        results = _values(f.output, _call(f, {n: given[n] for n in f.inputs}))
+        result = _call(f, {n: given[n] for n in f.inputs})
+        results = [result] if whole else _taken_apart(f.output, result)
         to_g = {name: value for name, value in zip(fed, results, strict=True) if name is not None}
         to_g |= {name: given[fresh] for name, fresh in extra.items()}
         last = _call(g, to_g)
@@ -103,6 +116,106 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
         return tuple(_values(g.output, last) + rest)
 
     return _again(f"{g.module.name}_{f.module.name}", g, types, layout, body)
+
+
+def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
+    """Whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
+    wanted = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
+    parts = _named_parts(f.output)
+    fed = [name if name in wanted else None for name, _ in parts]
+    first = next(iter(wanted), None)
+    whole = isinstance(f.output, Group) and first is not None and _alike(f.output, wanted[first])
+    if any(fed):
+        _check_one_reading(g, f, parts, fed, wanted, whole)
+        whole = False
+    elif whole:
+        parts, fed = [(None, f.output)], [first]
+    else:
+        names = [*wanted, *[None] * len(parts)]
+        fed = list(names[: len(parts)])
+    for (name, layout), target in zip(parts, fed, strict=True):
+        if target is not None and not _fits(layout, wanted[target]):
+            spoken = f"the output {name}" if name is not None else "an output"
+            raise ShpyTypeError(
+                f"{spoken} of {f.module.name} is {_article(layout)} and cannot be the input {target} of "
+                f"{g.module.name}, {_article(wanted[target])}: {_signature(f)} goes into {_signature(g)}",
+                loc=here(),
+                cure="a program between the two that converts"
+                + (f", or {f.module.name}.rename({name}=…), so that names join as they are meant" if name else ""),
+            )
+    return whole, parts, fed
+
+
+def _check_one_reading(
+    g: Recorded,
+    f: Recorded,
+    parts: list[_Part],
+    fed: list[str | None],
+    wanted: Mapping[str, Layout],
+    whole: bool,
+) -> None:
+    """Error where some names match and what is left could go on by position."""
+    free = {name: type_ for name, type_ in wanted.items() if name not in fed}
+    for (name, layout), target in zip(parts, fed, strict=True):
+        fitting = next((n for n, t in free.items() if target is None and _alike(layout, t)), None)
+        if fitting is not None:
+            raise ShpyTypeError(
+                f"{g.module.name} << {f.module.name} can be read in two ways: by name, {name} is no input of "
+                f"{g.module.name}; by position it could be {fitting}: {_signature(f)} goes into {_signature(g)}",
+                loc=here(),
+                cure=f"{f.module.name}.rename({name}={fitting!r}) to join the two, or, to keep them apart, a program "
+                f"that calls {f.module.name} and {g.module.name}",
+            )
+    if whole:
+        first = next(iter(wanted))
+        raise ShpyTypeError(
+            f"{g.module.name} << {f.module.name} can be read in two ways: all of it could be {first}, and a part "
+            f"of it is named as an input: {_signature(f)} goes into {_signature(g)}",
+            loc=here(),
+            cure=f"{g.module.name}.rename(…), so that no input has the name of a part that is not meant for it",
+        )
+
+
+def _leaf_types(layout: InputType) -> list[Any]:
+    """The types of the parts in the IR, which knows no kinds."""
+    return [] if isinstance(layout, TableType | TextureType) else [cls.type for _, _, cls in leaves(layout, "")]
+
+
+def _alike(a: Layout, b: Layout) -> bool:
+    """Whether two layouts hold the same types in the same way, kinds aside."""
+    same_form = isinstance(a, Group) == isinstance(b, Group) and isinstance(a, Rows) == isinstance(b, Rows)
+    names = not (isinstance(a, Group) and isinstance(b, Group)) or a.names == b.names
+    return same_form and names and _leaf_types(a) == _leaf_types(b)
+
+
+def _fits(given: Layout, wanted: Layout) -> bool:
+    """Whether a call takes it: the same structure, numbers that widen, a scalar for a vector."""
+    if isinstance(given, Leaf) and isinstance(wanted, Leaf):
+        old, new = given.cls.type, wanted.cls.type
+        return old.size in (1, new.size) and widens(old.base, new.base)
+    return _alike(given, wanted)
+
+
+def _article(layout: Layout) -> str:
+    spoken = _type_name(layout)
+    return f"a{'n' if spoken[0] in 'AEIOU' else ''} {spoken}"
+
+
+def _type_name(type_: InputType) -> str:
+    if isinstance(type_, Group):
+        inner = ", ".join(_type_name(part) for part in type_.parts)
+        return type_.cls.__name__ if type_.cls is not None else f"({inner})"
+    if isinstance(type_, TableType):
+        return f"Table[{type_.cls.__name__}, {type_.rank}]"
+    return f"Texture2D[{type_.cls.__name__}]" if isinstance(type_, TextureType) else type_.cls.__name__
+
+
+def _signature(p: Recorded) -> str:
+    """`f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
+    inputs = ", ".join(f"{name}: {_type_name(type_)}" for name, type_ in p.inputs.items())
+    outputs = [f"{name}: {_type_name(part)}" if name else _type_name(part) for name, part in _named_parts(p.output)]
+    named = len(outputs) > 1 or _named_parts(p.output)[0][0] is not None
+    return f"{p.module.name}({inputs}) -> {'(' * named}{', '.join(outputs)}{')' * named}"
 
 
 def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
@@ -126,20 +239,23 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
 
 
 def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
-    """Inputs and named outputs under other names."""
-    outputs = [name for name, _ in _parts(p.output) if name is not None]
+    """Inputs and named outputs under other names; outputs with new names become a NamedTuple."""
+    parts = _named_parts(p.output)
+    outputs = [name for name, _ in parts if name is not None]
     _known(p, names, [*p.inputs, *outputs], "input or output")
     types = {names.get(n, n): t for n, t in p.inputs.items()}
-    if len(types) != len(p.inputs):
-        raise ShpyTypeError("two inputs would have one name", loc=here(), cure="names that differ")
+    fresh = tuple(names.get(n, n) for n in outputs)
+    for what, count, made in (("inputs", len(p.inputs), types), ("outputs", len(outputs), set(fresh))):
+        if len(made) != count:
+            raise ShpyTypeError(f"two {what} would have one name", loc=here(), cure="names that differ")
+    changed = fresh != tuple(outputs)
     layout = p.output
-    if isinstance(layout, Group) and outputs:
-        fresh = tuple(names.get(n, n) for n in layout.names)
-        layout = Group("namedtuple", fresh, layout.parts, namedtuple("Outputs", fresh))
+    if changed:
+        layout = Group("namedtuple", fresh, tuple(part for _, part in parts), _tuple_class("Outputs", fresh))
 
     def body(given: Mapping[str, Any]) -> Any:
         result = _call(p, {n: given[names.get(n, n)] for n in p.inputs})
-        return tuple(_values(p.output, result)) if layout is not p.output else result
+        return tuple(_taken_apart(p.output, result)) if changed else result
 
     return _again(p.module.name, p, types, layout, body)
 

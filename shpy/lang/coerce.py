@@ -88,6 +88,14 @@ def common_base(strong: Iterable[Base], weak: Iterable[str], what: str) -> Base:
     return Base.F if "float" in kinds and base not in FLOATS else base
 
 
+def widens(old: Base, new: Base) -> bool:
+    """Whether a number of `old` becomes one of `new` without a conversion that is written out."""
+    try:
+        return common_base([old, new], [], "") is new
+    except ShpyTypeError:
+        return False
+
+
 def _mix(bases: set[Base], what: str) -> Base:
     if len(bases) == 1:
         return next(iter(bases))
