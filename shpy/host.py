@@ -6,7 +6,10 @@ broadcast. Everything is checked before anything runs.
 
 from __future__ import annotations
 
+import itertools
 import math
+import reprlib
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,6 +19,7 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base
+from shpy.lang.coerce import sequence
 from shpy.lang.data import Table, TableType, Texture2D, TextureType
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
@@ -24,6 +28,8 @@ from shpy.lang.structure import Layout, flatten, leaves
 from shpy.lang.values import Value
 
 Shape = tuple[int, ...]
+_MAX_RANK = 31
+"""Axes of S, at most: numpy broadcasts 32, of which the components may be one."""
 _WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 
 
@@ -87,17 +93,41 @@ def streams(types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Ma
     return found
 
 
-def common_shape(inputs: Sequence[Stream], shape: Shape | int | None) -> Shape:
+def _given_shape(shape: Any) -> Shape:
+    """The argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
+    single = isinstance(shape, int | np.integer) and not isinstance(shape, bool)
+    extents = [shape] if single else sequence(shape)
+    if extents is None or not all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in extents):
+        raise ShpyTypeError(
+            f"shape={_spoken(shape)} is neither an int nor a tuple of ints", loc=here(), cure="shape=(h, w)"
+        )
+    wanted = tuple(int(n) for n in extents)
+    if any(n < 0 for n in wanted):
+        raise ShpyTypeError(f"shape={_spoken(shape)} has a negative extent", loc=here(), cure="shape=(h, w)")
+    if any(n > sys.maxsize for n in wanted):
+        raise ShpyTypeError(f"shape={_spoken(shape)} is more than any memory holds", loc=here(), cure="shape=(h, w)")
+    return wanted
+
+
+def _spoken(value: Any) -> str:
+    """A value in a message: its text, cut where it is long."""
+    return reprlib.repr(value)
+
+
+def common_shape(inputs: Sequence[Stream], shape: Any) -> Shape:
     """The element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
     shapes = [s.shape for s in inputs]
-    wanted: Shape | None = None
-    if shape is not None:
-        wanted = (int(shape),) if isinstance(shape, int | np.integer) else tuple(int(n) for n in shape)
-        if any(n < 0 for n in wanted):
-            raise ShpyTypeError(f"shape={shape} has a negative extent", loc=here(), cure="shape=(h, w)")
+    wanted = None if shape is None else _given_shape(shape)
+    for name, given in [*((s.name, s.shape) for s in inputs), ("shape", wanted or ())]:
+        if len(given) > _MAX_RANK:
+            raise ShpyTypeError(
+                f"{name} has {len(given)} axes of elements, and a run {_MAX_RANK} at most",
+                loc=here(),
+                cure="x.reshape(-1), or x.reshape(-1, N) where an element has N components",
+            )
     try:
-        common = np.broadcast_shapes(*shapes)
-        whole = common if wanted is None else np.broadcast_shapes(common, wanted)
+        common = _broadcast(shapes)
+        whole = common if wanted is None else _broadcast([common, wanted])
     except ValueError as error:
         listed = ", ".join(f"{s.name} {s.shape}" for s in inputs)
         raise ShpyTypeError(
@@ -111,6 +141,18 @@ def common_shape(inputs: Sequence[Stream], shape: Shape | int | None) -> Shape:
         )
     _check_column(inputs, whole)
     return whole
+
+
+def _broadcast(shapes: Sequence[Shape]) -> Shape:
+    """The shape that these broadcast to; ValueError if they do not. numpy's own function refuses large products."""
+    rank = max(map(len, shapes), default=0)
+    whole = []
+    for axis in range(-rank, 0):
+        extents = {s[axis] for s in shapes if len(s) >= -axis} - {1}
+        if len(extents) > 1:
+            raise ValueError
+        whole.append(extents.pop() if extents else 1)
+    return tuple(whole)
 
 
 def _check_column(inputs: Sequence[Stream], shape: Shape) -> None:
@@ -193,4 +235,40 @@ def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, 
         if out is not None and not array.flags.writeable:
             raise ShpyTypeError(f"{name} is read only", loc=here(), cure="an array of your own, array.copy()")
         found.append(Target(cls, dtype, shape, array, zeros))
+    if out is not None:
+        _check_apart([(name, t.given) for (name, _, _), t in zip(classes, found, strict=True) if t.given is not None])
     return found
+
+
+def bytes_each(inputs: Sequence[Stream], output: Layout, dtypes: Mapping[Base, Any]) -> int:
+    """The bytes of one element in all inputs and outputs."""
+    outputs: list[int] = [cls.size * np.dtype(dtypes[cls.base]).itemsize for _, _, cls in leaves(output, "out")]
+    return sum(outputs) + sum(s.size * s.array.itemsize for s in inputs)
+
+
+def _check_apart(given: Sequence[tuple[str, NDArray[Any]]]) -> None:
+    """No element of `out` may have the memory of another: the one that is written last would stay."""
+    for name, array in given:
+        if _overlaps_itself(array):
+            raise ShpyTypeError(
+                f"elements of {name} share memory: its strides are {array.strides}",
+                loc=here(),
+                cure="an array of your own, array.copy()",
+            )
+    for (one, first), (other, second) in itertools.combinations(given, 2):
+        if np.shares_memory(first, second):
+            raise ShpyTypeError(
+                f"{one} and {other} share memory, and each output needs its own",
+                loc=here(),
+                cure=f"np.zeros({second.shape}, np.{second.dtype}) for {other}",
+            )
+
+
+def _overlaps_itself(array: NDArray[Any]) -> bool:
+    """Whether two elements may share memory; no array does that slicing and transposing make of a whole one."""
+    reach = array.itemsize
+    for stride, extent in sorted((abs(s), n) for s, n in zip(array.strides, array.shape, strict=True) if n > 1):
+        if stride < reach:
+            return array.size > 0
+        reach = stride * extent
+    return False

@@ -6,6 +6,7 @@ Stage: compile and run, seen from above: checks and flattens the user's arrays, 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from shpy import host
 from shpy.backends.base import Backend, Call, Executable, Options
 from shpy.backends.dump import dump
-from shpy.errors import LoopLimitExceeded, ShpyTypeError
+from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Let, Status
 from shpy.ir.text import print_module
@@ -99,10 +100,28 @@ class Kernel:
         given = host.bind(recorded.inputs, arrays, named, recorded.module.name)
         dtypes = host.dtypes_at(self.options.precision)
         inputs = host.streams(recorded.inputs, given, dtypes)
-        tables = host.tables(recorded.inputs, given, recorded.tables)
-        self._check_sizes(tables)
         common = host.common_shape(inputs, shape)
         self._check_rank(common)
+        each = host.bytes_each(inputs, recorded.output, dtypes)
+        try:
+            if each * math.prod(common) > sys.maxsize:
+                raise MemoryError
+            return common, *self._run_over(common, given, inputs, dtypes, out)
+        except MemoryError as error:
+            raise ShpyError(
+                f"{recorded.module.name} over the shape {common} needs {each * math.prod(common):,} bytes for its "
+                f"inputs and outputs, {each} for each element, which is more than there are",
+                loc=here(),
+                cure="a smaller shape, or several runs over parts of it",
+            ) from error
+
+    def _run_over(
+        self, common: tuple[int, ...], given: dict[str, Any], inputs: list[host.Stream], dtypes: Any, out: Any
+    ) -> tuple[Any, NDArray[np.int32] | None]:
+        """Run over the elements; gives the outputs, and the statuses unless all elements were written."""
+        recorded = self._recorded
+        tables = host.tables(recorded.inputs, given, recorded.tables)
+        self._check_sizes(tables)
         targets = host.targets(recorded.output, dtypes, common, out, zeros=not self._executable.writes_all)
         flat = [s.flat(common) for s in inputs]
         if out is not None:
@@ -120,7 +139,7 @@ class Kernel:
         if out is None:
             results = (t.array if t.array.ndim else t.array[()] for t in targets)
             out = build_arrays(recorded.output, results)
-        return common, out, status
+        return out, status
 
     def _check_sizes(self, tables: dict[str, Table]) -> None:
         """A size that is written down is folded into the text: the data must have it."""

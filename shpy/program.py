@@ -22,8 +22,8 @@ import numpy as np
 
 from shpy import algebra
 from shpy.backends.base import Math, Options, Precision
+from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
-from shpy.backends.registry import default_backend
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.host import bind, common_shape, dtypes_at, streams, tables
 from shpy.ir.interpreter import Interpreter
@@ -130,6 +130,8 @@ class Program:
         """
         options = self._options(device, precision, math, lanes, loop_limit)
         name = backend if backend is not None else default_backend()
+        if not isinstance(name, str):
+            raise ShpyTypeError(f"backend={name!r}", loc=here(), cure=" or ".join(f'backend="{n}"' for n in NAMES))
         kernel = self._kernels.get((name, options))
         if kernel is None:
             target = backend_named(name)
@@ -139,18 +141,21 @@ class Program:
             kernel = self._kernels[name, options] = Kernel(self._recorded, target, options)
         return kernel
 
-    def _options(self, device: int | None, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:
-        if precision not in _PRECISIONS:
-            raise ShpyTypeError(f"precision={precision!r}", loc=here(), cure='precision="f32", "f64" or "f16"')
-        if math not in _MODES:
-            raise ShpyTypeError(f"math={math!r}", loc=here(), cure='math="strict", "relaxed" or "fast"')
-        if lanes not in _LANES:
-            raise ShpyTypeError(f"lanes={lanes!r}", loc=here(), cure='lanes="auto", 1, 4, 8 or 16')
-        limited = isinstance(loop_limit, int) and not isinstance(loop_limit, bool) and 0 < loop_limit < 2**31
-        if loop_limit is not None and not limited:
-            raise ShpyTypeError(
-                f"loop_limit={loop_limit!r}", loc=here(), cure="a number of turns, or None for no limit"
-            )
+    def _options(self, device: Any, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:
+        def refuse(option: str, value: Any, cure: str) -> None:
+            raise ShpyTypeError(f"{option}={value!r}", loc=here(), cure=cure)
+
+        if not (device is None or _is_int(device)):
+            refuse("device", device, "device=0, the position of one in the devices of sh.backends()")
+        if not (isinstance(precision, str) and precision in _PRECISIONS):
+            refuse("precision", precision, 'precision="f32", "f64" or "f16"')
+        if not (isinstance(math, str) and math in _MODES):
+            refuse("math", math, 'math="strict", "relaxed" or "fast"')
+        if not ((isinstance(lanes, str) or _is_int(lanes)) and lanes in _LANES):
+            refuse("lanes", lanes, 'lanes="auto", 1, 4, 8 or 16')
+        if not (loop_limit is None or (_is_int(loop_limit) and 0 < loop_limit < 2**31)):
+            refuse("loop_limit", loop_limit, "a number of turns, or None for no limit")
+        device, loop_limit, lanes = (int(n) if _is_int(n) else n for n in (device, loop_limit, lanes))
         return Options(precision, loop_limit, device, lanes, math)
 
     def trace(self, **inputs: Any) -> list[Step]:
@@ -207,6 +212,10 @@ class Program:
         inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}" for n, t in self.inputs.items())
         outputs = ", ".join(t.__name__ for t in self.outputs.values())
         return f"<Program {self.name}({inputs}) -> {outputs}>"
+
+
+def _is_int(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def _spoken(type_: InputType) -> Any:

@@ -125,10 +125,10 @@ def cast_literal(value: Literal, base: Base) -> tuple[Any, ...]:
         return tuple(bool(c) for c in value.components)
     if base in FLOATS:
         for c in value.components:
-            too_large = isinstance(c, int) and not isinstance(c, bool) and abs(c) > 10**400
+            too_large = isinstance(c, int) and abs(c) >= 2**1024 - 2**970  # float(c) would be an OverflowError
             if too_large or (math.isfinite(c) and abs(float(c)) > _LARGEST[base]):
                 raise ShpyTypeError(
-                    f"{c} is out of the range of {_SPOKEN[base]}",
+                    f"{_shown(c)} is out of the range of {_SPOKEN[base]}",
                     loc=here(),
                     cure="float('inf') if infinity is meant, or a wider type",
                 )
@@ -137,11 +137,31 @@ def cast_literal(value: Literal, base: Base) -> tuple[Any, ...]:
     for c in value.components:
         if c != c or not low <= c <= high:
             raise ShpyTypeError(
-                f"{c} is out of the range of {_SPOKEN[base]}, {low} to {high}",
+                f"{_shown(c)} is out of the range of {_SPOKEN[base]}, {low} to {high}",
                 loc=here(),
                 cure="a number in range, or another type",
             )
     return tuple(int(c) for c in value.components)
+
+
+def check_base(value: Literal, base: Base) -> None:
+    """Raise ShpyTypeError for numbers that an input of `base` refuses: a float for i, a bool for f, a number for b."""
+    if base is Base.B:
+        wrong = value.weak != "bool"
+    else:
+        wrong = value.weak == "bool" or (base in _RANGES and value.weak == "float")
+    if wrong:
+        takes = "bools" if base is Base.B else "ints" if base in _RANGES else "numbers"
+        spoken = ", ".join(map(_shown, value.components))
+        raise ShpyTypeError(f"it takes {takes}, not {spoken}", loc=here(), cure=_EXAMPLES[takes])
+
+
+_EXAMPLES = {"bools": "True or False; x != 0", "ints": "int(x), which truncates, or round(x)", "numbers": "float(x)"}
+
+
+def _shown(number: Any) -> str:
+    """A number in a message; Python itself refuses to write out ints of thousands of digits."""
+    return f"an int of {number.bit_length()} bits" if isinstance(number, int) and abs(number) > 10**40 else str(number)
 
 
 def common_size(sizes: Sequence[int], what: str) -> int:

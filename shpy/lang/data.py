@@ -9,13 +9,14 @@ Stage: record. Used by closure, or as arguments annotated `sh.Table[sh.Attrib4f,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
+from shpy.errors import RecordError, ShpyError, ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import decode, to_array
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
@@ -53,9 +54,10 @@ class Param:
         if isinstance(type_, type) and issubclass(type_, Matrix):
             rows = [
                 _param(type_._row_type(), row, f"{known}[{r}]" if known else None, named)
-                for r, row in enumerate(type_(value).rows)
+                for r, row in enumerate(_matrix_rows(type_, value, known))
             ]
             made: Any = object.__new__(type(type_.__name__, (_MatrixParam, type_), {}))
+            object.__setattr__(made, "_name", known)
             object.__setattr__(made, "rows", tuple(rows))
             return made
         if not (isinstance(type_, type) and issubclass(type_, Value)):
@@ -95,12 +97,22 @@ class _ValueParam(Param):
 
     @value.setter
     def value(self, value: Any) -> None:
+        object.__setattr__(self, "_const", self._constant(value))
+
+    def _constant(self, value: Any) -> tuple[int, ...]:
+        """The value as a constant; ShpyTypeError, naming the Param, where an input would refuse it as well."""
         cls = CLASSES[self.kind, self.size, self.base]  # type: ignore[attr-defined]
-        parts = arithmetic.parts(cls, value)
-        if any(isinstance(p, Value) and p._frame is not None for p in parts):
-            raise RecordError("a Param's value is set between runs", loc=here(), cure="a number")
-        flat = [p if isinstance(p, coerce.Literal) else _literal_of(p) for p in parts]
-        object.__setattr__(self, "_const", arithmetic.constant(cls.type, flat, cls))
+        try:
+            parts = arithmetic.parts(cls, value)
+            if any(isinstance(p, Value) and p._frame is not None for p in parts):
+                raise RecordError("a Param's value is set between runs", loc=here(), cure="a number")
+            flat = [p if isinstance(p, coerce.Literal) else _literal_of(p) for p in parts]
+            for part in flat:
+                coerce.check_base(part, cls.base)
+            return arithmetic.constant(cls.type, flat, cls)
+        except ShpyError as error:
+            what = f"the Param {self._name}" if self._name else "a Param"
+            raise type(error)(f"{what}: {error.message}", loc=error.loc, cure=error.cure) from error
 
     @property
     def name(self) -> str | None:
@@ -138,11 +150,29 @@ class _MatrixParam(Param):
 
     @value.setter
     def value(self, value: Any) -> None:
-        for row, new in zip(self.rows, np.asarray(value), strict=True):  # type: ignore[attr-defined]
-            row.value = new
+        rows: tuple[Any, ...] = self.rows  # type: ignore[attr-defined]
+        given = _matrix_rows(type(self), value, self._name)
+        constants = [row._constant(new) for row, new in zip(rows, given, strict=True)]
+        for row, constant in zip(rows, constants, strict=True):  # only when all of them fit
+            object.__setattr__(row, "_const", constant)
 
     def __setattr__(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
+
+
+def _matrix_rows(cls: Any, value: Any, name: str | None) -> Sequence[Any]:
+    """The rows of a matrix Param's value: of a matrix, or of an array (N, N)."""
+    if isinstance(value, Matrix) and value.size == cls.size:
+        return value.rows
+    what = f"the Param {name}" if name else "a Param"
+    array = as_base(value, Base.F, what)
+    if array.shape != (cls.size, cls.size):
+        raise ShpyTypeError(
+            f"{what} is a {cls.__name__} and takes an array ({cls.size}, {cls.size}), not {array.shape}",
+            loc=here(),
+            cure=f"sh.{cls.__name__}(row0, row1, …), or an array of {cls.size} rows",
+        )
+    return list(array)
 
 
 def _literal_of(value: Value) -> coerce.Literal:
@@ -193,24 +223,25 @@ class Table:
         return TableType(_element_class(type_), rank)
 
     def _checked(self, array: Any) -> NDArray[Any]:
-        data = as_base(array, self.type.base, self.name or "the table")
+        what = f"the Table {self.name}" if self.name else "a Table"
+        data = as_base(array, self.type.base, what)
         n = self.type.size
         rank = data.ndim - (n > 1)
         if n > 1 and (data.ndim == 0 or data.shape[-1] != n):
             raise ShpyTypeError(
-                f"a Table of {self.type.__name__} takes an array (*shape, {n}), not {data.shape}",
+                f"{what} of {self.type.__name__} takes an array (*shape, {n}), not {data.shape}",
                 loc=here(),
                 cure=f"array.reshape(-1, {n})",
             )
         if rank not in (1, 2, 3):
             raise ShpyTypeError(
-                f"a Table has 1 to 3 axes, and this array, {data.shape}, has {rank}",
+                f"{what} has 1 to 3 axes, and this array, {data.shape}, has {rank}",
                 loc=here(),
                 cure="array.reshape(-1)",
             )
         if data.size == 0:
-            raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="one element that stands for none")
-        return data
+            raise ShpyTypeError(f"{what} cannot be empty", loc=here(), cure="one element that stands for none")
+        return data.copy() if np.may_share_memory(data, array) else data
 
     @property
     def shape(self) -> tuple[Any, ...]:
@@ -222,7 +253,9 @@ class Table:
         data = self._checked(array)
         if data.shape != self._array.shape:
             raise ShpyTypeError(
-                f"update keeps the shape: {self._array.shape}, not {data.shape}", loc=here(), cure="a new sh.Table"
+                f"update of the Table {self.name or ''} keeps the shape: {self._array.shape}, not {data.shape}",
+                loc=here(),
+                cure="a new sh.Table",
             )
         self._array = data
         self._version += 1

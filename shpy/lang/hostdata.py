@@ -37,6 +37,12 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
         raise ShpyTypeError(
             f"{what} is not an array: {error}", loc=here(), cure="np.asarray(rows), all of one length"
         ) from error
+    if isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
+        raise ShpyTypeError(
+            f"{what} is a masked array, and a kernel runs over every element",
+            loc=here(),
+            cure=f"{what}.filled(0), and the mask as an input of its own",
+        )
     kind = array.dtype.kind
     if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):
         return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
