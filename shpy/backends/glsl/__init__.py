@@ -11,7 +11,6 @@ may take as many gets flags that tell (`passes/exits.py`), and its status is DEV
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 
 from shpy.backends.base import Array, Call, Device, Options
@@ -59,7 +58,7 @@ class GlslBackend:
     name = "glsl"
 
     def __init__(self) -> None:
-        self._runtimes: dict[tuple[int, int], Runtime] = {}
+        self._runtimes: dict[int, Runtime] = {}
 
     def devices(self) -> list[Device]:
         """Every device that EGL lists; BackendUnavailable without one."""
@@ -99,10 +98,10 @@ class GlslBackend:
         return GlslExecutable(text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups)
 
     def _runtime(self, device: int) -> Runtime:
-        key = (os.getpid(), device)
-        if key not in self._runtimes:
-            self._runtimes[key] = Runtime(open_context(device))
-        return self._runtimes[key]
+        context = open_context(device)
+        if device not in self._runtimes:
+            self._runtimes[device] = Runtime(context)
+        return self._runtimes[device]
 
 
 def _described(context: Context) -> Device:

@@ -10,7 +10,6 @@ there.
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shpy.backends.probe import COUNT, hard_inputs, wrong_operations
+from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyError
 
 T = TypeVar("T")
@@ -86,7 +86,6 @@ class Context:
     def __init__(self, index: int | None) -> None:
         self.moderngl = _moderngl()
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="shpy-gl")
-        self._process = os.getpid()
         self.doomed: list[Any] = []
         """GL objects whose owner is gone; released before the next job."""
         try:
@@ -100,11 +99,8 @@ class Context:
         self.limits = self.call(self._probe)
 
     def call(self, job: Callable[[], T]) -> T:
-        """Run `job` on the context's thread and give what it gives; ShpyError in a forked process, which has none."""
-        if os.getpid() != self._process:
-            raise ShpyError(
-                "a forked process cannot use the GL context of its parent", cure='multiprocessing.get_context("spawn")'
-            )
+        """Run `job` on the context's thread and give what it gives; BackendUnavailable in a forked process."""
+        _DRIVER.use()
         return self._thread.submit(self._tidied, job).result()
 
     def _tidied(self, job: Callable[[], T]) -> T:
@@ -158,14 +154,20 @@ class Context:
         )
 
 
-_OPEN: dict[tuple[int, int | None], Context] = {}
+_DRIVER = Driver("glsl")
+_OPEN: dict[int | None, Context] = {}
 _OPENING = threading.Lock()
 
 
 def open_context(index: int | None) -> Context:
     """The context of device `index` (None: the driver's choice), made on first use; BackendUnavailable without one."""
+    _DRIVER.use()
     with _OPENING:
-        key = (os.getpid(), index)  # a forked process has the parent's contexts, but not their threads
-        if key not in _OPEN:
-            _OPEN[key] = Context(index)
-        return _OPEN[key]
+        if index not in _OPEN:
+            try:
+                _OPEN[index] = Context(index)
+            except BackendUnavailable:
+                if not _OPEN:
+                    _DRIVER.release()
+                raise
+        return _OPEN[index]

@@ -16,6 +16,7 @@ import threading
 import warnings
 from collections import defaultdict
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -29,6 +30,7 @@ from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, PROBED, hard_inputs, notes_of, wrong_operations
+from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.tabledata import TableData
 
@@ -88,8 +90,21 @@ def _keep_threads_apart() -> None:
         os.environ.setdefault("POCL_AFFINITY", "1")
 
 
+_DRIVER = Driver("opencl")
+
+
+def _found() -> tuple[Any, ...]:
+    """Every device, GPUs first; BackendUnavailable without one, and in a process that was forked too late."""
+    _DRIVER.use()
+    try:
+        return _listed()
+    except BackendUnavailable:
+        _DRIVER.release()
+        raise
+
+
 @cache
-def _found(process: int) -> tuple[Any, ...]:
+def _listed() -> tuple[Any, ...]:
     cl = _pyopencl()
     platforms = []
     try:
@@ -112,7 +127,7 @@ def devices() -> list[Device]:
             tuple(name for name, extension in _FEATURES.items() if extension in d.extensions.split()),
             machine_of(at).notes,
         )
-        for at, d in enumerate(_found(os.getpid()))
+        for at, d in enumerate(_found())
     ]
 
 
@@ -125,16 +140,16 @@ def _rounds_correctly(device: Any) -> bool:
 
 def machine_of(index: int | None) -> Machine:
     """The device of this index in `devices()`, opened once a process; None: the first."""
-    found = _found(os.getpid())
+    found = _found()
     index = index or 0
     if not 0 <= index < len(found):
         raise ShpyTypeError(f"there is no OpenCL device {index}", cure=f"device=0 to {len(found) - 1}")
-    return _opened(index, os.getpid())
+    return _opened(index)
 
 
 @cache
-def _opened(index: int, process: int) -> Machine:
-    return Machine(_found(process)[index])
+def _opened(index: int) -> Machine:
+    return Machine(_listed()[index])
 
 
 class Machine:
@@ -148,7 +163,7 @@ class Machine:
         self.device = device
         self.context = self.cl.Context([device])
         self.queue = self.cl.CommandQueue(self.context)
-        self.lock = threading.RLock()
+        self._lock = threading.RLock()
         self.doubles = "cl_khr_fp64" in device.extensions.split()
         self._options = ["-cl-std=CL1.2", "-w"]
         if _rounds_correctly(device):
@@ -158,6 +173,12 @@ class Machine:
         self._free: dict[int, list[Any]] = defaultdict(list)
         self._pooled = 0
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """The lock; BackendUnavailable in a process that was forked after this one was opened."""
+        _DRIVER.use()
+        return self._lock
 
     def options(self, math: Math) -> list[str]:
         """What a program of this mode is built with."""

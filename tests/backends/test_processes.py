@@ -1,0 +1,112 @@
+"""Processes: forks, Ctrl-C and the end of the process while a kernel runs. Each test runs scripts of its own."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+HEAD = """
+import json, os, signal, sys, threading, time
+import numpy as np
+import shpy as sh
+from shpy import SH_FOR, SH_WHILE
+
+@sh.program
+def double(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * 2
+
+@sh.program
+def triple(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * 3
+
+@sh.program
+def long(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+    with SH_FOR(n):
+        with SH_FOR(0, 60):
+            x[:] = x * 0.999 + 1
+    return x
+"""
+
+FORKED = """
+def forked(job):
+    read, write = os.pipe()
+    process = os.fork()
+    if not process:
+        signal.alarm(30)  # ends a child that hangs
+        try:
+            said = repr(job())
+        except sh.ShpyError as error:
+            said = f"{type(error).__name__}: {error}"
+        os.write(write, said.encode())
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        said = pipe.read()
+    return said, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+"""
+
+
+def run(tmp_path, text, **options):
+    script = tmp_path / "script.py"
+    script.write_text(HEAD + FORKED + textwrap.dedent(text))
+    return subprocess.run(
+        [sys.executable, script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": ROOT}, text=True, capture_output=True,
+        timeout=120, **options,
+    )  # fmt: skip
+
+
+def test_a_forked_child_says_that_drivers_do_not_survive(tmp_path):
+    """Kernels of before and after the fork, while a thread of the parent is inside a run and holds its locks."""
+    done = run(
+        tmp_path,
+        """
+        x = np.arange(3, dtype=np.float32)
+        kernels = {name: double.compile(name) for name in ("numpy", "opencl", "glsl")}
+        for kernel in kernels.values():
+            kernel(x)
+        busy = long.compile("opencl"), long.compile("glsl")
+        stop = threading.Event()
+
+        def work(kernel):
+            while not stop.is_set():
+                kernel(np.zeros(20_000, np.float32), 300)
+
+        threads = [threading.Thread(target=work, args=[kernel]) for kernel in busy]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.3)
+        found = {"backends": forked(lambda: [info.name for info in sh.backends() if info.available])}
+        for name, kernel in kernels.items():
+            found[name] = [forked(job) for job in (
+                lambda: kernel(x).tolist(),
+                lambda: triple.compile(name)(x).tolist(),
+                lambda: double.compile(name)(x).tolist(),
+            )]
+        stop.set()
+        for thread in threads:
+            thread.join()
+        print(json.dumps(found))
+        """,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["backends"] == ["['numpy']", 0]
+    assert found["numpy"] == [["[0.0, 2.0, 4.0]", 0], ["[0.0, 3.0, 6.0]", 0], ["[0.0, 2.0, 4.0]", 0]]
+    for name in ("opencl", "glsl"):
+        for said, status in found[name]:
+            assert said.startswith("BackendUnavailable: ")
+            assert f"forked after its parent had used {name}" in said
+            assert 'multiprocessing.get_context("spawn")' in said
+            assert status == 0
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_a_child_may_use_what_its_parent_has_not(tmp_path, backend):
+    done = run(tmp_path, f"print(*forked(lambda: double.compile({backend!r})(np.float32([1, 2])).tolist()))")
+    assert done.stdout == "[2.0, 4.0] 0\n", done.stderr
