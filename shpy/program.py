@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Generic, Literal, overload
 
 import numpy as np
 
@@ -38,6 +38,16 @@ from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
 
+if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
+    from typing_extensions import ParamSpec, TypeVar
+
+    _P = ParamSpec("_P", default=...)
+    _R = TypeVar("_R", default=Any)
+else:
+    from typing import ParamSpec, TypeVar
+
+    _P, _R = ParamSpec("_P"), TypeVar("_R")
+
 _PRECISIONS = ("f16", "f32", "f64")
 _MODES = ("strict", "relaxed", "fast")
 _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16)
@@ -55,8 +65,12 @@ class Step:
         return f"{self.loc}: {self.name or '·'} = {self.value}"
 
 
-class Program:
-    """A recorded function. Call it with arrays to run it on the default backend, with values to inline it."""
+class Program(Generic[_P, _R]):
+    """A recorded function. Call it with arrays to run it on the default backend, with values to inline it.
+
+    A type checker knows it as `Program[parameters, result]` of the function: called with values it gives the result,
+    called with arrays it gives arrays.
+    """
 
     def __init__(self, recorded: Recorded) -> None:
         self._recorded = recorded
@@ -102,6 +116,10 @@ class Program:
         """Each Table by name."""
         return dict(self._recorded.tables)
 
+    @overload
+    def __call__(self, *args: _P.args, **named: _P.kwargs) -> _R: ...
+    @overload
+    def __call__(self, *args: Any, shape: Any = None, **named: Any) -> Any: ...
     def __call__(self, *args: Any, **named: Any) -> Any:
         """Run on arrays on the default backend, or, while a program is recorded, be inlined into it."""
         frame = current_frame()
@@ -229,12 +247,12 @@ def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
     return [(name or "0", kind, cls) for name, kind, cls in leaves(recorded.output, "")]
 
 
-def program(function: Callable[..., Any]) -> Program:
+def program(function: Callable[_P, _R]) -> Program[_P, _R]:
     """Record a function, once, by running it on symbolic arguments; every input is annotated.
 
     Raises RecordError and ShpyTypeError at the user's line.
     """
-    made = Program(record(function))
+    made: Program[_P, _R] = Program(record(function))
     functools.update_wrapper(made, function, updated=())
     return made
 

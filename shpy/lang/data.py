@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,8 +216,12 @@ class Table:
 
     @classmethod
     def __class_getitem__(cls, key: Any) -> TableType:
-        """The annotation of a table argument: its element type, and its rank if that is not 1."""
+        """The annotation of a table argument: its element type, and its rank if that is not 1.
+
+        A type checker takes no bare number there (PEP 586): `sh.Table[sh.Attrib4f, Literal[2]]` means the same.
+        """
         type_, rank = key if isinstance(key, tuple) else (key, 1)
+        rank = get_args(rank)[0] if get_origin(rank) is Literal else rank
         if rank not in (1, 2, 3):
             raise ShpyTypeError(f"a Table has 1 to 3 axes, not {rank}", loc=here(), cure="sh.Table[sh.Attrib4f, 2]")
         return TableType(_element_class(type_), rank)

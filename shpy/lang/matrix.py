@@ -63,6 +63,11 @@ class Matrix:
             frame.name_parts({str(r): row._variable for r, row in enumerate(made)})
 
     @classmethod
+    def _plain(cls) -> type[Matrix]:
+        """The type of results: a Param's class is derived from a matrix type and makes no matrices."""
+        return MATRICES[cls.__name__]
+
+    @classmethod
     def _row_type(cls) -> type[Value]:
         return CLASSES["Attrib", cls.size, Base.F]
 
@@ -80,7 +85,7 @@ class Matrix:
 
     def copy(self) -> Any:
         """A matrix with the same entries that is this one's own no longer."""
-        return type(self)(*self.rows)
+        return self._plain()(*self.rows)
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, tuple):
@@ -99,7 +104,7 @@ class Matrix:
         if isinstance(key, tuple):
             self.rows[key[0]][key[1]] = value
         elif isinstance(key, slice) and key == slice(None):
-            fresh = type(self)(value)
+            fresh = self._plain()(value)
             for row, new in zip(self.rows, fresh.rows, strict=True):
                 row[:] = new
         else:
@@ -117,7 +122,7 @@ class Matrix:
     def __matmul__(self, other: Any) -> Any:
         if isinstance(other, Matrix):
             self._same_size(other)
-            return type(self)(*(_combine(row, other.rows) for row in self.rows))
+            return self._plain()(*(_combine(row, other.rows) for row in self.rows))
         if isinstance(other, list | tuple | np.ndarray):
             other = CLASSES["Attrib", len(other), Base.F](*other)
         return self._transform(other) if isinstance(other, Value) else NotImplemented
@@ -131,7 +136,7 @@ class Matrix:
 
     def _transform(self, v: Value) -> Any:
         if v.kind == "Normal" and v.size == 3 and self.size in (3, 4):
-            upper = type(self) is Matrix3f or self.size == 3
+            upper = self.size == 3
             linear = self if upper else Matrix3f(*(r.xyz for r in self.rows[:3]))
             return CLASSES["Normal", 3, v.base](transpose(inverse(linear)) @ CLASSES["Attrib", 3, v.base](v))
         if v.kind in ("Point", "Vector") and v.size == self.size - 1:
@@ -151,9 +156,9 @@ class Matrix:
     def _each(self, op: Any, other: Any) -> Any:
         if isinstance(other, Matrix):
             self._same_size(other)
-            return type(self)(*(op(a, b) for a, b in zip(self.rows, other.rows, strict=True)))
+            return self._plain()(*(op(a, b) for a, b in zip(self.rows, other.rows, strict=True)))
         if literal(other) is not None or (isinstance(other, Value) and other.size == 1):
-            return type(self)(*(op(a, other) for a in self.rows))
+            return self._plain()(*(op(a, other) for a in self.rows))
         return NotImplemented
 
     def _same_size(self, other: Matrix) -> None:
@@ -186,7 +191,7 @@ class Matrix:
         return self._each(lambda a, b: a / b, other)
 
     def __neg__(self) -> Any:
-        return type(self)(*(-r for r in self.rows))
+        return self._plain()(*(-r for r in self.rows))
 
     def _inplace(self, result: Any) -> Any:
         if result is NotImplemented:
@@ -252,7 +257,7 @@ def _matrix(m: Any, what: str) -> Matrix:
 def transpose(m: Any) -> Any:
     """Rows for columns."""
     rows = _matrix(m, "transpose").rows
-    return type(m)(*(tuple(r[c] for r in rows) for c in range(m.size)))
+    return m._plain()(*(tuple(r[c] for r in rows) for c in range(m.size)))
 
 
 def determinant(m: Any) -> Any:
@@ -289,4 +294,4 @@ def inverse(m: Any) -> Any:
     total = entries[0][0] * cofactors[0][0]
     for c in range(1, n):
         total = total + entries[0][c] * cofactors[0][c]
-    return type(m)(*(tuple(cofactors[c][r] / total for c in range(n)) for r in range(n)))
+    return m._plain()(*(tuple(cofactors[c][r] / total for c in range(n)) for r in range(n)))
