@@ -18,6 +18,8 @@ _HOUSE = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
 _LIBRARY = os.path.join(_HOUSE, "lang", "library.py")
 _LIBRARY_SHOWN = "shpy/lang/library.py"
 """Its lines are the same wherever shpy is installed, so that the text of a program is."""
+_CONFORMANCE = os.path.join(_HOUSE, "testing", "conformance", "")
+"""Programs of the conformance list are programs like those of any user."""
 _inside: dict[str, bool] = {}
 _in_library: list[bool] = []
 
@@ -53,7 +55,8 @@ def user_frame() -> FrameType | None:
 
 def _look_inside(file: str) -> bool:
     """Whether a file is shpy's, remembered."""
-    ours = _inside[file] = os.path.abspath(file).startswith(_HOUSE)
+    path = os.path.abspath(file)
+    ours = _inside[file] = path.startswith(_HOUSE) and not path.startswith(_CONFORMANCE)
     return ours
 
 

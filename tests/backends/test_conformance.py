@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from backends import conformance_operations
-from backends.conformance import Case, all_cases, differs
 from backends.running import BACKENDS, PACKETS, TILES
 
 import shpy as sh
 from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL
 from shpy.ir.traverse import walk
+from shpy.testing.conformance import operations
+from shpy.testing.conformance.cases import Case, all_cases, differs
 
 CASES = all_cases()
 NAMES = [case.name for case in CASES]
@@ -43,7 +43,7 @@ def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
     case.check(case.run(target), target)
 
 
-STRUCTURED = [case for case in CASES if case not in conformance_operations.ROWS]
+STRUCTURED = [case for case in CASES if case not in operations.ROWS]
 
 
 @each(STRUCTURED)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from backends.exact import exact
 
 from shpy.backends.base import Call, Options
 from shpy.backends.glsl import backend
@@ -18,6 +17,7 @@ from shpy.ir.nodes import Module, Port, Value
 from shpy.ir.ops import OPS, result_type
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.library import DEFINITIONS
+from shpy.testing.conformance.exact import exact
 
 TINY = float(np.finfo(np.float32).tiny)
 MODERATE = [

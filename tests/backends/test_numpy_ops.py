@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from backends.exact import exact
 
 from shpy.backends.base import Call, Options
 from shpy.backends.numpy import backend
@@ -15,6 +14,7 @@ from shpy.ir.constants import DTYPES, from_array
 from shpy.ir.nodes import Module, Param, Port
 from shpy.ir.ops import OPS, result_type
 from shpy.ir.types import Base, vec
+from shpy.testing.conformance.exact import exact
 
 FLOATS = [0.0, -0.0, 1.0, -1.0, 0.5, 2.5, -2.5, 1e-45, 1e-30, 3e38, np.inf, -np.inf, np.nan, 0.1, -7.3, 2147483648.0]
 INTS = [0, 1, -1, 2, -3, 31, 32, 33, 2**31 - 1, -(2**31), 7, -7]

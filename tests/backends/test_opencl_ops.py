@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from backends.exact import exact
 
 from shpy.backends.base import Call, Options
 from shpy.backends.opencl import backend
@@ -19,6 +18,7 @@ from shpy.ir.nodes import Module, Port, Value
 from shpy.ir.ops import OPS, result_type
 from shpy.ir.types import Base, Type, vec
 from shpy.ir.verifier import verify
+from shpy.testing.conformance.exact import exact
 
 FLOATS = [0.0, -0.0, 1, -1, 0.5, -0.5, 1.5, 2.5, -2.5, 0.1, 3.7, -7.3, 1e-45, -1e-40, 1.1754944e-38, 1e10, -1e10, 2**31,
           -(2**31), 2**31 + 256, 2**32, 4294967040, 2**24 + 2, 65519.9, 65520, 6e-8, 2.9e-8, 1.7e38, 3.4028235e38,

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from backends.exact import exact
 from backends.test_opencl_ops import ELEMENTS, values
 from passes.random_ir import LOOP_LIMIT, random_module
 
@@ -22,6 +21,7 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module, Port
 from shpy.ir.ops import OPS, result_type
 from shpy.ir.types import Base, vec
+from shpy.testing.conformance.exact import exact
 
 SIZES = (1, 7, 16, 33, 1000)
 each_width = pytest.mark.parametrize("lanes", WIDTHS)

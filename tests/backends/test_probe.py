@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from backends.exact import apply
 from backends.running import differs, flushes_denormals
 
 import shpy as sh
@@ -20,6 +19,7 @@ from shpy.ir import ops
 from shpy.ir.types import Base, vec
 from shpy.kernel import Kernel
 from shpy.passes.library import definition
+from shpy.testing.conformance.exact import apply
 
 
 @sh.program

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 from backends.running import DenormalWatch, differs, flushes_denormals, kernel
-from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 
 import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.testing.arrays import flat_leaves
+from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.source import TABLES, record, source
 from shpy.testing.generated.syntax import Tree
 

@@ -10,8 +10,8 @@ import pytest
 from backends.running import BACKENDS
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from property.agreement import check
-from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 
+from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.inputs import elements
 from shpy.testing.generated.source import source
 from shpy.testing.generated.strategy import trees

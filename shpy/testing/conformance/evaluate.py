@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from backends.exact import exact
 
 from shpy.ir import meaning
 from shpy.ir.constants import DTYPES
+from shpy.testing.conformance.exact import exact
 from shpy.testing.generated.source import TABLES
 from shpy.testing.generated.syntax import (
     Apply,
@@ -81,10 +81,12 @@ class Evaluator:
                 raise
 
     def block(self, block: Block, scope: dict[str, Any]) -> None:
+        """Execute statements in order."""
         for statement in block:
             self.statement(statement, scope)
 
     def statement(self, s: Stmt, scope: dict[str, Any]) -> None:
+        """Execute one statement."""
         match s:
             case Declare(name, value):
                 scope[name] = self.value(value, scope)
@@ -112,6 +114,7 @@ class Evaluator:
                 self.loop(s, scope)
 
     def assign(self, s: Assign, scope: dict[str, Any]) -> None:
+        """Store into a variable, or into some of its components."""
         old, value = scope[s.name], self.value(s.value, scope)
         if s.picked is None:
             scope[s.name] = self.apply(s.op, [old, value]) if s.op else value
@@ -122,6 +125,7 @@ class Evaluator:
         scope[s.name] = new
 
     def call(self, s: Call, scope: dict[str, Any]) -> None:
+        """Call a subroutine: what it stores in a parameter comes back."""
         function = self.functions[s.function]
         inner = {p.name: self.value(a, scope) for p, a in zip(function.params, s.args, strict=True)}
         self.body(function.body, inner)
@@ -161,6 +165,7 @@ class Evaluator:
                 return
 
     def value(self, e: Expr, scope: dict[str, Any]) -> Any:
+        """The value of an expression."""
         match e:
             case Const(type, values):
                 made = np.array(values).astype(DTYPES[type.base])
@@ -189,6 +194,7 @@ class Evaluator:
 
     @staticmethod
     def apply(op: str, args: list[Any]) -> Any:
+        """The value of an operation of the table."""
         if op == "floordiv" and args[0].dtype.kind == "f":
             return np.floor(args[0] / args[1])
         if op == "floormod" and args[0].dtype.kind == "f":

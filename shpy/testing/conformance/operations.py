@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from backends.conformance import SPECIAL, Case
-from backends.exact import exact
 
 import shpy as sh
 from shpy.backends.base import Array
@@ -19,12 +17,15 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Function, Module, Param, Port, Table, Value
 from shpy.ir.ops import OPS, result_type
 from shpy.ir.types import Base, Type, vec
+from shpy.testing.conformance.cases import SPECIAL, Case
+from shpy.testing.conformance.exact import exact
 
 BASES = {"f": "fdh", "i": "iu", "u": "u", "b": "b", "n": "fdhiu", "w": "iub", "a": "fdhiub"}
 NO_DOUBLES = {"glsl": "has no d"}
 
 
 def kind(type: Type) -> str:
+    """The language type of an IR type: `Attrib3f`."""
     return f"Attrib{type.size}{type.base.value}"
 
 
@@ -64,8 +65,8 @@ def ordinary(rng: Any, like: Array) -> Array:
     """200 elements such as programs compute with."""
     shape = (200, *like.shape[1:])
     if like.dtype.kind == "f":
-        return (rng.standard_normal(shape) * 10.0 ** rng.integers(-2, 3, shape)).astype(like.dtype)
-    return rng.integers(0, 2 if like.dtype == bool else 100, shape).astype(like.dtype)
+        return np.asarray(rng.standard_normal(shape) * 10.0 ** rng.integers(-2, 3, shape), like.dtype)
+    return np.asarray(rng.integers(0, 2 if like.dtype == bool else 100, shape), like.dtype)
 
 
 def row_case(name: str, base: str, count: str) -> Case | None:
@@ -77,10 +78,10 @@ def row_case(name: str, base: str, count: str) -> Case | None:
     arrays: dict[str, Any] = {}
     made = []
     for size, types in sizes.items():
-        inputs = [b.input(t, f"{'abc'[k]}{size}") for k, t in enumerate(types)]
-        for i, array in zip(inputs, values(name, types, size), strict=True):
+        ports = [b.input(t, f"{'abc'[k]}{size}") for k, t in enumerate(types)]
+        for i, array in zip(ports, values(name, types, size), strict=True):
             arrays[str(i.name)] = array
-        made.append(b.let(name, *inputs))
+        made.append(b.let(name, *ports))
     for size, value in zip(sizes, made, strict=True):
         b.store(b.output(value.type, f"r{size}"), value)
     function = b.finish()
@@ -149,14 +150,17 @@ def structural(
 
 
 def convert_case(source: str, target: str) -> Case:
-    b, arrays = Builder("operation"), {}
+    """A conversion between two bases, for every size."""
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     made = [b.let("convert", _input(b, vec(source, n), f"a{n}", n, arrays), type=vec(target, n)) for n in (1, 2, 3, 4)]
     return structural(f"convert-{source}-{target}", b, made, arrays, source + target)
 
 
 def vector_case(base: str) -> Case:
     """construct, splat, swizzle and component, for every size."""
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     scalar = _input(b, vec(base), "s", 0, arrays)
     index = _input(b, vec(Base.I), "i", 9, arrays)
     made = []
@@ -173,7 +177,8 @@ def vector_case(base: str) -> Case:
 
 def constant_case(base: str) -> Case:
     """Every special value as a constant: alone, and in a vector."""
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     which = _input(b, vec(Base.I), "n", 0, arrays)
     special = SPECIAL[Base(base)].tolist()
     arrays["n"] = np.arange(len(special), dtype=np.int32)
@@ -187,7 +192,8 @@ def constant_case(base: str) -> Case:
 
 def load_case(base: str) -> Case:
     """Arrays of scalars and vectors, in range and out of it."""
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     i, j = _input(b, vec(Base.I), "i", 1, arrays), _input(b, vec(Base.I), "j", 2, arrays)
     arrays["j"] = arrays["j"][::-1] % 7 - 1
     made = []
@@ -207,7 +213,8 @@ def param_case(base: str) -> Case:
     """Params of every size, with their initial values."""
     from shpy.ir.constants import encode
 
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     params, outputs = [], []
     for n in (1, 2, 3, 4):
         t, name = vec(base, n), f"p{n}"
@@ -225,17 +232,19 @@ def table_case(base: str, size: int, rank: int) -> Case:
     extents = (2, 3, 5)[:rank]
     special = SPECIAL[t.base]
     held = np.random.default_rng(rank).choice(special, (*extents, size) if size > 1 else extents)
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     table = Table("table", t, rank)
     index = _input(b, vec(Base.I, rank), "index", rank, arrays)
     small = np.random.default_rng(rank).integers(-2, 7, arrays["index"].shape)
-    arrays["index"] = np.where(np.arange(len(small)).reshape(-1, *[1] * (rank > 1)) % 3 > 0, small, arrays["index"])
+    arrays["index"] = np.where(np.arange(small.shape[0]).reshape(-1, *[1] * (rank > 1)) % 3 > 0, small, arrays["index"])
     arrays["table"] = held
     made = [b.let("table", index, type=t, attr="table"), b.let("table_size", type=vec(Base.I, rank), attr="table")]
     return structural(f"table-{t}-{rank}d", b, made, arrays, base, (), (table,))
 
 
 def grid_case(rank: int) -> Case:
+    """grid_index and grid_shape of a grid of this many axes."""
     b = Builder("operation")
     case = structural(
         f"grid-{rank}d", b, [b.let(op, type=vec(Base.I, rank)) for op in ("grid_index", "grid_shape")], {}
@@ -262,14 +271,16 @@ def call_case() -> Case:
     x = callee.input(vec("f", 3), "x")
     callee.store(callee.output(vec("f", 3), "r"), callee.let("add", x, x))
     function = callee.finish()
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     v = _input(b, vec("f", 3), "v", 3, arrays)
     return structural("call", b, [*b.call(function, *b.call(function, v))], arrays, "", (), (), function)
 
 
 def lanes_case() -> Case:
     """What other lanes hold may change which way is taken, never the result."""
-    b, arrays = Builder("operation"), {}
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
     c = _input(b, vec(Base.B), "c", 0, arrays)
     result = b.variable(vec(Base.I), name="result")
     one, two = (b.const(vec(Base.I), [n]) for n in (1, 2))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from backends.conformance import Case, by_decorator, data
 
 import shpy as sh
 from shpy import SH_BREAK, SH_DISCARD, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
 from shpy.ir.types import Base
+from shpy.testing.conformance.cases import Case, by_decorator, data
 
 CASES: list[Case] = []
 case = by_decorator(CASES)
@@ -17,7 +17,7 @@ RNG = np.random.default_rng(5)
 GLSL_HAS_NO_DOUBLES = {"glsl": "has no d"}
 
 
-def points(n: int, size: int = 3) -> Any:
+def _points(n: int, size: int = 3) -> Any:
     return RNG.uniform(-2, 2, (n, size)).astype(np.float32)
 
 
@@ -26,14 +26,18 @@ def points(n: int, size: int = 3) -> Any:
 
 @sh.struct
 class Ray:
+    """A struct of three fields."""
+
     o: sh.Point3f
     d: sh.Vector3f
     t: sh.Attrib1f
 
 
 class Pair(NamedTuple):
+    """Two outputs with names."""
+
     near: sh.Attrib1f
-    count: sh.Attrib1i
+    hits: sh.Attrib1i
 
 
 @case()
@@ -47,7 +51,7 @@ def a_struct_comes_in_and_goes_out(ray: Ray) -> Ray:
 
 @case()
 def a_named_tuple_comes_in_and_goes_out(p: Pair) -> Pair:
-    return Pair(p.near * 2, p.count + 1)
+    return Pair(p.near * 2, p.hits + 1)
 
 
 @case()
@@ -75,7 +79,7 @@ def inputs_of_every_type(a: sh.Attrib2f, b: sh.Attrib4f, c: sh.Attrib2i, d: sh.A
 
 
 @case(
-    outs=True, x=points(40, 1)[:, 0] * 2, expected=lambda x: np.where(np.abs(x) < 2, x * np.float32(2), np.float32(7))
+    outs=True, x=_points(40, 1)[:, 0] * 2, expected=lambda x: np.where(np.abs(x) < 2, x * np.float32(2), np.float32(7))
 )
 def a_discarded_element_keeps_what_out_held(x: sh.Attrib1f) -> sh.Attrib1f:
     SH_DISCARD(sh.abs(x) >= 2)
@@ -96,7 +100,7 @@ def no_axes(x: sh.Attrib1f, y: sh.Attrib1i) -> sh.Attrib1f:
     return x * y
 
 
-@case(x=points(1, 3)[0], expected=lambda x: x[::-1])
+@case(x=_points(1, 3)[0], expected=lambda x: x[::-1])
 def no_axes_of_vectors(x: sh.Attrib3f) -> sh.Attrib3f:
     return x.zyx
 
@@ -106,13 +110,13 @@ def no_elements(x: sh.Attrib3f, y: sh.Attrib1f) -> sh.Attrib3f:
     return x + y
 
 
-@case(x=points(5, 7), y=np.arange(7, dtype=np.float32), z=np.float32(0.5), w=points(5, 1),
+@case(x=_points(5, 7), y=np.arange(7, dtype=np.float32), z=np.float32(0.5), w=_points(5, 1),
       expected=lambda x, y, z, w: (x * y + z) / w)  # fmt: skip
 def shapes_broadcast(x: sh.Attrib1f, y: sh.Attrib1f, z: sh.Attrib1f, w: sh.Attrib1f) -> sh.Attrib1f:
     return (x * y + z) / w
 
 
-@case(p=points(6).reshape(2, 1, 3, 3), q=points(4).reshape(4, 1, 3), w=np.arange(3, dtype=np.int32))
+@case(p=_points(6).reshape(2, 1, 3, 3), q=_points(4).reshape(4, 1, 3), w=np.arange(3, dtype=np.int32))
 def vectors_broadcast(p: sh.Point3f, q: sh.Point3f, w: sh.Attrib1i):
     return p - q, sh.distance(p, q), w + 1
 
@@ -171,7 +175,7 @@ def params_of_every_kind(p: sh.Point3f, n: sh.Attrib1i):
 
 
 FLOATS_1D = sh.Table(data(Base.F, 1, 9, 1), sh.Attrib1f)
-POINTS_2D = sh.Table(points(12).reshape(3, 4, 3), sh.Point3f)
+POINTS_2D = sh.Table(_points(12).reshape(3, 4, 3), sh.Point3f)
 COLORS_3D = sh.Table(np.arange(2 * 3 * 5 * 4).reshape(2, 3, 5, 4) / 8, sh.Color4f)
 BIG_INTS = sh.Table([2**31 - 1, -(2**31), 2**24 + 1, -(2**24) - 3, 0], sh.Attrib1i)
 BIG_UINTS = sh.Table([[2**32 - 1, 2**31], [2**24 + 1, 7]], sh.Attrib2u)
@@ -197,7 +201,7 @@ def a_table_as_an_argument(table: sh.Table[sh.Attrib1f], x: sh.Attrib1f):
     return total, n, table[sh.Attrib1i(x * n)]
 
 
-@case(image=points(20, 4).reshape(4, 5, 4), p=RNG.integers(-3, 8, (30, 2)).astype(np.int32))
+@case(image=_points(20, 4).reshape(4, 5, 4), p=RNG.integers(-3, 8, (30, 2)).astype(np.int32))
 def a_two_dimensional_table_as_an_argument(image: sh.Table[sh.Color4f, 2], p: sh.Attrib2i):
     h, w = image.shape
     return image[p.x, p.y], image[p], h * 100 + w
@@ -227,6 +231,7 @@ def a_table_read_at_what_was_read(first: sh.Table[sh.Attrib1i], start: sh.Attrib
 
 @sh.subroutine
 def lookup(i: sh.Attrib1i):
+    """Read a table and a param in a subroutine."""
     return FLOATS_1D[i] * SCALE
 
 
@@ -245,6 +250,7 @@ UV = np.concatenate([
 
 
 def texture_case(filter: Any, wrap: Any, image: Any = IMAGE) -> None:
+    """Add the case of a texture that is read in and out of range."""
     texture = sh.Texture2D(image, filter=filter, wrap=wrap, name="image")
 
     def sampled(uv: sh.TexCoord2f):
@@ -261,6 +267,7 @@ texture_case("linear", "repeat", RNG.integers(0, 256, (5, 3), dtype=np.uint8))
 
 
 def pixel_centers() -> Any:
+    """Return where the pixels of IMAGE lie, (4, 6, 2)."""
     rows, columns = np.mgrid[:4, :6]
     return np.stack([(columns + 0.5) / 6, (rows + 0.5) / 4], -1).astype(np.float32)
 
@@ -274,6 +281,8 @@ def a_texture_at_its_pixels_is_the_image(uv: sh.TexCoord2f) -> sh.Color3f:
 
 
 def texture_argument(filter: Any, wrap: Any) -> None:
+    """Add the case of a texture as an argument."""
+
     def sampled(image: sh.Texture2D[sh.Color3f], uv: sh.TexCoord2f):
         h, w = image.shape
         return image(uv), h, w
@@ -289,14 +298,14 @@ for _filter in ("nearest", "linear"):
 # Matrices
 
 
-@case(m=points(27).reshape(9, 3, 3), k=points(27).reshape(9, 3, 3), v=points(9), i=np.int32(1))
+@case(m=_points(27).reshape(9, 3, 3), k=_points(27).reshape(9, 3, 3), v=_points(9), i=np.int32(1))
 def matrices_of_three(m: sh.Matrix3f, k: sh.Matrix3f, v: sh.Attrib3f, i: sh.Attrib1i):
     product = m @ k
     product[1, 2] = v.x
     return product, m @ v, sh.transpose(m), sh.determinant(m), m[2], m[1, 0] + i, m * 2 - k, product[0].zyx
 
 
-@case(m=RNG.uniform(-2, 2, (9, 4, 4)).astype(np.float32), p=points(9), v=points(9), n=points(9))
+@case(m=RNG.uniform(-2, 2, (9, 4, 4)).astype(np.float32), p=_points(9), v=_points(9), n=_points(9))
 def points_vectors_and_normals_are_moved(m: sh.Matrix4f, p: sh.Point3f, v: sh.Vector3f, n: sh.Normal3f):
     return m @ p, m @ v, m @ n
 
@@ -306,7 +315,7 @@ def inverses(m: sh.Matrix4f, k: sh.Matrix2f):
     return sh.inverse(m), sh.inverse(k), sh.determinant(m), m @ sh.inverse(m)
 
 
-@case(i=RNG.integers(-1, 4, 12).astype(np.int32), x=points(12, 1)[:, 0])
+@case(i=RNG.integers(-1, 4, 12).astype(np.int32), x=_points(12, 1)[:, 0])
 def matrices_in_an_array(i: sh.Attrib1i, x: sh.Attrib1f):
     a = sh.Array(sh.Matrix2f, 3)
     a[i] = sh.Matrix2f([[x, 1], [2, x]])
@@ -340,7 +349,7 @@ def components_at_run_time(v: sh.Attrib4f, b: sh.Attrib3b, u: sh.Attrib2u, i: sh
     return v[i], b[i], u[i], v[i + 1]
 
 
-@case(x=points(30, 1)[:, 0])
+@case(x=_points(30, 1)[:, 0])
 def arrays_sort(x: sh.Attrib1f):
     a = sh.Array(sh.Attrib1f, [x, -x, x * x, sh.Attrib1f(0.5), x + 1])
     with SH_FOR(4) as i:
@@ -382,7 +391,7 @@ def hashes(u: sh.Attrib3u):
     return sh.hash(u.x), sh.hash(u.x, u.y), sh.hash(u.x, u.y, u.z), sh.unit_float(sh.hash(u.z)), sh.unit_float(u)
 
 
-@case(p=points(60) * 50)
+@case(p=_points(60) * 50)
 def noises(p: sh.Point3f):
     return sh.noise(p.x), sh.noise(p.xy), sh.noise(p)
 
@@ -416,6 +425,7 @@ def halves_in_tables_params_and_arrays(i: sh.Attrib1i):
 
 @sh.subroutine
 def mixed(a, b, x):
+    """Change the first argument in place."""
     a += b * x
     return sh.length(b)
 

@@ -13,10 +13,9 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from backends.running import DenormalWatch, differs, flushes_denormals, kernel
 
 import shpy as sh
 from shpy import host
@@ -24,10 +23,13 @@ from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import Tolerance
 from shpy.ir.types import Base
+from shpy.lang.data import TableType, TextureType
 from shpy.lang.record import InputType
 from shpy.lang.structure import leaves as leaves_of
 from shpy.testing.arrays import flat_leaves
+from shpy.testing.conformance.running import DenormalWatch, differs, flushes_denormals, kernel
 
+F = TypeVar("F", bound=Callable[..., Any])
 EXACT = Tolerance()
 COUNT = 48
 INTERPRETED = ("interpreter", "prepared")
@@ -65,6 +67,7 @@ class Case:
 
     @functools.cached_property
     def program(self) -> sh.Program:
+        """The recorded program."""
         return self.build()
 
     @functools.cached_property
@@ -104,6 +107,7 @@ class Case:
 
     @functools.cached_property
     def watch(self) -> DenormalWatch:
+        """What finds denormals in this program."""
         return DenormalWatch(self.program.ir, Options(**self.options))
 
     def denormal(self, element: int) -> bool:
@@ -136,8 +140,8 @@ class Case:
             for k in np.flatnonzero(elements):
                 if flushes_denormals(who) and self.denormal(int(k)):
                     continue
-                given = {name: element(array, k, wanted.written.shape) for name, array in self.arrays.items()}
-                x, y = (element(v, k, wanted.written.shape) for v in (a, b))
+                given = {name: element(array, int(k), wanted.written.shape) for name, array in self.arrays.items()}
+                x, y = (element(v, int(k), wanted.written.shape) for v in (a, b))
                 raise AssertionError(f"{self.name} on {who}, output {n}, for {given}: {x!r}, not {y!r}")
 
 
@@ -195,11 +199,12 @@ def data(base: Base, size: int, count: int = COUNT, seed: int = 0) -> Array:
 
 def made_up(type_: InputType, seed: int) -> Any:
     """Elements for an input; its leaves differ."""
+    assert not isinstance(type_, TableType | TextureType), "a case gives its tables"
     flat = [data(cls.base, cls.size, seed=31 * seed + n) for n, (_, _, cls) in enumerate(leaves_of(type_, "input"))]
     return flat[0] if len(flat) == 1 else flat
 
 
-def by_decorator(cases: list[Case]) -> Callable[..., Any]:
+def by_decorator(cases: list[Case]) -> Callable[..., Callable[[F], F]]:
     """The decorator that adds a function, to be recorded when it is needed, to a list of cases."""
 
     def case(
@@ -212,10 +217,10 @@ def by_decorator(cases: list[Case]) -> Callable[..., Any]:
         refused: Mapping[str, str] | None = None,
         outs: bool = False,
         **inputs: Any,
-    ) -> Any:
+    ) -> Callable[[F], F]:
         bound = Tolerance(ulp, absolute)
 
-        def add(function: Any) -> Any:
+        def add(function: F) -> F:
             made = Case(
                 function.__name__, lambda: sh.program(function), inputs, shape, options or {}, bound,
                 refused or {}, expected, outs,
@@ -230,7 +235,7 @@ def by_decorator(cases: list[Case]) -> Callable[..., Any]:
 
 def all_cases() -> list[Case]:
     """The list: operations, edges, control flow, data."""
-    from backends import conformance_control, conformance_data, conformance_edges, conformance_operations
+    from shpy.testing.conformance import control, data, edges, operations
 
-    parts = (conformance_operations, conformance_edges, conformance_control, conformance_data)
+    parts = (operations, edges, control, data)
     return [case for part in parts for case in part.cases()]

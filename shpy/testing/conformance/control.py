@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from backends.conformance import Case
-from property.evaluate import WRITTEN, Evaluator
 
+from shpy.testing.conformance.cases import Case
+from shpy.testing.conformance.evaluate import WRITTEN, Evaluator
 from shpy.testing.generated.source import record
 from shpy.testing.generated.syntax import (
     Apply,
@@ -45,10 +45,12 @@ INPUTS = (Variable("a", F), Variable("n", I))
 
 
 def number(value: float) -> Const:
+    """A constant: an int for an int, else a float."""
     return Const(I, (value,)) if isinstance(value, int) else Const(F, (value,))
 
 
 def compare(op: str, left: Expr, right: float) -> Apply:
+    """`left op right`, a bool."""
     return Apply(B, op, (left, Const(left.type, (right,))))
 
 
@@ -63,6 +65,7 @@ def bit(n: int) -> Apply:
 
 
 def when(condition: Expr, *body: Stmt) -> If:
+    """`if condition: body`."""
     return If(((condition, body),))
 
 
@@ -70,14 +73,17 @@ def when(condition: Expr, *body: Stmt) -> If:
 
 
 def form_if(body: Block, depth: int) -> Block:
+    """The block under an `if`."""
     return (when(bit(depth), *body), plus("x", 0.5))
 
 
 def form_elif(body: Block, depth: int) -> Block:
+    """The block under an `elif`."""
     return (If(((bit(depth), (plus("x", 3.0),)), (bit(depth + 1), body)), (plus("x", 5.0),)),)
 
 
 def form_else(body: Block, depth: int) -> Block:
+    """The block under an `else`."""
     return (If(((bit(depth), (plus("x", 3.0),)),), body), plus("x", 0.25))
 
 
@@ -87,6 +93,7 @@ def _counter(depth: int, turns: int) -> tuple[Stmt, Stmt, Expr]:
 
 
 def form_while(body: Block, depth: int) -> Block:
+    """The block in a `while` of three iterations."""
     start, step, room = _counter(depth, 3)
     more = Apply(B, "and", (room, compare("lt", X, 300.0)))
     return (start, While(more, (step, *body, plus("x", 0.125))), plus("x", 0.5))
@@ -99,6 +106,7 @@ def form_do(body: Block, depth: int) -> Block:
 
 
 def form_do_late(body: Block, depth: int) -> Block:
+    """The block in a `do`, its condition evaluated at the end of each iteration."""
     start, step, room = _counter(depth, 2)
     full = Apply(B, "or", (Apply(B, "not", (room,)), compare("gt", X, 300.0)))
     return (start, Do((step, *body, plus("x", 0.125)), full, late=True), plus("x", 0.5))
@@ -111,18 +119,22 @@ def _for(bounds: tuple[Expr, ...], body: Block, depth: int) -> Block:
 
 
 def form_for(body: Block, depth: int) -> Block:
+    """The block in `for i in range(3)`."""
     return _for((number(3),), body, depth)
 
 
 def form_for_two(body: Block, depth: int) -> Block:
+    """The block in `for i in range(-1, 2)`."""
     return _for((number(-1), number(2)), body, depth)
 
 
 def form_for_step(body: Block, depth: int) -> Block:
+    """The block in `for i in range(1, 8, 3)`."""
     return _for((number(1), number(8), number(3)), body, depth)
 
 
 def form_for_down(body: Block, depth: int) -> Block:
+    """The block in `for i in range(4, -3, -2)`."""
     return _for((number(4), number(-3), number(-2)), body, depth)
 
 
@@ -132,6 +144,7 @@ def form_for_symbolic(body: Block, depth: int) -> Block:
 
 
 def form_for_symbolic_step(body: Block, depth: int) -> Block:
+    """The block in a `for` whose end and step are computed."""
     step = Apply(I, "sub", (Apply(I, "mul", (Apply(I, "and", (N, number(1))), number(5))), number(2)))  # 3 or -2
     return _for((number(2), Apply(I, "sub", (Apply(I, "and", (N, number(7))), number(2))), step), body, depth)
 
@@ -184,6 +197,7 @@ def pairs() -> Iterator[tuple[str, str]]:
 
 
 def nested(outer: str, inner: str, *body: Stmt) -> Block:
+    """The body inside one form inside another."""
     return FORMS[outer]((plus("x", 1.0), *FORMS[inner](body, 2)), 0)
 
 

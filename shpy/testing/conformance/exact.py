@@ -56,7 +56,7 @@ def _run(region: Region, known: dict[int, Any], slots: dict[int, Any]) -> None:
                 _run(s.then, known, slots)
         else:
             assert isinstance(s, Let)
-            known[s.value.id] = slots[s.attr] if s.op == "load" else _computed(s, [known[a] for a in s.args])
+            known[s.value.id] = slots[int(str(s.attr))] if s.op == "load" else _computed(s, [known[a] for a in s.args])
 
 
 def _computed(let: Let, args: list[Array]) -> Array:
@@ -66,12 +66,12 @@ def _computed(let: Let, args: list[Array]) -> Array:
     if let.op == "convert":
         return convert(args[0], DTYPES[let.value.type.base])
     if let.op == "any_lane":
-        return np.any(args[0])
+        return np.asarray(np.any(args[0]))
     if let.op == "construct":
         return np.stack(args)
     if let.op == "swizzle":
         assert isinstance(let.attr, tuple)
-        return args[0][let.attr[0]]
+        return np.asarray(args[0][let.attr[0]])
     if let.op in PARTS:
         return apply(definition(let.op, (vec(let.value.type.base),)), *args)
     meaning = OPS[let.op].meaning
