@@ -24,7 +24,10 @@ from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
 from raytracer import Mesh
 from raytracer.meshes.shapes import knot
-from shpy.accuracy.files import check_folder, replacing, write_json
+from shpy.accuracy.files import check_file, check_output, write_json
+from shpy.command import run, whole
+from shpy.errors import ShpyError
+from shpy.files import replacing
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
@@ -71,9 +74,9 @@ def arguments(given: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join((*WORKS, *STUDIES))}")
     parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
     parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
-    parser.add_argument("--rounds", type=int, help="how often each is timed (default: 9, quick: 2)")
+    parser.add_argument("--rounds", type=whole(1), help="how often each is timed (default: 9, quick: 2)")
     parser.add_argument("--mesh", type=Path, metavar="FILE", help="OBJ, PLY, STL or GLB for rays and frames")
-    parser.add_argument("--size", type=int, help="a size other than a work's own")
+    parser.add_argument("--size", type=whole(1), help="a size other than a work's own")
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="a picture (needs matplotlib)")
@@ -82,10 +85,19 @@ def arguments(given: list[str] | None) -> argparse.Namespace:
 
 
 def main(given: list[str] | None = None) -> int:
-    """Run the command; 1 if an answer was wrong or a contender failed."""
-    options = arguments(given)
+    """Run the command; 1 if an answer was wrong or a contender failed, 2 for a file that cannot be written."""
+    return run("benchmarks", lambda: compare(arguments(given)))
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Measure and write what the options ask for; gives the exit status."""
     if options.what == "record":
         return record.main()
+    try:
+        check_files(options)
+    except ShpyError as error:
+        print(f"benchmarks: {error}", file=sys.stderr)
+        return 2
     wanted = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
     names = chosen(options.only, (*WORKS, *STUDIES), "work")
     mesh = mesh_of(options.mesh, options.quick)
@@ -96,8 +108,6 @@ def main(given: list[str] | None = None) -> int:
         peers.start(name)
     here = machine.describe(found)
     print(report.heading(here, missing), end="\n\n")
-    for path in filter(None, (options.json, options.markdown, options.plot)):
-        check_folder(path)
     results = measure(subjects, [*targets, *found], options)
     print(report.means(results))
     tables = []
@@ -108,6 +118,14 @@ def main(given: list[str] | None = None) -> int:
         print(tables[-1].markdown(), flush=True)
     write(options, here, missing, results, tables)
     return 0 if all(m.right for m in results) else 1
+
+
+def check_files(options: argparse.Namespace) -> None:
+    """Raise ShpyError for a file that cannot be written, before anything is measured."""
+    for path in filter(None, (options.json, options.markdown)):
+        check_file(path)
+    if options.plot:
+        check_output(options.plot)
 
 
 def measure(subjects: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:

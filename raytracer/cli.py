@@ -30,15 +30,18 @@ _PATIENCE = 2.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; gives the exit status: 0 done, 1 an error that is printed, 130 after Ctrl-C."""
+    return int(sh.command.run("raytracer", lambda: _run(arguments), stopped="stopped; nothing was written"))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return int(options.run(options))
+    except BrokenPipeError:
+        raise
     except (SceneError, sh.ShpyError, OSError) as error:
         print(f"raytracer: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("raytracer: stopped; nothing was written", file=sys.stderr)
-        return 130
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -49,17 +52,19 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("-o", "--output", type=Path, help="a .png, .exr or .npy file; by default SCENE.png")
     command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
-    command.add_argument("--bounces", type=int, default=3, help="how often a ray may be mirrored (3)")
-    command.add_argument("--samples", type=int, default=1, help="rays for each pixel: 1, 4, 9, 16, ... (1)")
+    command.add_argument("--bounces", type=_whole, default=3, help="how often a ray may be mirrored (3)")
+    command.add_argument("--samples", type=_positive, default=1, help="rays for each pixel: 1, 4, 9, 16, ... (1)")
     command.add_argument("--accel", choices=ACCELERATORS, default="bvh", help="how rays find triangles (bvh)")
-    command.add_argument("--error", type=float, help="render the fastest variant within this error, in 255ths")
+    command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
     command.set_defaults(run=_render)
     command = commands.add_parser("tradeoff", help="time and error of every variant of a scene, and the one to take")
     command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
-    command.add_argument("--error", type=float, default=1.0, help="root mean square error allowed, in 255ths (1)")
+    command.add_argument("--error", type=_error, default=1.0, help="root mean square error allowed, in 255ths (1)")
     command.add_argument("-o", "--output", type=Path, help="draw time against error there; JSON goes beside it")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
-    command.add_argument("--bounces", type=int, default=3, help="how often the reference's rays may be mirrored (3)")
+    command.add_argument(
+        "--bounces", type=sh.command.whole(0), default=3, help="how often the reference's rays may be mirrored (3)"
+    )
     command.set_defaults(run=_tradeoff)
     command = commands.add_parser("scenes", help="list the built-in scenes")
     command.set_defaults(run=_scenes)
@@ -68,9 +73,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+_whole, _positive, _error = sh.command.whole(0), sh.command.whole(1), sh.command.real(0)
+
+
 def _size(text: str) -> tuple[int, int]:
     width, times, height = text.lower().partition("x")
-    if not (times and width.isdigit() and height.isdigit()):
+    if not (times and text.isascii() and width.isdigit() and height.isdigit() and len(text) < 30):
         raise argparse.ArgumentTypeError(f"a size is WIDTHxHEIGHT, such as 1024x768, not {text!r}")
     return int(width), int(height)
 

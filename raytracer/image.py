@@ -9,9 +9,7 @@ beside it and renames, so that an interrupted run leaves no broken file.
 from __future__ import annotations
 
 import io
-import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -20,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import shpy as sh
 from raytracer.errors import SceneError
 
 Array = NDArray[Any]
@@ -74,11 +73,12 @@ class Image:
         """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); gives the path.
 
         The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays.
-        Raises SceneError for another ending, FileNotFoundError where the folder does not exist.
+        Raises SceneError for another ending and where a package is missing, OSError for a path that cannot be written:
+        FileNotFoundError where the folder does not exist.
         """
         path = Path(path)
         write = writer(path)
-        with replacing(path) as temporary:
+        with sh.files.replacing(path) as temporary:
             write(self, str(temporary))
         return path
 
@@ -89,23 +89,14 @@ class Image:
 
 
 def writer(path: Path) -> Callable[[Image, str], None]:
-    """What writes to this path, found before anything is rendered; raises as `Image.save` does."""
-    if path.suffix.lower() not in _WRITERS:
+    """The function that writes to this path, found before anything is rendered; raises as `Image.save` does."""
+    ending = path.suffix.lower()
+    if ending not in _WRITERS:
         raise SceneError(f"{path}: pictures are written as {', '.join(_WRITERS)}, not as {path.suffix or 'this'}")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {path.parent}")
-    return _WRITERS[path.suffix.lower()]
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A path beside `path`, with its ending, which takes its place unless the block raises."""
-    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    if ending in _PACKAGES:
+        _PACKAGES[ending]()
+    sh.files.check_writable(path)
+    return _WRITERS[ending]
 
 
 def _pillow() -> Any:
@@ -116,21 +107,29 @@ def _pillow() -> Any:
     return pillow
 
 
+def _openexr() -> Any:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise SceneError("writing EXR needs OpenEXR: pip install 'shpy-dsl[raytracer]'") from error
+    return OpenEXR
+
+
 def _write_png(image: Image, name: str) -> None:
     _pillow().fromarray(image.srgb).save(name, "PNG", optimize=True)
 
 
 def _write_exr(image: Image, name: str) -> None:
-    try:
-        import OpenEXR
-    except ImportError as error:
-        raise SceneError("writing EXR needs OpenEXR: pip install 'shpy-dsl[raytracer]'") from error
+    exr = _openexr()
     channels = {"RGB": np.ascontiguousarray(image.pixels), "depth.Z": np.ascontiguousarray(image.depth)}
     channels |= {f"normal.{axis}": np.ascontiguousarray(image.normal[..., k]) for k, axis in enumerate("XYZ")}
     channels |= {"object.id": image.object_id.astype(np.float32), "rays.count": image.rays.astype(np.float32)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, channels) as file:
-        file.write(name)
+    header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    with exr.File(header, channels) as file:
+        try:
+            file.write(name)
+        except RuntimeError as error:  # a full disk, among others
+            raise OSError(f"OpenEXR cannot write: {error}") from error
 
 
 def _write_npy(image: Image, name: str) -> None:
@@ -146,3 +145,4 @@ def _write_npy(image: Image, name: str) -> None:
 
 
 _WRITERS: dict[str, Callable[[Image, str], None]] = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}
+_PACKAGES: dict[str, Callable[[], Any]] = {".png": _pillow, ".exr": _openexr}

@@ -27,7 +27,7 @@ import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
-from raytracer.image import Image, encoded, replacing
+from raytracer.image import Image, encoded
 from raytracer.renderer import Renderer
 from raytracer.scene import Scene
 
@@ -156,17 +156,17 @@ class Tradeoff:
         axes.set(xscale="log", yscale="log", xlabel="ms a picture", ylabel="root mean square error, 255ths")
         axes.set_title(f"{self.scene} on {self.backend}: time against error")
         axes.legend(fontsize=7)
-        with replacing(path) as temporary:
+        with sh.files.replacing(path) as temporary:
             figure.savefig(temporary, dpi=120)
-        with replacing(path.with_suffix(".json")) as temporary:
+        with sh.files.replacing(path.with_suffix(".json")) as temporary:
             temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
 
 
 def new_figure(path: Path) -> Any:
     """A matplotlib Figure that can be written to `path`.
 
-    Raises SceneError for an ending that is no picture's and without matplotlib, FileNotFoundError where the folder does
-    not exist.
+    Raises SceneError for an ending that is no picture's and without matplotlib, OSError where it, or JSON beside it,
+    cannot be written: FileNotFoundError where the folder does not exist.
     """
     try:
         from matplotlib.figure import Figure
@@ -176,8 +176,8 @@ def new_figure(path: Path) -> Any:
     known = sorted(figure.canvas.get_supported_filetypes())
     if path.suffix[1:].lower() not in known:
         raise SceneError(f"{path}: plots are written as .{', .'.join(known)}, not as {path.suffix or 'this'}")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {path.parent}")
+    for written in (path, path.with_suffix(".json")):
+        sh.files.check_writable(written)
     return figure
 
 

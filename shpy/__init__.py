@@ -227,7 +227,7 @@ from shpy.lang.types import (
 from shpy.program import Program, Step, parse, program
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
-_LATER = ("accuracy", "testing")
+_LATER = ("accuracy", "command", "files", "testing")
 
 __all__ = [
     "SH_BREAK",
@@ -432,7 +432,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """`sh.testing` and `sh.accuracy` are loaded when they are asked for."""
+    """`sh.testing`, `sh.accuracy`, `sh.files` and `sh.command` are loaded when they are asked for."""
     if name in _LATER:
         return importlib.import_module(f"shpy.{name}")
     raise AttributeError(f"module 'shpy' has no attribute {name!r}")

@@ -13,7 +13,6 @@ Stage: above all others. Takes the words of the command line, prints, gives the 
 from __future__ import annotations
 
 import argparse
-import os
 import platform
 import re
 import sys
@@ -26,6 +25,7 @@ import numpy as np
 
 import shpy as sh
 from shpy.accuracy.commands import add_commands
+from shpy.command import MOST, real, run, whole
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
 
@@ -37,15 +37,8 @@ _WIDTH = 8
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; gives the exit status: 0 where what was asked for is there, else 1."""
-    try:
-        status = _run(arguments)
-        sys.stdout.flush()
-        return status
-    except BrokenPipeError:
-        # Whoever read the output has enough, as `head` has; Python would complain once more when it closes it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+    """Run the command; gives the exit status: 0 where what was asked for is there, else 1; 130 after Ctrl-C."""
+    return run("shpy", lambda: _run(arguments))
 
 
 def _run(arguments: Sequence[str] | None) -> int:
@@ -68,9 +61,9 @@ def _add_diff(commands: Any) -> None:
     command.add_argument(
         "--backends", help="numpy,opencl,glsl,interpreter or a width: opencl-4 (default: each there is)"
     )
-    command.add_argument("--ulp", type=float, default=0, help="how far apart results may be (default: the same bits)")
-    command.add_argument("--count", type=int, default=64, help="elements to run (default: 64)")
-    command.add_argument("--seed", type=int, default=0, help="of the inputs (default: 0)")
+    command.add_argument("--ulp", type=real(0), default=0, help="how far apart results may be (default: the same bits)")
+    command.add_argument("--count", type=whole(1, MOST), default=64, help="elements to run (default: 64)")
+    command.add_argument("--seed", type=whole(0), default=0, help="of the inputs (default: 0)")
     command.add_argument("--precision", default="f32", help="the working precision (default: f32)")
     command.add_argument("--math", default="strict", help="strict, relaxed or fast (default: strict)")
     command.set_defaults(run=diff)
@@ -93,6 +86,8 @@ def diff(options: argparse.Namespace) -> int:
     except AssertionError as difference:
         print(difference)
         return 1
+    except BrokenPipeError:
+        raise
     except (OSError, UnicodeDecodeError, sh.ShpyError) as error:
         print(f"shpy diff: {error}", file=sys.stderr)
         return 2
@@ -120,8 +115,12 @@ def doctor(every: bool = False) -> int:
         if missing:
             print(f"  to install: pip install '{DISTRIBUTION}[{extra}]'")
     broken = [name for name, fault in faults.items() if fault]
-    print(f"\n{len(faults) - len(broken)} of {len(faults)} backends work; the default is {sh.default_backend()}")
-    return int(bool(broken) if every else "numpy" in broken)
+    try:
+        default, wrong = f"the default is {sh.default_backend()}", False
+    except sh.ShpyError as error:
+        default, wrong = str(error), True
+    print(f"\n{len(faults) - len(broken)} of {len(faults)} backends work; {default}")
+    return int(wrong or (bool(broken) if every else "numpy" in broken))
 
 
 def _examine(backend: sh.BackendInfo) -> str | None:

@@ -12,6 +12,7 @@ import argparse
 import importlib
 import runpy
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from shpy.accuracy.measure import measure
 from shpy.accuracy.tradeoff import tradeoff
 from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
+from shpy.command import MOST, whole
 from shpy.errors import ShpyError
 from shpy.ir.types import Base
 from shpy.lang.data import TableType, TextureType
@@ -28,6 +30,7 @@ from shpy.program import Program
 
 __all__ = ["add_commands", "load", "parse_domain"]
 
+_COUNT, _SEED = whole(1, MOST), whole(0)
 _USUAL = (-10.0, 10.0)
 """The range of a float of which nothing is said."""
 
@@ -44,7 +47,7 @@ def add_commands(commands: Any) -> None:
         "--error", required=True, type=Budget.parse, help="the most that is wanted: 2ulp, 1e-3 (relative)"
     )
     trade.add_argument("--precision", default="f32,f16,f64", help="f32,f64,f16 (default: all)")
-    trade.add_argument("--elements", type=int, default=100_000, help="how many elements are timed (default: 100000)")
+    trade.add_argument("--elements", type=_COUNT, default=100_000, help="how many elements are timed (default: 100000)")
     trade.set_defaults(run=lambda options: _guarded(_tradeoff, options))
 
 
@@ -56,8 +59,8 @@ def _add_shared(command: argparse.ArgumentParser, samples: int) -> None:
     command.add_argument("--backends", help="numpy,opencl,glsl (default: each that is available)")
     command.add_argument("--math", help="strict,relaxed,fast (default: each)")
     command.add_argument("--reference", default="mpmath", choices=("mpmath", "f64"), help="(default: mpmath)")
-    command.add_argument("--samples", type=int, default=samples, help=f"elements of the domain (default: {samples})")
-    command.add_argument("--seed", type=int, default=0, help="of the inputs (default: 0)")
+    command.add_argument("--samples", type=_COUNT, default=samples, help=f"elements of the domain (default: {samples})")
+    command.add_argument("--seed", type=_SEED, default=0, help="of the inputs (default: 0)")
     command.add_argument("-o", "--output", type=Path, help="a picture, with JSON beside it; or JSON alone")
 
 
@@ -67,6 +70,8 @@ def _guarded(command: Any, options: argparse.Namespace) -> int:
             check_output(options.output)
         status: int = command(options)
         return status
+    except BrokenPipeError:
+        raise
     except (ShpyError, OSError, ValueError) as error:
         print(f"shpy {options.command}: {error}", file=sys.stderr)
         return 2
@@ -115,23 +120,39 @@ def _write(found: Any, path: Path | None) -> None:
 
 
 def load(words: str) -> Program | Choice:
-    """The program or choice that `module:name` or `path.py:name` names; ShpyError for what is none."""
+    """The program or choice that `module:name` or `path.py:name` names.
+
+    Raises ShpyError where there is none, and where the module fails, with the line.
+    """
     where, _, name = words.rpartition(":")
     if not where or not name:
         raise ShpyError(f"{words!r} names no program", cure="module:program, or path/to/file.py:program")
-    try:
-        if where.endswith(".py"):
-            found = runpy.run_path(where)
-        else:
-            sys.path.insert(0, "")
-            found = vars(importlib.import_module(where))
-    except ImportError as error:
-        raise ShpyError(f"{where} cannot be imported: {error}", cure="path/to/file.py:program") from error
+    found = _run_module(where)
     program = found.get(name)
     if not isinstance(program, Program | Choice):
         known = [n for n, v in found.items() if isinstance(v, Program | Choice)]
         raise ShpyError(f"{where} has no program {name!r}", cure=", ".join(f"{where}:{n}" for n in known) or None)
     return program
+
+
+def _run_module(where: str) -> dict[str, Any]:
+    """The names that a file or module defines."""
+    if where.endswith(".py") and not Path(where).is_file():
+        raise ShpyError(f"there is no file {where}", cure="module:program, or path/to/file.py:program")
+    try:
+        if where.endswith(".py"):
+            return runpy.run_path(where)
+        sys.path.insert(0, "")
+        return vars(importlib.import_module(where))
+    except ShpyError:
+        raise  # it names its line
+    except SyntaxError as error:
+        raise ShpyError(f"{error.filename}:{error.lineno}: {type(error).__name__}: {error.msg}") from error
+    except ImportError as error:
+        raise ShpyError(f"{where} cannot be imported: {error}", cure="path/to/file.py:program") from error
+    except (Exception, SystemExit) as error:  # whatever the user's own lines raise
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        raise ShpyError(f"{last.filename}:{last.lineno}: {type(error).__name__}: {error}") from error
 
 
 def parse_domain(said: list[str], program: Program) -> dict[str, Any]:

@@ -1,51 +1,42 @@
-"""What measurements are written to: pictures, and JSON beside them.
+"""The files that measurements are written to: pictures, and JSON beside them.
 
-Stage: measure. A file gets its name when it is complete: until then it has a temporary one in the same folder.
+Stage: measure. Files are written whole or not at all (`shpy.files`), and paths are checked before anything is measured.
 
-    with replacing(Path("found.json")) as path:
-        path.write_text("{}")
+    check_output(Path("found.png"))
+    save_figure(figure, Path("found.png"), {"x": 1})     # and found.json
 """
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from shpy.errors import ShpyError
+from shpy.files import check_writable, replacing
 
-__all__ = ["check_folder", "check_output", "new_figure", "replacing", "save_figure", "write_json"]
+__all__ = ["check_file", "check_output", "new_figure", "save_figure", "write_json"]
 
 
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A path beside `path`, with its ending, which takes its place unless the block raises."""
-    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+def check_file(path: Path) -> None:
+    """Raise ShpyError where no file can be made at `path`: before anything is measured."""
     try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def check_folder(path: Path) -> None:
-    """Raise ShpyError where the folder of `path` does not exist."""
-    if not path.parent.is_dir():
-        raise ShpyError(f"there is no folder {path.parent}", cure=f"mkdir -p {path.parent}")
+        check_writable(path)
+    except OSError as error:
+        missing = not path.parent.is_dir()
+        raise ShpyError(str(error), cure=f"mkdir -p {path.parent}" if missing else None) from error
 
 
 def check_output(path: Path) -> None:
     """Raise ShpyError for a path that neither JSON nor a picture can be written to: before anything is measured."""
-    check_folder(path)
     if path.suffix != ".json":
         known = sorted(new_figure(1, 1).canvas.get_supported_filetypes())
         if path.suffix[1:].lower() not in known:
             raise ShpyError(f"{path} is no picture", cure=f"a path that ends in .{', .'.join(known)}; or in .json")
+        check_file(path.with_suffix(".json"))
+    check_file(path)
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

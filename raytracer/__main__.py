@@ -1,0 +1,7 @@
+"""`python -m raytracer`, the same as the command `raytracer`."""
+
+import sys
+
+from raytracer.cli import main
+
+sys.exit(main())

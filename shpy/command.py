@@ -1,0 +1,100 @@
+"""What commands share: how they end, and how they read numbers.
+
+Stage: above all others; `import shpy as sh` brings it as `sh.command`. A command that ends by Ctrl-C, by a closed pipe,
+by a full disk or for want of memory says so in at most one line.
+
+    parser.add_argument("--count", type=sh.command.whole(1, 1000))
+    sys.exit(sh.command.run("shpy", lambda: work(parser.parse_args())))
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+
+__all__ = ["INTERRUPTED", "MOST", "real", "run", "whole"]
+
+INTERRUPTED = 130
+"""The exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
+MOST = 100_000_000
+"""The most elements that a command takes: more are a mistake, or more than memory holds."""
+
+
+def run(name: str, work: Callable[[], int], *, stopped: str = "stopped") -> int:
+    """Run a command's work; gives its exit status, or 130 after Ctrl-C, 1 where its output or the memory ends.
+
+    `stopped` is said after Ctrl-C. Characters that the terminal cannot show are printed as escapes. SystemExit passes.
+    """
+    _prepare_streams()
+    try:
+        try:
+            return work()
+        finally:
+            sys.stdout.flush()  # a full disk is found here, and not when Python ends
+    except BrokenPipeError:
+        _abandon_output()  # whoever read the output has enough, as `head` has
+        return 1
+    except OSError as error:
+        _abandon_output()
+        return _say(name, str(error), 1)
+    except KeyboardInterrupt:
+        return _say(name, stopped, INTERRUPTED)
+    except MemoryError as error:
+        return _say(name, f"there is not enough memory{f': {error}' if str(error) else ''}", 1)
+
+
+def _say(name: str, text: str, status: int) -> int:
+    with suppress(OSError):
+        print(f"{name}: {text}", file=sys.stderr)
+    return status
+
+
+def _prepare_streams() -> None:
+    """Open streams that were closed, so that no file gets their descriptors; let no character fail."""
+    for stream, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(os.devnull, mode))
+    for opened in (sys.stdout, sys.stderr):
+        if hasattr(opened, "reconfigure"):
+            opened.reconfigure(errors="backslashreplace")
+
+
+def _abandon_output() -> None:
+    """Send what is left of the output nowhere: Python would complain once more when it ends."""
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
+
+
+def whole(lowest: int, highest: int | None = None) -> Callable[[str], int]:
+    """Read a whole number from `lowest` to `highest`, for the `type` of an argument."""
+    span = f"from {lowest} to {highest}" if highest is not None else f"from {lowest} on"
+
+    def read(text: str) -> int:
+        # The digits of other scripts are numbers to Python; the length is what keeps `int` from failing.
+        if re.fullmatch(r"[+-]?[0-9]{1,30}", text):
+            number = int(text)
+            if lowest <= number and (highest is None or number <= highest):
+                return number
+        raise argparse.ArgumentTypeError(f"a whole number {span}, not {text!r}")
+
+    return read
+
+
+def real(lowest: float) -> Callable[[str], float]:
+    """Read a finite number from `lowest` on, for the `type` of an argument."""
+
+    def read(text: str) -> float:
+        with suppress(ValueError):
+            number = float(text)
+            if text.isascii() and math.isfinite(number) and number >= lowest:
+                return number
+        raise argparse.ArgumentTypeError(f"a finite number from {lowest:g} on, not {text!r}")
+
+    return read
