@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args, get_origin
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,7 +221,7 @@ class Table:
         A type checker takes no bare number there (PEP 586): `sh.Table[sh.Attrib4f, Literal[2]]` means the same.
         """
         type_, rank = key if isinstance(key, tuple) else (key, 1)
-        rank = get_args(rank)[0] if get_origin(rank) is Literal else rank
+        (rank,) = get_args(rank) or (rank,)  # Literal[2], or 2
         if rank not in (1, 2, 3):
             raise ShpyTypeError(f"a Table has 1 to 3 axes, not {rank}", loc=here(), cure="sh.Table[sh.Attrib4f, 2]")
         return TableType(_element_class(type_), rank)
