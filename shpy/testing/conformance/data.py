@@ -256,7 +256,7 @@ def texture_case(filter: Any, wrap: Any, image: Any = IMAGE) -> None:
     def sampled(uv: sh.TexCoord2f):
         return texture(uv)
 
-    sampled.__name__ = f"texture_{filter}_{wrap}_of_{texture.type.size}"
+    sampled.__name__ = f"texture_{filter}_{wrap}_of_{image.shape[2:]}"
     case(uv=UV)(sampled)
 
 
