@@ -69,10 +69,23 @@ def _join(parts: list[_Part]) -> Layout:
     return Group("tuple", tuple(map(str, range(len(parts)))), tuple(p for _, p in parts))
 
 
-def _again(name: str, like: Recorded, types: dict[str, InputType], layout: Layout | None, body: Any) -> Recorded:
+def _again(
+    name: str,
+    like: Recorded,
+    types: dict[str, InputType],
+    layout: Layout | None,
+    body: Any,
+    defaults: Mapping[str, Any],
+) -> Recorded:
     loc = like.module.entry.loc
     with recording(name, loc) as made:
-        return record_body(made, types, layout, body)
+        recorded = record_body(made, types, layout, body)
+    return replace(recorded, defaults={n: d for n, d in defaults.items() if n in types})
+
+
+def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """The defaults of the inputs that go on under these names."""
+    return {names[n]: default for n, default in defaults.items() if n in names}
 
 
 def _call(recorded: Recorded, given: Mapping[str, Any], constants: Mapping[str, Any] | None = None) -> Any:
@@ -115,7 +128,8 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
         rest = [value for value, name in zip(results, fed, strict=True) if name is None]
         return tuple(_values(g.output, last) + rest)
 
-    return _again(f"{g.module.name}_{f.module.name}", g, types, layout, body)
+    defaults = f.defaults | _under(g.defaults, extra)
+    return _again(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
 
 
 def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
@@ -235,7 +249,8 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
         second = _values(g.output, _call(g, {n: given[fresh] for n, fresh in names.items()}))
         return tuple(first + second)
 
-    return _again(f"{f.module.name}_{g.module.name}", f, types, layout, body)
+    defaults = _under(g.defaults, names) | f.defaults
+    return _again(f"{f.module.name}_{g.module.name}", f, types, layout, body, defaults)
 
 
 def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
@@ -257,7 +272,7 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
         result = _call(p, {n: given[names.get(n, n)] for n in p.inputs})
         return tuple(_taken_apart(p.output, result)) if changed else result
 
-    return _again(p.module.name, p, types, layout, body)
+    return _again(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
 
 def _known(p: Recorded, given: Mapping[str, Any], known: list[str], what: str) -> None:
@@ -273,7 +288,7 @@ def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     _known(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
     types = {n: t for n, t in p.inputs.items() if n not in fixed}
-    return _again(p.module.name, p, types, p.output, lambda given: _call(p, {**given, **fixed}))
+    return _again(p.module.name, p, types, p.output, lambda given: _call(p, {**given, **fixed}), p.defaults)
 
 
 def _uniform(name: str, type_: InputType, value: Any) -> Any:
@@ -301,7 +316,7 @@ def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
         fixed = {n: _constant(p.inputs[n], n, v) for n, v in values.items() if n in p.inputs}
         return _call(p, {**given, **fixed}, constants)
 
-    made = _again(p.module.name, p, types, p.output, body)
+    made = _again(p.module.name, p, types, p.output, body, p.defaults)
     return replace(made, module=optimise(made.module, fixed=False))
 
 

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import DTYPES
+from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
 from shpy.lang.data import Table, TableType, Texture2D, TextureType
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
-from shpy.lang.record import InputType
+from shpy.lang.record import InputType, Recorded
 from shpy.lang.structure import Layout, flatten, leaves
 from shpy.lang.values import Value
 
@@ -38,8 +38,12 @@ def dtypes_at(precision: str) -> dict[Base, Any]:
     return {**DTYPES, Base.F: _WORKING[precision]}
 
 
-def bind(types: Mapping[str, InputType], args: Sequence[Any], named: Mapping[str, Any], what: str) -> dict[str, Any]:
-    """Give each input what the caller gave by position or keyword; ShpyTypeError for missing and unknown ones."""
+def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Give each input what the caller gave by position or keyword, or else its default.
+
+    Raises ShpyTypeError for missing and unknown inputs.
+    """
+    types, what = recorded.inputs, recorded.module.name
     names = list(types)
     signature = f"{what}({', '.join(names)})"
     if len(args) > len(names):
@@ -50,6 +54,7 @@ def bind(types: Mapping[str, InputType], args: Sequence[Any], named: Mapping[str
             wrong = "is given twice" if name in given else "is no input"
             raise ShpyTypeError(f"{name} {wrong} of {what}", loc=here(), cure=signature)
         given[name] = value
+    given = {**{n: d for n, d in recorded.defaults.items() if n not in given}, **given}
     missing = [n for n in names if n not in given]
     if missing:
         raise ShpyTypeError(f"{what} lacks its input {', '.join(missing)}", loc=here(), cure=signature)
@@ -62,7 +67,7 @@ class Stream:
     def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
         self.name = name
         self.size = cls.size
-        array = as_base(data, cls.base, name)
+        array = as_base(_exact(data), cls.base, name)
         if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
             raise ShpyTypeError(
                 f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
@@ -80,6 +85,14 @@ class Stream:
             return np.ascontiguousarray(self.array.reshape((1, *tail)))
         whole = np.broadcast_to(self.array, shape + tail)
         return np.ascontiguousarray(whole).reshape((-1, *tail))
+
+
+def _exact(data: Any) -> Any:
+    """A Param or another constant with all the digits that it has: a kernel of f64 takes them."""
+    if isinstance(data, Value) and data._frame is None:
+        numbers = decode(data.type, data._const)
+        return numbers if len(numbers) > 1 else numbers[0]
+    return data
 
 
 def streams(types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any]) -> list[Stream]:

@@ -97,7 +97,7 @@ class Kernel:
     ) -> tuple[tuple[int, ...], Any, NDArray[np.int32] | None]:
         """Run; gives the element shape, the outputs, and the statuses unless all elements were written."""
         recorded = self._recorded
-        given = host.bind(recorded.inputs, arrays, named, recorded.module.name)
+        given = host.bind(recorded, arrays, named)
         dtypes = host.dtypes_at(self.options.precision)
         inputs = host.streams(recorded.inputs, given, dtypes)
         common = host.common_shape(inputs, shape)

@@ -124,7 +124,7 @@ class Program(Generic[_P, _R]):
         """Run on arrays on the default backend, or, while a program is recorded, be inlined into it."""
         frame = current_frame()
         if frame is not None:
-            given = bind(self._recorded.inputs, args, named, self.name)
+            given = bind(self._recorded, args, named)
             return call_recorded(frame, self._recorded, given, {})
         return self.compile()(*args, **named)
 
@@ -179,7 +179,7 @@ class Program(Generic[_P, _R]):
     def trace(self, **inputs: Any) -> list[Step]:
         """Run one element in the reference interpreter; gives each step that has a name or stores into one."""
         recorded = self._recorded
-        given = bind(recorded.inputs, (), inputs, self.name)
+        given = bind(recorded, (), inputs)
         dtypes = dtypes_at("f32")
         found = streams(recorded.inputs, given, dtypes)
         if common_shape(found, None) not in ((), (1,)):
@@ -227,7 +227,8 @@ class Program(Generic[_P, _R]):
         return Program(algebra.specialized(self._recorded, values))
 
     def __repr__(self) -> str:
-        inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}" for n, t in self.inputs.items())
+        defaults = {n: f" = {getattr(d, 'name', None) or d!r}" for n, d in self._recorded.defaults.items()}
+        inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}{defaults.get(n, '')}" for n, t in self.inputs.items())
         outputs = ", ".join(t.__name__ for t in self.outputs.values())
         return f"<Program {self.name}({inputs}) -> {outputs}>"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
 
@@ -20,11 +20,13 @@ from shpy.ir.constants import encode
 from shpy.ir.nodes import Loc, Module, Port, Store
 from shpy.ir.verifier import verify
 from shpy.lang.data import Table, TableArgument, TableType, TextureArgument, TextureType
+from shpy.lang.defaults import check_default
 from shpy.lang.location import at
 from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import Frame, Recording, recording
 from shpy.lang.returns import Returns
 from shpy.lang.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
+from shpy.lang.source.scope import unwrapped
 from shpy.lang.source_check import check_source
 from shpy.lang.structure import Layout, build_values, layout_of, leaves
 from shpy.lang.subroutine import _slot_value
@@ -35,13 +37,14 @@ InputType = Layout | TableType | TextureType
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A module and what the host must know to run it."""
+    """A module and what the host must know to run it; `defaults` holds what an input is that a call leaves out."""
 
     module: Module
     inputs: dict[str, InputType]
     output: Layout
     params: dict[str, Any] = field(default_factory=dict)
     tables: dict[str, Any] = field(default_factory=dict)
+    defaults: dict[str, Any] = field(default_factory=dict)
 
 
 def is_value(x: object) -> bool:
@@ -63,32 +66,48 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     """Record `function`; raises RecordError or ShpyTypeError at the user's line."""
     loc = loc_of(function)
     check_source(function, is_value=is_value)
-    types = _input_types(function, loc)
+    types, defaults = _input_types(function, loc)
     title: str = name or str(getattr(plain_function(function), "__name__", "program"))
     with uncollected(), recording("program" if title == "<lambda>" else title, loc) as made:
         hint = hints_of(function).get("return")
         layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
-        return record_body(
-            made, types, layout, lambda given: _called(function, given), return_loc(function), bodies_of(function)
-        )
+        body = lambda given: _called(function, given)  # noqa: E731
+        recorded = record_body(made, types, layout, body, return_loc(function), bodies_of(function))
+        return replace(recorded, defaults=defaults)
 
 
-def _input_types(function: Callable[..., Any], loc: Loc | None) -> dict[str, InputType]:
+def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[str, InputType], dict[str, Any]]:
+    """The type of each input, and what it is where a call leaves it out.
+
+    A default without a type of the language, and what a partial fixes, is metaprogramming: known while recording.
+    """
     hints = hints_of(function)
+    fixed = (unwrapped(function) or (None, {}))[1]
     types: dict[str, InputType] = {}
+    defaults: dict[str, Any] = {}
     for name, parameter in inspect.signature(function).parameters.items():
+        optional = parameter.default is not parameter.empty
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise RecordError(f"{parameter} takes any number of inputs", loc=loc, cure="name them one by one")
         if name in RESERVED:
             raise RecordError(f"{name} is a reserved name for an input", loc=loc, cure=f"{name}_")
-        if name not in hints:
-            if parameter.default is not parameter.empty:
-                continue  # bound by functools.partial or a default: metaprogramming
-            raise RecordError(f"the input {name} is not annotated", loc=loc, cure=f"{name}: sh.Attrib1f")
-        if parameter.default is not parameter.empty:
+        if optional and (name in fixed or not _is_type(hints.get(name), name)):
             continue
+        if name not in hints:
+            raise RecordError(f"the input {name} is not annotated", loc=loc, cure=f"{name}: sh.Attrib1f")
         types[name] = _at(loc, input_type, hints[name], name)
-    return types
+        if optional:
+            defaults[name] = _at(loc, check_default, types[name], parameter.default, name)
+    return types, defaults
+
+
+def _is_type(annotation: Any, name: str) -> bool:
+    """Whether an annotation makes an input."""
+    try:
+        input_type(annotation, name)
+    except ShpyTypeError:
+        return False
+    return True
 
 
 def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:

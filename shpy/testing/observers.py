@@ -80,7 +80,7 @@ class Setting:
 
     @cached_property
     def _given(self) -> dict[str, Any]:
-        return bind(self.program._recorded.inputs, self.inputs, self.named, self.program.name)
+        return bind(self.program._recorded, self.inputs, self.named)
 
     @cached_property
     def _streams(self) -> list[Any]:
