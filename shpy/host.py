@@ -20,7 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
-from shpy.lang.data import Table, TableType, Texture2D, TextureType
+from shpy.lang.data import Param, Table, TableType, Texture2D, TextureType
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded
@@ -89,6 +89,8 @@ class Stream:
 
 def _exact(data: Any) -> Any:
     """A Param or another constant with all the digits that it has: a kernel of f64 takes them."""
+    if isinstance(data, Param):
+        return getattr(data, "exact", data)
     if isinstance(data, Value) and data._frame is None:
         numbers = decode(data.type, data._const)
         return numbers if len(numbers) > 1 else numbers[0]

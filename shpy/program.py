@@ -16,7 +16,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Literal, overload
+from types import MethodType
+from typing import TYPE_CHECKING, Any, Generic, Literal, cast, overload
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from shpy.kernel import Kernel
 from shpy.lang.claims import checked
 from shpy.lang.inline import call_recorded
 from shpy.lang.location import here
+from shpy.lang.method import PerInstance, is_method
 from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
@@ -227,7 +229,7 @@ class Program(Generic[_P, _R]):
         return Program(algebra.specialized(self._recorded, values))
 
     def __repr__(self) -> str:
-        defaults = {n: f" = {getattr(d, 'name', None) or d!r}" for n, d in self._recorded.defaults.items()}
+        defaults = {n: f" = {getattr(d, 'name', None) or repr(d)}" for n, d in self._recorded.defaults.items()}
         inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}{defaults.get(n, '')}" for n, t in self.inputs.items())
         outputs = ", ".join(t.__name__ for t in self.outputs.values())
         return f"<Program {self.name}({inputs}) -> {outputs}>"
@@ -251,11 +253,26 @@ def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
 def program(function: Callable[_P, _R]) -> Program[_P, _R]:
     """Record a function, once, by running it on symbolic arguments; every input is annotated.
 
+    An input with a default may be left out at a call. A method of a class, whose first parameter is not annotated, is
+    recorded for each instance when it is first asked for (`Method`).
     Raises RecordError and ShpyTypeError at the user's line.
     """
+    if is_method(function):
+        return cast("Program[_P, _R]", Method(function))
     made: Program[_P, _R] = Program(record(function))
     functools.update_wrapper(made, function, updated=())
     return made
+
+
+class Method(PerInstance):
+    """A program that is a method: `instance.shade` is a Program, recorded when it is first asked for."""
+
+    def record_for(self, instance: Any) -> Program:
+        """The program of the method bound to this instance."""
+        made = Program(record(MethodType(self.function, instance)))
+        # Not the bound method, which would keep the instance alive.
+        functools.update_wrapper(made, self.function, updated=())
+        return made
 
 
 def parse(text: str) -> Module:
