@@ -53,7 +53,7 @@ class PerInstance:
 
     def record_for(self, instance: Any) -> Any:
         """Record the method bound to this instance."""
-        raise NotImplementedError
+        raise TypeError(f"{type(self).__name__} records nothing")
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.owner = owner
