@@ -55,9 +55,10 @@ class Kernel:
         if found is None:
             with uncollected():
                 found = backend.compile(recorded.module, options)
-            while len(_executables) >= _KEPT:
-                _executables.pop(next(iter(_executables)))
             _executables[key] = found
+            # Other threads compile meanwhile: the names are listed at once, and each may be gone already.
+            for oldest in list(_executables)[: max(0, len(_executables) - _KEPT)]:
+                _executables.pop(oldest, None)
         self._executable = found
         self.source = found.source
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)

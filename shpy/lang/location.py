@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -21,17 +22,27 @@ _LIBRARY_SHOWN = "shpy/lang/library.py"
 _CONFORMANCE = os.path.join(_HOUSE, "testing", "conformance", "")
 """Programs of the conformance list are programs like those of any user."""
 _inside: dict[str, bool] = {}
-_in_library: list[bool] = []
+
+
+class _Recording(threading.local):
+    """What holds in this thread's recording alone: other threads record meanwhile."""
+
+    def __init__(self) -> None:
+        self.library = 0
+        self.elsewhere: list[Loc | None] = []
+
+
+_thread = _Recording()
 
 
 @contextmanager
 def in_library() -> Iterator[None]:
     """The part of the language that is written in the language is recorded: its own lines and names count."""
-    _in_library.append(True)
+    _thread.library += 1
     try:
         yield
     finally:
-        _in_library.pop()
+        _thread.library -= 1
 
 
 def is_library(loc: Loc) -> bool:
@@ -42,12 +53,13 @@ def is_library(loc: Loc) -> bool:
 def user_frame() -> FrameType | None:
     """The innermost frame whose code is not shpy's."""
     frame: FrameType | None = sys._getframe(1)
+    library = _thread.library > 0
     while frame is not None:
         file = frame.f_code.co_filename
         ours = _inside.get(file)
         if ours is None:
             ours = _look_inside(file)
-        if not ours or (_in_library and file == _LIBRARY):
+        if not ours or (library and file == _LIBRARY):
             return frame
         frame = frame.f_back
     return None
@@ -83,23 +95,21 @@ def loc_in(file: str, line: int) -> Loc:
     return Loc(_LIBRARY_SHOWN if file == _LIBRARY else file, line)
 
 
-_elsewhere: list[Loc | None] = []
-
-
 @contextmanager
 def at(loc: Loc | None) -> Iterator[None]:
     """What is recorded meanwhile belongs to `loc`: used where the user's function has returned already."""
-    _elsewhere.append(loc)
+    _thread.elsewhere.append(loc)
     try:
         yield
     finally:
-        _elsewhere.pop()
+        _thread.elsewhere.pop()
 
 
 def here() -> Loc | None:
     """The user's line that is running."""
-    if _elsewhere:
-        return _elsewhere[-1]
+    elsewhere = _thread.elsewhere
+    if elsewhere:
+        return elsewhere[-1]
     frame = user_frame()
     if frame is None:
         return None

@@ -1,0 +1,158 @@
+"""Several threads record, compile and run at once: each gets what it would get alone, lines of errors included."""
+
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+import shpy as sh
+from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN, kernel
+from shpy.backends.base import Device, Options
+
+THREADS = 6
+
+
+@pytest.fixture
+def impatient():
+    """Python changes threads as often as it can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def at_once(*works):
+    """Run each work in a thread of its own, all starting together; gives the errors that they raised."""
+    errors, start = [], threading.Barrier(len(works))
+
+    def run(work):
+        start.wait()
+        try:
+            work()
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=run, args=(work,)) for work in works]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return errors
+
+
+@sh.subroutine
+def falloff(x, steps):
+    total = sh.Attrib1f(0)
+    with SH_FOR(0, steps) as i:
+        total += x / (1 + sh.Attrib1f(i))
+    return total
+
+
+def shaded(x: sh.Attrib3f) -> sh.Attrib1f:
+    p = sh.normalize(x)
+    with SH_IF(p.x > 0):
+        SH_RETURN(sh.noise(p))
+    with SH_ELSE():
+        p *= 2
+    return falloff(p.y, 5) + sh.smoothstep(0.0, 1.0, p.z)
+
+
+def turbulent(x: sh.Attrib2f) -> sh.Attrib1f:
+    return sh.noise(x) + falloff(x.x, 3) * sh.noise(sh.Attrib3f(x, 1))
+
+
+def mirrored(x: sh.Attrib3f, n: sh.Attrib3f) -> sh.Attrib3f:
+    r = sh.reflect(x, sh.normalize(n))
+    return sh.mix(x, r, falloff(r.z, 7))
+
+
+def halved(x: sh.Attrib1f) -> sh.Attrib1f:
+    with SH_IF(x > 2):
+        x *= 0.5
+    return falloff(x, 9)
+
+
+def mistaken(x: sh.Attrib1f) -> sh.Attrib1f:
+    y = falloff(x, 4)
+    return y + sh.Attrib3f(1, 2, 3).xy
+
+
+def unset(x: sh.Attrib1f) -> sh.Attrib1f:
+    y = sh.Attrib1f()
+    z = sh.noise(x)
+    return y + z
+
+
+GOOD, BAD = (shaded, turbulent, mirrored), (mistaken, unset)
+
+
+def error_of(function):
+    with pytest.raises(sh.ShpyError) as raised:
+        sh.program(function)
+    return str(raised.value)
+
+
+def test_recordings_at_once_have_their_own_lines_and_names(impatient):
+    texts = {function: str(sh.program(function).ir) for function in GOOD}
+    messages = {function: error_of(function) for function in BAD}
+    assert all("test_threads.py" in text for text in (*texts.values(), *messages.values()))
+    wrong = []
+
+    def work(first):
+        for k in range(12):
+            function = (*GOOD, *BAD)[(first + k) % 5]
+            if function in texts:
+                wrong.extend([function.__name__] if str(sh.program(function).ir) != texts[function] else [])
+            else:
+                wrong.extend([function.__name__] if error_of(function) != messages[function] else [])
+
+    assert at_once(*(lambda first=first: work(first) for first in range(THREADS))) == []
+    assert wrong == []
+
+
+def test_texts_are_parsed_at_once(impatient):
+    modules = [sh.program(function).ir for function in (mirrored, halved)]
+    wrong = []
+
+    def work(module):
+        wrong.extend([module.name] if sh.parse(str(module)) != module else [])
+
+    assert at_once(*(lambda module=module: work(module) for module in modules * 2)) == []
+    assert wrong == []
+
+
+class Yielding(str):
+    """A text whose hash lets other threads run, as that of a dataclass can."""
+
+    def __hash__(self):
+        time.sleep(0)
+        return str.__hash__(self)
+
+
+class Instant:
+    """A backend that compiles in no time, so that threads meet where executables are kept."""
+
+    name = Yielding("instant")
+
+    def devices(self):
+        return [Device("none", "0")]
+
+    def compile(self, module, options):
+        return SimpleNamespace(source=str(options.loop_limit), notes=())
+
+
+def test_executables_are_evicted_while_others_compile(impatient, monkeypatch):
+    monkeypatch.setattr(kernel, "_KEPT", 3)
+    monkeypatch.setattr(kernel, "print_module", lambda module: "")
+    recorded, wrong = sh.program(turbulent)._recorded, []
+
+    def work(first):
+        for k in range(first, first + 300):
+            made = sh.Kernel(recorded, Instant(), Options("f32", k % 900 + 1, None, "auto", "strict"))
+            wrong.extend([k] if made.source != str(k % 900 + 1) else [])
+
+    assert at_once(*(lambda first=first: work(first) for first in range(0, 8 * THREADS, 8))) == []
+    assert wrong == []
+    assert len(kernel._executables) <= 3
