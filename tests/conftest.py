@@ -2,6 +2,12 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in each run, so that no change fails by chance; `--hypothesis-profile random` looks for new ones.
+settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.register_profile("random", deadline=None, print_blob=True)
+settings.load_profile("fixed")
 
 # To have a driver write out each of thousands of kernels takes longer than to compile them; test_store.py has its own.
 os.environ.setdefault("SHPY_CACHE_DIR", "")

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import shpy
 
@@ -227,3 +228,9 @@ def test_golden_texts_are_the_same_on_every_machine():
     golden = [path for path in (ROOT / "tests/snapshots").rglob("*") if path.is_file()]
     assert golden
     assert [path for path in golden if str(ROOT) in path.read_text() or 'file 1 "/' in path.read_text()] == []
+
+
+def test_properties_draw_the_same_examples_in_every_run(request):
+    chosen = request.config.getoption("--hypothesis-profile")
+    assert settings().derandomize == (chosen != "random")
+    assert settings().deadline is None

@@ -140,13 +140,15 @@ class Names:
         `default` stands for a name that is missing or has no letter or digit in it; it must itself be legal.
         """
         stem = legal(wanted, self.target) if wanted else ""
-        separator = "_" if stem else ""
+        base = f"{stem.rstrip('_')}_" if stem else default
+        if stem and base.startswith(_PREFIXES[self.target]):
+            base = stem  # `M_2` would begin as the target's own names do; `M2` does not
         stem = stem or default
         name = stem
         count = self._next.get(stem, 1)
         while name in self._taken or name in RESERVED[self.target]:
             count += 1
-            name = f"{stem.rstrip('_')}{separator}{count}"
+            name = f"{base}{count}"
         self._next[stem] = count
         self._taken.add(name)
         return name
@@ -165,9 +167,9 @@ def legal(wanted: str, target: Target) -> str:
     text = text if len(text) < MAX_LENGTH else text.rstrip("_")
     if text[:1].isdigit() or re.match("_[A-Z0-9]", text):
         text = "n" + text
-    if text.startswith(_PREFIXES[target]):
-        text = f"my_{text.lstrip('_')}"
-    return f"{text}_" if text in RESERVED[target] else text
+    if text in RESERVED[target]:
+        text = f"{text}_"
+    return f"my_{text.strip('_')}" if text.startswith(_PREFIXES[target]) else text
 
 
 def _spelled(character: str) -> str:

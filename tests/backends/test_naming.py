@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shpy.backends.naming import MAX_LENGTH, RESERVED, Names, Target, legal
+from shpy.backends.naming import _PREFIXES, MAX_LENGTH, RESERVED, Names, Target, legal
 
 TARGETS: tuple[Target, ...] = ("glsl", "opencl", "python")
 NASTY = [
@@ -24,8 +24,7 @@ def check(target: Target, name: str) -> None:
     assert name not in RESERVED[target]
     assert "__" not in name
     assert not name.startswith("sh_")
-    assert target != "glsl" or not name.startswith("gl_")
-    assert target != "opencl" or not name.startswith(("convert_", "M_", "vload"))
+    assert not name.startswith(_PREFIXES[target])
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -60,7 +59,21 @@ def test_a_legal_name_is_kept(target: Target, name: str) -> None:
     assert Names(target).take(name) == name
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_numbers_make_no_reserved_prefix(target: Target) -> None:
+    """Two names `M` were `M` and `M_2`, which begins as OpenCL's own constants do."""
+    names = Names(target)
+    stems = [prefix.rstrip("_") for prefixes in _PREFIXES.values() for prefix in prefixes]
+    given_out = [names.take(stem) for stem in stems * 3]
+    for name in given_out:
+        check(target, name)
+    assert len(set(given_out)) == len(given_out)
+
+
 def test_readable() -> None:
+    names = Names("opencl")
+    assert [names.take("M") for _ in range(3)] == ["M", "M2", "M3"]
+    assert [names.take("half") for _ in range(2)] == ["my_half", "my_half_2"]
     assert legal("sample", "glsl") == "sample_"
     assert legal("größe", "python") == "grose" or legal("größe", "python") == "gro_e"
     assert legal("Ωθλ", "opencl") == "Omegathetalambda"
