@@ -25,7 +25,6 @@ from shpy.lang.record import InputType, Recorded, record_body
 from shpy.lang.recorder import current_frame, recording
 from shpy.lang.structure import Group, Layout, Leaf, Rows, build_values, leaves
 from shpy.lang.values import CLASSES
-from shpy.passes.pipeline import optimise
 
 _Part = tuple[str | None, Layout]
 
@@ -317,6 +316,8 @@ def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
         return _call(p, {**given, **fixed}, constants)
 
     made = _again(p.module.name, p, types, p.output, body, p.defaults)
+    from shpy.passes.pipeline import optimise  # here: a program that is only recorded needs no passes
+
     return replace(made, module=optimise(made.module, fixed=False))
 
 

@@ -27,9 +27,7 @@ from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.host import bind, common_shape, dtypes_at, streams, tables
-from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Loc, Module
-from shpy.ir.parser import parse as parse_text
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel
 from shpy.lang.claims import checked
@@ -195,6 +193,8 @@ class Program(Generic[_P, _R]):
                 steps.append(Step(loc, name, np.array(value)[()]))
 
         flat = [s.flat(())[0] for s in found]
+        from shpy.ir.interpreter import Interpreter  # here: few programs are traced
+
         Interpreter(recorded.module).run_element(flat, params, data, trace=note)
         return steps
 
@@ -277,6 +277,8 @@ class Method(PerInstance):
 
 def parse(text: str) -> Module:
     """The module that IR text describes, checked; raises ParseError or VerifyError. Loading executes nothing."""
+    from shpy.ir.parser import parse as parse_text  # here: lark takes long to import, and few programs read texts
+
     module = parse_text(text)
     verify(module)
     return module

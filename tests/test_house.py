@@ -234,3 +234,15 @@ def test_properties_draw_the_same_examples_in_every_run(request):
     chosen = request.config.getoption("--hypothesis-profile")
     assert settings().derandomize == (chosen != "random")
     assert settings().deadline is None
+
+
+def test_importing_shpy_loads_what_recording_needs_and_no_more():
+    """Parsing, tracing, compiling and the check of a function's text load their modules on first use."""
+    code = "import sys, shpy; print(*sorted(m for m in sys.modules if m.startswith(('shpy', 'lark'))))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = run.stdout.split()
+    late = ("lark", "shpy.passes.pipeline", "shpy.ir.parser", "shpy.ir.interpreter", "shpy.lang.source.flow")
+    assert "shpy.lang.values" in loaded
+    assert [
+        m for m in loaded if m.startswith((*late, "shpy.backends.numpy", "shpy.backends.opencl", "shpy.testing"))
+    ] == []

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.tabledata import TableData
-from shpy.passes.pipeline import Math
+from shpy.passes.modes import Math
 
 __all__ = ["Array", "Backend", "Call", "Device", "Executable", "Math", "Options", "Precision", "TableData"]
 

@@ -27,7 +27,6 @@ from shpy.lang.recorder import Frame, Recording, recording
 from shpy.lang.returns import Returns
 from shpy.lang.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.source.scope import unwrapped
-from shpy.lang.source_check import check_source
 from shpy.lang.structure import Layout, build_values, layout_of, leaves
 from shpy.lang.subroutine import _slot_value
 from shpy.lang.values import Value
@@ -65,6 +64,8 @@ RESERVED = ("out", "shape")
 def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     """Record `function`; raises RecordError or ShpyTypeError at the user's line."""
     loc = loc_of(function)
+    from shpy.lang.source_check import check_source  # here: importing shpy records nothing
+
     check_source(function, is_value=is_value)
     types, defaults = _input_types(function, loc)
     title: str = name or str(getattr(plain_function(function), "__name__", "program"))

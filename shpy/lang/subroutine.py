@@ -29,7 +29,6 @@ from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import Frame, Recording, current
 from shpy.lang.returns import Returns
 from shpy.lang.signature import bodies_of, hints_of, return_loc
-from shpy.lang.source_check import check_source
 from shpy.lang.structure import Layout, Leaf, build_values, flatten, layout_from, layout_of, leaves
 
 __all__ = ["Subroutine", "subroutine"]
@@ -271,5 +270,7 @@ def subroutine(function: Callable[..., Any]) -> Subroutine:
     """
     if not callable(function):
         raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
+    from shpy.lang.source_check import check_source  # here: importing shpy records nothing
+
     check_source(function, is_value=_is_symbolic)
     return Subroutine(function)

@@ -10,7 +10,7 @@ Stage: improve. Every pass is a function Module -> Module in a file of its own; 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from shpy.ir.nodes import If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
@@ -24,13 +24,11 @@ from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
+from shpy.passes.modes import Math
 from shpy.passes.precision import Precision, set_precision
 from shpy.passes.promote import promote
 
-__all__ = ["Math", "Prepared", "Target", "optimise", "prepare", "with_strict_functions"]
-
-Math = Literal["strict", "relaxed", "fast"]
-"""How exact functions are: the same bits everywhere, within OpenCL's bounds, or as fast as can be."""
+__all__ = ["Prepared", "Target", "optimise", "prepare", "with_strict_functions"]
 
 _ROUNDS = 3
 """How often constants may make branches go, which makes more constants."""

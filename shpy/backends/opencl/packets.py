@@ -29,8 +29,9 @@ from shpy.ir.nodes import Function, Let, Module, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
+from shpy.passes.modes import Math
 from shpy.passes.neighbours import find_neighbours
-from shpy.passes.pipeline import Math, optimise
+from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import vectorize
 
 __all__ = ["print_packets"]

@@ -19,7 +19,7 @@ from shpy.backends.statements import Line, text_of
 from shpy.ir.nodes import Call, Function, Let, Loc, Module, Return, Store, Table, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.pipeline import Math
+from shpy.passes.modes import Math
 
 _INDEX, _SHAPE = "grid_index", "grid_shape"
 _WIDTH = 110

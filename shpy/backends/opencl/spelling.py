@@ -28,7 +28,7 @@ from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Module, Table, Variable
 from shpy.ir.types import Base, Type
 from shpy.passes.known import Known
-from shpy.passes.pipeline import Math
+from shpy.passes.modes import Math
 
 FUNCTIONS: Final[Mapping[str, str]] = {
     **{
