@@ -18,7 +18,7 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
-from shpy.lang import arithmetic
+from shpy.lang import arithmetic, rebinding
 from shpy.lang.coerce import Literal
 from shpy.lang.emit import FrameEmitter
 from shpy.lang.location import here
@@ -64,6 +64,8 @@ class Block:
         self.frame = need_frame(self.what)
         self.loc = here()
         self.scope: Scope | None = None
+        self.entries: list[rebinding.Entry] = []
+        self.test: Callable[[], Any] | None = None
 
     def open(self) -> None:
         """Open the block's region."""
@@ -75,6 +77,7 @@ class Block:
         self.scope = Scope(self.what, self.loc, frame.scope, loop=self.loop)
         frame.scopes.append(self.scope)
         frame.blocks.append(self)
+        self.entries = rebinding.entered()
 
     def close(self) -> Region:
         """Close the region; gives its statements."""
@@ -96,8 +99,10 @@ class Block:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        region = self.close()
+        region, entries = self.close(), self.entries
+        self.entries = []
         if kind is None:
+            rebinding.check_left(entries, self.what, self.loc, self.loop, self.test)
             self.finish(region)
 
     def __bool__(self) -> bool:

@@ -9,8 +9,8 @@ the block will run, and `y = x` gives one value two names. Both are visible in t
             x = x - 1           # RecordError: … write instead: x[:] = x - 1
         return x
 
-Without text (a REPL, `exec`) nothing is said. What is legitimate in some program is not reported: the check knows
-only what is certain, and the recorder finds the rest by scope.
+Without text (a REPL, `exec`) nothing is said here: `rebinding` then compares names while the function runs. What is
+legitimate in some program is not reported: the check knows only what is certain, and the recorder finds the rest by scope.
 """
 
 from __future__ import annotations

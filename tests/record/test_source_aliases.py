@@ -59,7 +59,7 @@ ALIASES = {
                 SH_UNTIL(x.x > 0)
             return x
         """,
-        "3: `q = p` gives one value two names: `q.x = 3` (line 6) changes both, and `p` is read on the next turn "
+        "3: `q = p` gives one value two names: `q.x = 3` (line 6) changes both, and `p` is read in the next iteration "
         "(line 5)\n  write instead: q = p.copy()",
     ),
     "a struct": (

@@ -51,7 +51,7 @@ REBOUND = {
                 SH_UNTIL(x > 100)
             return x
         """,
-        f"4: `y` is rebound inside `with SH_DO()` and used on its next turn (line 4): {AFTER}y[:] = y * 2",
+        f"4: `y` is rebound inside `with SH_DO()` and used in its next iteration (line 4): {AFTER}y[:] = y * 2",
     ),
     "read by the loop's test": (
         """
@@ -61,7 +61,7 @@ REBOUND = {
                 t = t + 1
             return x
         """,
-        f"4: `t` is rebound inside `with SH_WHILE(…)` and used on its next turn (line 3): {AFTER}t[:] = t + 1",
+        f"4: `t` is rebound inside `with SH_WHILE(…)` and used in its next iteration (line 3): {AFTER}t[:] = t + 1",
     ),
     "on the next turn of an outer loop": (
         """
@@ -73,7 +73,7 @@ REBOUND = {
                     y = x + 1
             return x
         """,
-        f"6: `y` is rebound inside `with SH_FOR(…)` and used on its next turn (line 4): {AFTER}y[:] = x + 1",
+        f"6: `y` is rebound inside `with SH_FOR(…)` and used in its next iteration (line 4): {AFTER}y[:] = x + 1",
     ),
     "in a tuple": (
         """
@@ -148,7 +148,7 @@ REBOUND = {
                 x += 1
             return x
         """,
-        f"4: `count` is rebound inside `with SH_WHILE(…)` and used on its next turn (line 4): {AFTER}"
+        f"4: `count` is rebound inside `with SH_WHILE(…)` and used in its next iteration (line 4): {AFTER}"
         "`count = sh.Attrib1i(0)` before the block, `count += 1` inside it",
     ),
     "a host bool": (
@@ -170,7 +170,7 @@ REBOUND = {
                 total += x
             return total
         """,
-        f"4: `total` is rebound inside `with SH_FOR(…)` and used on its next turn (line 4): {AFTER}"
+        f"4: `total` is rebound inside `with SH_FOR(…)` and used in its next iteration (line 4): {AFTER}"
         "`total = sh.Attrib1f(0)` before the block, `total += x` inside it",
     ),
     "the length of a list": (
@@ -214,7 +214,7 @@ REBOUND = {
                 SH_UNTIL(x > 0)
             return x
         """,
-        f'4: `d["n"]` is rebound inside `with SH_DO()` and used on its next turn (line 4): {AFTER}'
+        f'4: `d["n"]` is rebound inside `with SH_DO()` and used in its next iteration (line 4): {AFTER}'
         '`d["n"] = sh.Attrib1i(0)` before the block, `d["n"] += 1` inside it',
     ),
     "an item of a list that Python's loop goes through": (
@@ -293,7 +293,7 @@ MADE_INSIDE = {
                 x += i
             return x + i
         """,
-        "2: `i` counts the turns of `with SH_FOR(…)`, and is used after it (line 4)\n"
+        "2: `i` counts the iterations of `with SH_FOR(…)`, and is used after it (line 4)\n"
         "  write instead: `last = sh.Attrib1i()` before the loop, `last[:] = i` inside, `last` after it",
     ),
 }

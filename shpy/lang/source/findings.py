@@ -23,11 +23,11 @@ def _line(node: ast.AST) -> int:
 
 
 def rebound(file: str, prefix: str, fact: Fact, block: Block, use: ast.AST, *, next_turn: bool) -> RecordError:
-    """A name that a block rebinds is used after the block, or on its loop's next turn."""
-    when = "on its next turn" if next_turn else "after it"
+    """A name that a block rebinds is used after the block, or in its loop's next iteration."""
+    when = "in its next iteration" if next_turn else "after it"
     if fact.index:
         return RecordError(
-            f"`{fact.place}` counts the turns of `with {block.written}`, and is used after it (line {_line(use)})",
+            f"`{fact.place}` counts the iterations of `with {block.written}`, and is used after it (line {_line(use)})",
             loc=_loc(file, fact.node),
             cure=f"`last = {prefix}Attrib1i()` before the loop, `last[:] = {fact.place}` inside, `last` after it",
         )
@@ -82,7 +82,7 @@ def aliased(file: str, fact: Fact, change: Change, reader: str, use: ast.AST, *,
     """Two names have one value, a store through one changes what the other reads."""
     statement = fact.alias
     assert statement is not None
-    when = f"read on the next turn (line {_line(use)})" if next_turn else f"read after it (line {_line(use)})"
+    when = f"read in the next iteration (line {_line(use)})" if next_turn else f"read after it (line {_line(use)})"
     if isinstance(statement, ast.Assign) and len(statement.targets) > 1:
         *others, last = (ast.unparse(t) for t in statement.targets)
         cure = "; ".join(
