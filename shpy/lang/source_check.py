@@ -10,7 +10,8 @@ the block will run, and `y = x` gives one value two names. Both are visible in t
         return x
 
 Without text (a REPL, `exec`) nothing is said here: `rebinding` then compares names while the function runs. What is
-legitimate in some program is not reported: the check knows only what is certain, and the recorder finds the rest by scope.
+legitimate in some program is not reported: the check knows only what is certain, and the recorder finds the rest by
+scope.
 """
 
 from __future__ import annotations
