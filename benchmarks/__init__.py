@@ -1,1 +1,1 @@
-"""Benchmarks: `python -m benchmarks` runs shpy and every installed peer side by side; `__main__` has its options."""
+"""Benchmarks: `python -m benchmarks` runs shpy and every installed peer side by side; `command` has its options."""

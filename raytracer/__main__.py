@@ -2,6 +2,6 @@
 
 import sys
 
-from raytracer.cli import main
+from shpy_start import raytracer
 
-sys.exit(main())
+sys.exit(raytracer())

@@ -2,6 +2,6 @@
 
 import sys
 
-from shpy.cli import main
+from shpy_start import shpy
 
-sys.exit(main())
+sys.exit(shpy())

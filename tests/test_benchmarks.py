@@ -9,8 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks import __main__ as command
-from benchmarks import peers, record, report, rounds, startup
+from benchmarks import command, peers, record, report, rounds, startup
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 

@@ -1,12 +1,14 @@
 """The commands at their ends: closed pipes, full disks, Ctrl-C, bad numbers, paths that cannot be written."""
 
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
 
 import shpy as sh
+import shpy_start
 from raytracer import cli as rays
 from raytracer import trade
 from shpy import cli
@@ -91,6 +93,46 @@ def test_ctrl_c_is_one_line_and_130_in_every_command(words, monkeypatch, capsys)
     monkeypatch.setattr(sh, "backends", stop)
     assert cli.main(words) == 130
     assert capsys.readouterr().err == "shpy: stopped\n"
+
+
+INTERRUPTED = """
+import os, signal, sys
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Interrupt())
+import shpy_start
+shpy_start.{command}()
+"""
+
+
+@pytest.mark.parametrize(("name", "imported"), [("shpy", "shpy"), ("shpy", "numpy"), ("raytracer", "raytracer.trade")])
+def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
+    words = [sys.executable, "-c", INTERRUPTED.format(command=name), imported]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
+
+
+def test_ctrl_c_that_is_ignored_stays_ignored(monkeypatch):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        monkeypatch.setattr(cli, "main", lambda: int(signal.getsignal(signal.SIGINT) is signal.SIG_IGN))
+        assert shpy_start.shpy() == 1
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_command_that_runs_gets_python_s_own_handler(monkeypatch):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        monkeypatch.setattr(cli, "main", lambda: int(signal.getsignal(signal.SIGINT) is signal.default_int_handler))
+        assert shpy_start.shpy() == 1
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 NUMBERS = [

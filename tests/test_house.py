@@ -12,7 +12,7 @@ from hypothesis import settings
 import shpy
 
 ROOT = Path(__file__).parents[1]
-SOURCES = sorted(p for package in ("shpy", "raytracer") for p in (ROOT / package).rglob("*.py"))
+SOURCES = sorted(p for package in ("shpy", "raytracer", "shpy_start") for p in (ROOT / package).rglob("*.py"))
 CODE = sorted([*SOURCES, *(p for top in ("tests", "examples", "benchmarks") for p in (ROOT / top).rglob("*.py"))])
 TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 

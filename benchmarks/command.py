@@ -1,0 +1,167 @@
+"""Runs shpy and every installed peer side by side: `python -m benchmarks --help`.
+
+    python -m benchmarks                                  # everything: half an hour on two cores
+    python -m benchmarks --only mandelbrot,nbody --peers numba,drjit --rounds 9
+    python -m benchmarks --only primary,secondary --mesh bunny.obj
+    python -m benchmarks --quick                          # small sizes, few rounds: does it work?
+    python -m benchmarks --json bench.json --plot bench.png --markdown bench.md
+    python -m benchmarks record                           # seconds of recording and printing alone
+
+The exit status is 1 if an answer is wrong or a contender fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks import frames, functions, machine, peers, plot, rays, record, report, rounds, startup, studies, trades
+from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
+from benchmarks.rounds import Measured
+from benchmarks.work import TARGETS, Work
+from raytracer import Mesh
+from raytracer.meshes.shapes import knot
+from shpy.accuracy.files import check_file, check_output, write_json
+from shpy.command import run, whole
+from shpy.errors import ShpyError
+from shpy.files import replacing
+
+KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
+WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
+"""The names of what is run side by side."""
+STUDIES = (
+    studies.STUDIES
+    | trades.STUDIES
+    | {
+        "compiling": startup.compiling,
+        "starting": startup.starting,
+        "functions": functions.functions,
+        "modes": functions.modes,
+    }
+)
+"""What is measured of ours alone, mostly."""
+
+
+def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
+    """The works of these names; those with triangles have the mesh's."""
+    known = KERNELS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
+    return [known[name] for name in names]
+
+
+def mesh_of(path: Path | None, quick: bool) -> Mesh:
+    """The mesh in a file; a knot of 70,400 triangles if there is none, of 1,440 if it is to be quick."""
+    if path is not None:
+        return Mesh.load(path)
+    return knot(segments=60, sides=12) if quick else knot(segments=880, sides=40)
+
+
+def chosen(text: str | None, known: Any, what: str) -> list[str]:
+    """The names in a list with commas; all where there is none. Exits where a name is not known."""
+    names = text.split(",") if text else list(known)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        sys.exit(f"no {what} {', '.join(unknown)}; there are {', '.join(known)}")
+    return names
+
+
+def arguments(given: list[str] | None) -> argparse.Namespace:
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
+    parser.add_argument("what", nargs="?", choices=["all", "record"], default="all", help="record: recording alone")
+    parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join((*WORKS, *STUDIES))}")
+    parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
+    parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
+    parser.add_argument("--rounds", type=whole(1), help="how often each is timed (default: 9, quick: 2)")
+    parser.add_argument("--mesh", type=Path, metavar="FILE", help="OBJ, PLY, STL or GLB for rays and frames")
+    parser.add_argument("--size", type=whole(1), help="a size other than a work's own")
+    parser.add_argument("--quick", action="store_true", help="small sizes")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="a picture (needs matplotlib)")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="the tables")
+    return parser.parse_args(given)
+
+
+def main(given: list[str] | None = None) -> int:
+    """Run the command; 1 if an answer was wrong or a contender failed, 2 for a file that cannot be written."""
+    return run("benchmarks", lambda: compare(arguments(given)))
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Measure and write what the options ask for; gives the exit status."""
+    if options.what == "record":
+        return record.main()
+    try:
+        check_files(options)
+    except ShpyError as error:
+        print(f"benchmarks: {error}", file=sys.stderr)
+        return 2
+    wanted = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
+    names = chosen(options.only, (*WORKS, *STUDIES), "work")
+    mesh = mesh_of(options.mesh, options.quick)
+    subjects = works([n for n in names if n in WORKS], mesh)
+    targets = chosen(options.targets, TARGETS, "target")
+    found, missing = peers.available(wanted)
+    for name in found:
+        peers.start(name)
+    here = machine.describe(found)
+    print(report.heading(here, missing), end="\n\n")
+    results = measure(subjects, [*targets, *found], options)
+    print(report.means(results))
+    tables = []
+    for name in (n for n in names if n in STUDIES):
+        progress(name)
+        tables.append(STUDIES[name](mesh, options.quick))
+        progress("")
+        print(tables[-1].markdown(), flush=True)
+    write(options, here, missing, results, tables)
+    return 0 if all(m.right for m in results) else 1
+
+
+def check_files(options: argparse.Namespace) -> None:
+    """Raise ShpyError for a file that cannot be written, before anything is measured."""
+    for path in filter(None, (options.json, options.markdown)):
+        check_file(path)
+    if options.plot:
+        check_output(options.plot)
+
+
+def measure(subjects: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:
+    """Measure each work and print its table at once."""
+    results = []
+    count = options.rounds or (2 if options.quick else 9)
+    for work in subjects:
+        size = options.size or (work.quick if options.quick else work.size)
+        results.append(rounds.run(work, size, contenders, count, progress))
+        progress("")
+        print(report.table(results[-1]), end="\n\n", flush=True)
+    return results
+
+
+def progress(text: str) -> None:
+    """One line that is written over, on a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def write(
+    options: argparse.Namespace,
+    here: dict[str, Any],
+    missing: dict[str, str],
+    results: list[Measured],
+    tables: list[studies.Table],
+) -> None:
+    """Write the files that were asked for."""
+    if options.json:
+        found = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
+        found["studies"] = [vars(table) for table in tables]
+        write_json(options.json, found)
+    if options.markdown:
+        parts = [report.PREFACE, report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
+        parts += [*(report.markdown(m) for m in results), *(t.markdown() for t in tables)]
+        with replacing(options.markdown) as path:
+            path.write_text("\n".join(parts))
+    if options.plot and results:
+        plot.draw(results, options.plot)
