@@ -120,10 +120,11 @@ from shpy.lang.control import (
     SH_UNTIL,
     SH_WHILE,
 )
-from shpy.lang.data import Param, Table, Texture2D
+from shpy.lang.data import Table, Texture2D
 from shpy.lang.library import hash as hash
 from shpy.lang.library import noise, unit_float
 from shpy.lang.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
+from shpy.lang.params import Param
 from shpy.lang.structure import struct
 from shpy.lang.subroutine import subroutine
 from shpy.lang.types import (

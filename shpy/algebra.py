@@ -17,13 +17,14 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Module, Port
 from shpy.lang.coerce import widens
-from shpy.lang.data import Param, Table, TableType, Texture2D, TextureType
-from shpy.lang.inline import call_recorded
+from shpy.lang.data import Table, TableType, Texture2D, TextureType
+from shpy.lang.inline import Constants, call_recorded
 from shpy.lang.location import here
 from shpy.lang.matrix import MATRICES
-from shpy.lang.record import InputType, Recorded, record_body
+from shpy.lang.params import Param, constants_for, listed
+from shpy.lang.record import InputType, Recorded, is_value, record_body
 from shpy.lang.recorder import current_frame, recording
-from shpy.lang.structure import Group, Layout, Leaf, Rows, build_values, leaves
+from shpy.lang.structure import Group, Layout, Leaf, Rows, build_values, flatten, leaves, leaves_of
 from shpy.lang.values import CLASSES
 
 _Part = tuple[str | None, Layout]
@@ -87,7 +88,7 @@ def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, A
     return {names[n]: default for n, default in defaults.items() if n in names}
 
 
-def _call(recorded: Recorded, given: Mapping[str, Any], constants: Mapping[str, Any] | None = None) -> Any:
+def _call(recorded: Recorded, given: Mapping[str, Any], constants: Constants | None = None) -> Any:
     frame = current_frame()
     assert frame is not None
     return call_recorded(frame, recorded, given, constants or {})
@@ -295,21 +296,23 @@ def _uniform(name: str, type_: InputType, value: Any) -> Any:
         return value if isinstance(value, Table) else Table(value, type_.cls, name)
     if isinstance(type_, TextureType):
         return value if isinstance(value, Texture2D) else Texture2D(value, name=name)
-    if isinstance(value, Param):
+    if is_value(value) and any(leaf._uniform for leaf in leaves_of(value)):
         return value
-    if isinstance(type_, Leaf | Rows):
+    if isinstance(type_, Leaf | Rows) or type_.form == "struct":
         return Param(type_.cls, value, name=name)
-    from shpy.lang.structure import flatten
-
     entries = zip(flatten(type_, value, name), leaves(type_, name), strict=True)
     return build_values(type_, iter([Param(cls, entry, name=leaf) for entry, (leaf, _, cls) in entries]))
 
 
 def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     """Inputs and params as constants, folded."""
-    _known(p, values, [*p.inputs, *p.params], "input or param")
+    uniforms = {**p.params, **listed(p.params)}
+    _known(p, values, [*p.inputs, *uniforms], "input or param")
     types = {n: t for n, t in p.inputs.items() if n not in values}
-    constants = {n: v for n, v in values.items() if n in p.params and n not in p.inputs}
+    constants: dict[int, tuple[int, ...]] = {}
+    for name, value in values.items():
+        if name not in p.inputs:
+            constants |= constants_for(name, uniforms[name], value)
 
     def body(given: Mapping[str, Any]) -> Any:
         fixed = {n: _constant(p.inputs[n], n, v) for n, v in values.items() if n in p.inputs}

@@ -38,6 +38,12 @@ def dtypes_at(precision: str) -> dict[Base, Any]:
     return {**DTYPES, Base.F: _WORKING[precision]}
 
 
+def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, NDArray[Any]]:
+    """What each Param and dependent uniform is now, as a kernel of this precision and mode takes it."""
+    dtypes = dtypes_at(precision)
+    return {name: np.asarray(p.at(precision, math), dtypes[p.base]) for name, p in params.items()}
+
+
 def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
     """Give each input what the caller gave by position or keyword, or else its default.
 

@@ -131,7 +131,7 @@ class Kernel:
             common,
             tuple(flat),
             tuple(t.flat for t in targets),
-            self._params(given, dtypes),
+            self._params(given),
             {name: self._data(t, dtypes) for name, t in tables.items()},
         )
         status = self._executable.run(call) if math.prod(common) else None
@@ -156,8 +156,8 @@ class Kernel:
     def _data(self, table: Table, dtypes: Any) -> Any:
         return table.data(dtypes[table.type.base])
 
-    def _params(self, given: dict[str, Any], dtypes: Any) -> dict[str, NDArray[Any]]:
-        held = {n: np.asarray(p.exact, dtypes[p.base]) for n, p in self._recorded.params.items()}
+    def _params(self, given: dict[str, Any]) -> dict[str, NDArray[Any]]:
+        held = host.uniforms(self._recorded.params, self.options.precision, self.options.math)
         for name, type_ in self._recorded.inputs.items():
             if isinstance(type_, TextureType) and f"{name}.mode" in held:
                 texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])

@@ -26,17 +26,20 @@ from shpy.backends.base import Math, Options, Precision
 from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
 from shpy.errors import BackendUnavailable, ShpyTypeError
-from shpy.host import bind, common_shape, dtypes_at, streams, tables
+from shpy.host import bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel
 from shpy.lang.claims import checked
+from shpy.lang.dependent import evaluate_with
 from shpy.lang.inline import call_recorded
 from shpy.lang.location import here
 from shpy.lang.method import PerInstance, is_method
+from shpy.lang.params import listed
 from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
+from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
     from typing_extensions import ParamSpec, TypeVar
@@ -51,6 +54,8 @@ else:
 _PRECISIONS = ("f16", "f32", "f64")
 _MODES = ("strict", "relaxed", "fast")
 _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16)
+
+evaluate_with(evaluate)
 
 
 @dataclass(frozen=True)
@@ -108,8 +113,11 @@ class Program(Generic[_P, _R]):
 
     @property
     def params(self) -> dict[str, Any]:
-        """Each Param by name; set `.value` between runs."""
-        return dict(self._recorded.params)
+        """Each Param by name; set `.value` between runs.
+
+        Dependent uniforms are here too, and the Params that they follow. A matrix or struct is one Param.
+        """
+        return listed(self._recorded.params)
 
     @property
     def tables(self) -> dict[str, Any]:
@@ -185,7 +193,7 @@ class Program(Generic[_P, _R]):
         if common_shape(found, None) not in ((), (1,)):
             raise ShpyTypeError("trace runs one element", loc=here(), cure="one value for each input")
         data = {n: t.data(dtypes[t.type.base]) for n, t in tables(recorded.inputs, given, recorded.tables).items()}
-        params = {n: np.asarray(p.exact, dtypes[p.base]) for n, p in recorded.params.items()}
+        params = uniforms(recorded.params, "f32", "strict")
         steps: list[Step] = []
 
         def note(loc: Loc | None, name: str | None, value: Any) -> None:

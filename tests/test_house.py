@@ -25,6 +25,7 @@ LAYERS = {
     "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.passes"],
     "shpy.host": ["shpy.errors", "shpy.ir", "shpy.lang"],
     "shpy.kernel": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host"],
+    "shpy.uniforms": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.kernel"],
     "shpy.algebra": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.passes"],
     "shpy.program": [
         "shpy.errors",
@@ -34,6 +35,7 @@ LAYERS = {
         "shpy.host",
         "shpy.kernel",
         "shpy.algebra",
+        "shpy.uniforms",
     ],
 }
 UNNAMED = re.compile(r"(utils?|helpers?|misc|common|manager)")

@@ -24,7 +24,7 @@ from shpy.lang.coerce import (
     sequence,
     sum_kind,
 )
-from shpy.lang.emit import HOST, Emitter, FrameEmitter, Handle
+from shpy.lang.emit import DEFERRED, HOST, Emitter, FrameEmitter, Handle
 from shpy.lang.location import here
 from shpy.lang.recorder import Frame, current_frame
 
@@ -32,14 +32,18 @@ Operand = Any  # a Value or a Literal
 
 
 def emitter_of(*operands: Any) -> Emitter:
-    """The recording under way, or the host where there is none."""
+    """The recording under way; where there is none, the host, or an expression if an operand is a uniform."""
     frame = current_frame()
     if frame is not None:
         return FrameEmitter(frame)
+    emitter: Emitter = HOST
     for x in operands:
-        if isinstance(x, values.Value) and x._frame is not None:
-            x._check(None)
-    return HOST
+        if isinstance(x, values.Value):
+            if x._frame is not None:
+                x._check(None)
+            if x._uniform:
+                emitter = DEFERRED
+    return emitter
 
 
 def is_operand(x: Any) -> bool:

@@ -1,183 +1,31 @@
-"""Data that programs read: Param (a uniform), Table (random access), Texture2D (filtered).
+"""Data that programs read: Table (random access), Texture2D (filtered). Uniforms are in `params.py`.
 
 Stage: record. Used by closure, or as arguments annotated `sh.Table[sh.Attrib4f, 2]`, `sh.Texture2D[sh.Color3f]`.
 
-    sky = sh.Param(sh.Color3f, (0.2, 0.4, 1), name="sky")
     heights = sh.Table(np.zeros((64, 64)), sh.Attrib1f)
     heights[row, col]      # the nearest element where row or col is out of range
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import RecordError, ShpyError, ShpyIndexError, ShpyTypeError
-from shpy.ir.constants import decode, to_array
+from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang import arithmetic, coerce
-from shpy.lang.emit import HOST, Emitter, FrameEmitter, Handle
+from shpy.lang.emit import DEFERRED, HOST, FrameEmitter
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
-from shpy.lang.matrix import Matrix
-from shpy.lang.names import name_for
-from shpy.lang.recorder import Frame, current_frame, need_frame
+from shpy.lang.names import assigned_name
+from shpy.lang.params import Param
+from shpy.lang.recorder import Frame, need_frame
 from shpy.lang.types import Attrib1i, Attrib2f
 from shpy.lang.values import CLASSES, Value
-
-
-def _python_name() -> str | None:
-    """What the user assigns to on this line."""
-    loc = here()
-    return name_for(loc.file, loc.line) if loc is not None else None
-
-
-class Param:
-    """`Param(type, value, name=None)`: a uniform. It is used like a value of `type`; set `.value` between runs.
-
-    The name defaults to the Python name that it is assigned to. Raises ShpyTypeError for a value that does not fit.
-    """
-
-    _name: str | None
-    named: bool
-    _held: Any
-
-    def __new__(cls, type_: Any, value: Any, name: str | None = None) -> Any:
-        """Make an object that is both a Param and a value (or matrix) of `type_`."""
-        known = name if name is not None else _python_name()
-        named = name is not None
-        if isinstance(type_, type) and issubclass(type_, Matrix):
-            rows = [
-                _param(type_._row_type(), row, f"{known}[{r}]" if known else None, named)
-                for r, row in enumerate(_matrix_rows(type_, value, known))
-            ]
-            made: Any = object.__new__(type(type_.__name__, (_MatrixParam, type_), {}))
-            object.__setattr__(made, "_name", known)
-            object.__setattr__(made, "rows", tuple(rows))
-            return made
-        if not (isinstance(type_, type) and issubclass(type_, Value)):
-            raise ShpyTypeError(f"a Param cannot be a {type_!r}", loc=here(), cure="sh.Param(sh.Color3f, (1, 1, 1))")
-        return _param(type_, value, known, named)
-
-
-def _param(type_: type[Value], value: Any, name: str | None, named: bool) -> Any:
-    made: Any = object.__new__(type(type_.__name__, (_ValueParam, type_), {}))
-    slots = {"_frame": None, "_variable": -1, "_part": None, "_loc": here(), "_name": name, "named": named}
-    for slot, start in slots.items():
-        object.__setattr__(made, slot, start)
-    made.value = value
-    return made
-
-
-class _ValueParam(Param):
-    """A Param of a scalar or vector type."""
-
-    def __new__(cls, *args: Any, **named: Any) -> Any:
-        raise RecordError("a Param is made by sh.Param", loc=here())
-
-    def __init__(self, *args: Any, **named: Any) -> None:
-        pass
-
-    @property
-    def exact(self) -> Any:
-        """What the uniform is now as binary64, a float or a tuple of them: a kernel rounds it to its own precision."""
-        numbers = decode(self.type, self._const)  # type: ignore[attr-defined]
-        return numbers if len(numbers) > 1 else numbers[0]
-
-    @property
-    def value(self) -> Any:
-        """What the uniform is now: a numpy scalar or array of shape (size,)."""
-        held = to_array(self.type, self._const)  # type: ignore[attr-defined]
-        return held[()] if held.ndim == 0 else held
-
-    @value.setter
-    def value(self, value: Any) -> None:
-        object.__setattr__(self, "_const", self._constant(value))
-
-    def _constant(self, value: Any) -> tuple[int, ...]:
-        """The value as a constant; ShpyTypeError, naming the Param, where an input would refuse it as well."""
-        cls = CLASSES[self.kind, self.size, self.base]  # type: ignore[attr-defined]
-        try:
-            parts = arithmetic.parts(cls, value)
-            if any(isinstance(p, Value) and p._frame is not None for p in parts):
-                raise RecordError("a Param's value is set between runs", loc=here(), cure="a number")
-            flat = [p if isinstance(p, coerce.Literal) else _literal_of(p) for p in parts]
-            for part in flat:
-                coerce.check_base(part, cls.base)
-            return arithmetic.constant(cls.type, flat, cls)
-        except ShpyError as error:
-            what = f"the Param {self._name}" if self._name else "a Param"
-            raise type(error)(f"{what}: {error.message}", loc=error.loc, cure=error.cure) from error
-
-    @property
-    def name(self) -> str | None:
-        """The name, or None where none is known before the program is recorded."""
-        return self._name
-
-    def _read(self, emitter: Emitter) -> Handle:
-        frame = current_frame()
-        if frame is None:
-            return emitter.const(self.type, self._const)  # type: ignore[attr-defined]
-        name = frame.recording.use("param", frame.recording.params, self)
-        return emitter.let("param", (), self.type, name)  # type: ignore[attr-defined]
-
-    def _storable(self, spelled: str) -> Frame:
-        raise RecordError(
-            f"{self._name or 'a Param'} is a Param: the same for all elements, and not stored into by a program",
-            loc=here(),
-            cure=f"{self._name or 'p'}.value = … between runs, or a copy, y = x.copy()",
-        )
-
-
-class _MatrixParam(Param):
-    """A Param of a matrix type: one Param a row."""
-
-    def __new__(cls, *args: Any, **named: Any) -> Any:
-        raise RecordError("a Param is made by sh.Param", loc=here())
-
-    def __init__(self, *args: Any, **named: Any) -> None:
-        pass
-
-    @property
-    def value(self) -> NDArray[Any]:
-        """What the uniform is now: an array (N, N)."""
-        return np.stack([row.value for row in self.rows])  # type: ignore[attr-defined]
-
-    @value.setter
-    def value(self, value: Any) -> None:
-        rows: tuple[Any, ...] = self.rows  # type: ignore[attr-defined]
-        given = _matrix_rows(type(self), value, self._name)
-        constants = [row._constant(new) for row, new in zip(rows, given, strict=True)]
-        for row, constant in zip(rows, constants, strict=True):  # only when all of them fit
-            object.__setattr__(row, "_const", constant)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
-
-
-def _matrix_rows(cls: Any, value: Any, name: str | None) -> Sequence[Any]:
-    """The rows of a matrix Param's value: of a matrix, or of an array (N, N)."""
-    if isinstance(value, Matrix) and value.size == cls.size:
-        return value.rows
-    what = f"the Param {name}" if name else "a Param"
-    array = as_base(value, Base.F, what)
-    if array.shape != (cls.size, cls.size):
-        raise ShpyTypeError(
-            f"{what} is a {cls.__name__} and takes an array ({cls.size}, {cls.size}), not {array.shape}",
-            loc=here(),
-            cure=f"sh.{cls.__name__}(row0, row1, …), or an array of {cls.size} rows",
-        )
-    return list(array)
-
-
-def _literal_of(value: Value) -> coerce.Literal:
-    weak = "float" if value.type.is_float else "bool" if value.type.is_bool else "int"
-    return coerce.Literal(weak, tuple(np.atleast_1d(to_array(value.type, value._const)).tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +56,7 @@ class Table:
     def __init__(self, array: Any, type: type[Value], name: str | None = None) -> None:
         self.type = _element_class(type)
         self.named = name is not None
-        self.name = name if name is not None else _python_name()
+        self.name = name if name is not None else assigned_name()
         self._array = self._checked(array)
         self.rank = self._array.ndim - (self.type.size > 1)
         self._version = 0
@@ -293,13 +141,13 @@ class Table:
         emitter = arithmetic.emitter_of(*operands)
         if emitter is HOST:
             return self._at_once(operands)
-        assert isinstance(emitter, FrameEmitter)
         scalars = [
             arithmetic.index(emitter, o) if isinstance(o, Value) else arithmetic.read(emitter, o, vec(Base.I))
             for o in operands
         ]
         index = scalars[0] if len(scalars) == 1 else emitter.let("construct", tuple(scalars), vec(Base.I, self.rank))
-        handle = emitter.let("table", (index,), self.type.type, self._declared(emitter.frame))
+        source: Any = self if emitter is DEFERRED else self._declared(need_frame("a Table"))
+        handle = emitter.let("table", (index,), self.type.type, source)
         element = arithmetic.made(self.type.kind, self.type.type, emitter, handle)
         object.__setattr__(element, "_part", f"{self.name or 'table'}[…]")
         return element
@@ -402,7 +250,7 @@ class Texture2D:
         pixels, channels = _pixels(array)
         self.filter, self.wrap = filter, wrap
         self.type = CLASSES["Color", channels, Base.F]
-        self.name = name if name is not None else _python_name()
+        self.name = name if name is not None else assigned_name()
         self.table = Table(pixels, self.type, self.name)
         self.table.named = name is not None
 

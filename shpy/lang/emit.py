@@ -1,11 +1,14 @@
 """Where operations go: into the recording under way, or, outside one, straight to their meaning.
 
 Stage: record. A handle is the id of an IR value in the first case and an array in the second; the code that types
-operands and picks operations is the same for both.
+operands and picks operations is the same for both. Outside a recording, operations on uniforms are kept as an
+expression, whose nodes are the handles: what they give is known only when a program runs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -85,4 +88,57 @@ class FrameEmitter:
         return self.frame.let("const", (), type, attr)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """An operation of an expression of uniforms. `source` is the Param or Table that a `param` or `table` reads."""
+
+    op: str
+    args: tuple[Node, ...]
+    type: Type
+    attr: Attr = None
+    source: Any = None
+
+
+class DeferredEmitter:
+    """Keeps operations on uniforms as expressions."""
+
+    def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
+        """One node."""
+        type = result_type(name, tuple(t for _, t in args))
+        return Node(name, tuple(h for h, _ in args), type), type
+
+    def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Any = None) -> Handle:
+        """One node; a `param` or `table` takes what it reads as its attr."""
+        if op in ("param", "table"):
+            return Node(op, args, type, None, attr)
+        return Node(op, args, type, attr)
+
+    def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
+        """One node of a constant."""
+        return Node("const", (), type, attr)
+
+
+def nodes_of(root: Node) -> Iterator[Node]:
+    """The nodes of an expression, each once, operands before what takes them."""
+    seen: set[int] = set()
+    pending = [(root, False)]
+    while pending:
+        node, ready = pending.pop()
+        if ready:
+            yield node
+        elif id(node) not in seen:
+            seen.add(id(node))
+            pending.append((node, True))
+            pending += ((arg, False) for arg in reversed(node.args))
+
+
+def replay(root: Node, let: Callable[[Node, tuple[Handle, ...]], Handle]) -> Handle:
+    """Emit an expression node by node: `let` takes a node and the handles of its operands, and gives the node's own."""
+    handles: dict[int, Handle] = {}
+    for node in nodes_of(root):
+        handles[id(node)] = let(node, tuple(handles[id(arg)] for arg in node.args))
+    return handles[id(root)]
+
+
 HOST: Final = HostEmitter()
+DEFERRED: Final = DeferredEmitter()

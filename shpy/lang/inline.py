@@ -8,23 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value, Variable
-from shpy.ir.traverse import is_straight, rewrite, walk
+from shpy.ir.traverse import defined, is_straight, rewrite, walk
 from shpy.lang import arithmetic
-from shpy.lang.data import Param, Table, TableArgument, TableType, Texture2D, TextureType
-from shpy.lang.emit import FrameEmitter
+from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureType
+from shpy.lang.dependent import Dependent
+from shpy.lang.emit import FrameEmitter, Node, replay
 from shpy.lang.location import here
+from shpy.lang.params import Param
 from shpy.lang.record import Recorded
 from shpy.lang.recorder import Frame, Recording
 from shpy.lang.structure import build_values, flatten, leaves
 
+Constants = Mapping[int, tuple[int, ...]]
+"""Constants by the `id` of the Param or dependent uniform that they replace."""
 
-def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], constants: Mapping[str, Any]) -> Any:
-    """Record a call of `recorded` with values for its inputs; `constants` replaces params by name with numbers."""
+
+def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], constants: Constants) -> Any:
+    """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms, by their identity."""
     names = _Names(frame.recording, recorded, given, constants)
     functions = {f.name: f for f in (names.function(f) for f in recorded.module.functions[:-1])}
     for function in functions.values():
@@ -52,7 +58,7 @@ class _Names:
     recording: Recording
     recorded: Recorded
     given: Mapping[str, Any]
-    constants: Mapping[str, Any]
+    constants: Constants
 
     def __post_init__(self) -> None:
         self.functions: dict[str, str] = {}
@@ -95,25 +101,48 @@ class _Names:
 
     def body(self, function: Function) -> Function:
         """The function with the names in its statements replaced."""
+        self.fresh = count(max((v.id for v in defined(function)), default=-1) + 1)
         return replace(function, body=rewrite(function.body, self._statement))
 
-    def _statement(self, statement: Stmt) -> Stmt:
+    def _statement(self, statement: Stmt) -> Stmt | list[Stmt]:
         match statement:
             case Let(_, "table" | "table_size", _, str(name)):
                 return replace(statement, attr=self.tables[name])
             case Let(value, "param", _, str(name)):
-                constant = self.constants.get(name, self.modes.get(name))
-                if constant is not None and not isinstance(constant, Param):
-                    components = list(constant) if isinstance(constant, tuple | list) else [constant]
-                    return Let(value, "const", (), encode(value.type, components))
-                param = constant if constant is not None else self.recorded.params[name]
-                used = self.recording.use("param", self.recording.params, param)
-                return replace(statement, attr=used)
+                mode = self.modes.get(name)
+                if mode is not None and not isinstance(mode, Param):
+                    return Let(value, "const", (), encode(value.type, [mode]))
+                return self._uniform(value, mode if mode is not None else self.recorded.params[name])
             case Let(_, "call", _, str(name)):
                 return replace(statement, attr=self.functions[name])
             case Call(name):
                 return replace(statement, function=self.functions[name])
         return statement
+
+    def _uniform(self, value: Value, uniform: Any) -> Stmt | list[Stmt]:
+        """What gives the value of a uniform: a constant, the uniform itself, or what it is computed from."""
+        if id(uniform) in self.constants:
+            return Let(value, "const", (), self.constants[id(uniform)])
+        if isinstance(uniform, Dependent) and any(id(source) in self.constants for source in uniform.sources):
+            return self._expression(value, uniform.root)
+        return Let(value, "param", (), self.recording.use("param", self.recording.params, uniform))
+
+    def _expression(self, value: Value, root: Node) -> list[Stmt]:
+        """The operations of a dependent uniform, some of whose sources are constants."""
+        made: list[Stmt] = []
+
+        def let(node: Node, args: tuple[int, ...]) -> int:
+            target = value if node is root else Value(next(self.fresh), node.type, None, value.loc)
+            if node.op == "param":
+                statement = self._uniform(target, node.source)
+                made.extend(statement if isinstance(statement, list) else [statement])
+            else:
+                attr = node.source._declared(self.recording.frame) if node.op == "table" else node.attr
+                made.append(Let(target, node.op, args, attr))
+            return target.id
+
+        replay(root, let)
+        return made
 
 
 def _can_splice(frame: Frame, entry: Function) -> bool:

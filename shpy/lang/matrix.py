@@ -20,6 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang import builtins
 from shpy.lang.coerce import literal
+from shpy.lang.dependent import name_parts
 from shpy.lang.location import here
 from shpy.lang.recorder import current_frame
 from shpy.lang.values import CLASSES, Value
@@ -61,6 +62,13 @@ class Matrix:
         frame = current_frame()
         if frame is not None:
             frame.name_parts({str(r): row._variable for r, row in enumerate(made)})
+        else:
+            name_parts({f"[{r}]": row for r, row in enumerate(made)})
+
+    @classmethod
+    def _plain(cls) -> Any:
+        """The class of the language: that of a Param is another."""
+        return MATRICES[cls.__name__]
 
     @classmethod
     def _plain(cls) -> type[Matrix]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from types import FrameType
 
+from shpy.lang.location import here
 from shpy.lang.source.tree import parsed
 
 
@@ -78,6 +79,12 @@ def name_for(file: str, line: int) -> str | None:
     """The variable that the assignment on this line (of this file) binds, or None."""
     naming = _naming(file)
     return naming.assigned.get(line) if naming is not None else None
+
+
+def assigned_name() -> str | None:
+    """The variable that the user's line which is running binds, or None."""
+    loc = here()
+    return name_for(loc.file, loc.line) if loc is not None else None
 
 
 def unpacked_name(frame: FrameType | None) -> str | None:

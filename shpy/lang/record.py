@@ -21,6 +21,7 @@ from shpy.ir.nodes import Loc, Module, Port, Store
 from shpy.ir.verifier import verify
 from shpy.lang.data import Table, TableArgument, TableType, TextureArgument, TextureType
 from shpy.lang.defaults import check_default
+from shpy.lang.dependent import first_value
 from shpy.lang.location import at
 from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import Frame, Recording, recording
@@ -201,13 +202,7 @@ def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.
 
 
 def _declare_param(name: str, param: Any) -> nodes.Param:
-    return nodes.Param(name, type(param).__name__, param.type, encode(param.type, _numbers(param)))
-
-
-def _numbers(param: Any) -> list[Any]:
-    from shpy.ir.constants import decode
-
-    return list(decode(param.type, param._const))
+    return nodes.Param(name, type(param).__name__, param.type, encode(param.type, first_value(param)))
 
 
 def _declare_table(name: str, table: Table) -> nodes.Table:

@@ -25,6 +25,7 @@ import numpy as np
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.lang.coerce import literal
+from shpy.lang.dependent import name_parts
 from shpy.lang.location import here
 from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import current_frame
@@ -67,9 +68,8 @@ def layout_of(annotation: Any, name: str) -> Layout:
             return Rows(annotation)
         fields = getattr(annotation, "_shpy_fields", None)
         if fields is not None:
-            return Group(
-                "struct", tuple(fields), tuple(layout_of(t, f"{name}.{f}") for f, t in fields.items()), annotation
-            )
+            parts = tuple(layout_of(t, f"{name}.{f}") for f, t in fields.items())
+            return Group("struct", tuple(fields), parts, getattr(annotation, "_shpy_class", annotation))
         if issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
             hints = typing.get_type_hints(annotation)
             parts = tuple(layout_of(hints[f], f"{name}.{f}") for f in annotation._fields)
@@ -89,7 +89,7 @@ def layout_from(value: Any, what: str) -> Layout:
     if isinstance(value, Value):
         return Leaf(CLASSES[value.kind, value.size, value.base])
     if isinstance(value, Matrix):
-        return Rows(type(value))
+        return Rows(value._plain())
     fields = getattr(type(value), "_shpy_fields", None)
     if fields is not None:
         return layout_of(type(value), what)
@@ -174,7 +174,7 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
                 return list(value.rows)
             return _array_rows(value, cls, what)
         case Group(form, names, parts):
-            entries = _entries(value, form, names, what)
+            entries = entries_of(value, form, names, what)
             return [leaf for part, entry in zip(parts, entries, strict=True) for leaf in flatten(part, entry, what)]
 
 
@@ -189,8 +189,12 @@ def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
     return [array[..., r, :] for r in range(cls.size)]
 
 
-def _entries(value: Any, form: str, names: tuple[str, ...], what: str) -> list[Any]:
-    if isinstance(value, dict):
+def entries_of(value: Any, form: str, names: tuple[str, ...], what: str) -> list[Any]:
+    """The parts of a dict, tuple, structured array or object, in the order of `names`; ShpyTypeError for others."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    if fields is not None:
+        found = [value[n] for n in names] if set(fields) == set(names) else None
+    elif isinstance(value, dict):
         found = [value.get(n, None) for n in names] if set(value) == set(names) else None
     elif form in ("struct", "namedtuple") and all(hasattr(value, n) for n in names):
         found = [getattr(value, n) for n in names]
@@ -202,7 +206,7 @@ def _entries(value: Any, form: str, names: tuple[str, ...], what: str) -> list[A
         raise ShpyTypeError(
             f"{what} has the parts {', '.join(names)}, and {type(value).__name__} does not give just these",
             loc=here(),
-            cure="a dict, tuple or object with these parts",
+            cure="a dict, tuple, structured array or object with these parts",
         )
     return found
 
@@ -219,6 +223,7 @@ class Struct:
     """Base of what `@sh.struct` makes: attribute assignment stores in place."""
 
     _shpy_fields: ClassVar[dict[str, Any]]
+    _shpy_class: ClassVar[Any]
 
     def __init__(self, *args: Any, **named: Any) -> None:
         fields = self._shpy_fields
@@ -236,9 +241,16 @@ class Struct:
             value = type_() if not given else given[name].copy() if _is_struct(type_) else type_(given[name])
             object.__setattr__(self, name, value)
         frame = current_frame()
+        paths = [path for path, _, _ in leaves(layout_of(type(self), ""), "")]
         if frame is not None:
-            paths = [path for path, _, _ in leaves(layout_of(type(self), ""), "")]
             frame.name_parts({p: v._variable for p, v in zip(paths, leaves_of(self), strict=True)})
+        else:
+            name_parts({f".{p}": v for p, v in zip(paths, leaves_of(self), strict=True)})
+
+    @classmethod
+    def _plain(cls) -> Any:
+        """The class that the user wrote: that of a Param is another."""
+        return cls._shpy_class
 
     @classmethod
     def _of(cls, parts: dict[str, Any]) -> Any:
@@ -263,7 +275,7 @@ class Struct:
 
     def copy(self) -> Any:
         """A struct with the same fields that is this one's own no longer."""
-        return type(self)._of({n: getattr(self, n).copy() for n in self._shpy_fields})
+        return self._plain()._of({n: getattr(self, n).copy() for n in self._shpy_fields})
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{n}={getattr(self, n)!r}' for n in self._shpy_fields)})"
@@ -287,6 +299,7 @@ def struct(cls: type) -> Any:
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
     body = {k: v for k, v in cls.__dict__.items() if k not in ("__dict__", "__weakref__", "__annotations__")}
-    made = type(cls.__name__, (Struct,), {**body, "_shpy_fields": fields})
+    made: Any = type(cls.__name__, (Struct,), {**body, "_shpy_fields": fields})
+    made._shpy_class = made
     layout_of(made, cls.__name__)
     return made

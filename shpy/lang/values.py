@@ -23,7 +23,8 @@ from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type, vec
 from shpy.lang import arithmetic
 from shpy.lang.coerce import Literal
-from shpy.lang.emit import HOST, Emitter, Handle
+from shpy.lang.dependent import become_dependent
+from shpy.lang.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.location import here
 from shpy.lang.operators import Operators
 from shpy.lang.recorder import Frame, current_frame
@@ -48,6 +49,7 @@ class Value(Operators):
     base: ClassVar[Base]
     type: ClassVar[Type]
 
+    _uniform: ClassVar[bool] = False
     _frame: Frame | None
     _variable: int
     _const: tuple[int, ...]
@@ -96,8 +98,11 @@ class Value(Operators):
         set_(self, "_part", None)
         set_(self, "_loc", None)
         if frame is None:
-            set_(self, "_const", const if const is not None else from_array(self.type, handle))
             set_(self, "_variable", -1)
+            if emitter is DEFERRED:
+                become_dependent(self, handle)
+            else:
+                set_(self, "_const", const if const is not None else from_array(self.type, handle))
             return
         if emitter is HOST:
             const = from_array(self.type, handle)
@@ -303,7 +308,11 @@ class Value(Operators):
             refuse_conversion(self, kind, spoken)
         if self.size != 1:
             raise TypeError(f"{type(self).__name__} has {self.size} components")
-        return to_array(self.type, self._const)[()]
+        return self._now()[()]
+
+    def _now(self) -> NDArray[Any]:
+        """What a constant or uniform is now, of shape () or (size,)."""
+        return to_array(self.type, self._const)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if self._frame is not None:
@@ -312,7 +321,7 @@ class Value(Operators):
                 loc=here(),
                 cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
             )
-        array = to_array(self.type, self._const)
+        array = self._now()
         return array if dtype is None else array.astype(dtype)
 
     def __repr__(self) -> str:

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from shpy.errors import LoopLimitExceeded
-from shpy.host import bind, common_shape, dtypes_at, streams, tables
+from shpy.host import bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
@@ -95,7 +95,7 @@ class Setting:
         """The params and tables, as the interpreter takes them."""
         recorded, dtypes = self.program._recorded, dtypes_at(self.precision)
         found = tables(recorded.inputs, self._given, recorded.tables)
-        params = {n: np.asarray(p.exact, dtypes[p.base]) for n, p in recorded.params.items()}
+        params = uniforms(recorded.params, self.precision, "strict")
         return params, {n: t.data(dtypes[t.type.base]) for n, t in found.items()}
 
     def index(self, n: int) -> tuple[int, ...]:

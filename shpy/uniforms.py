@@ -1,0 +1,62 @@
+"""Dependent uniforms at run time: their expressions are programs of one element, which numpy runs before the kernel.
+
+Stage: run. What is computed is kept until one of the sources changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.backends.base import Options
+from shpy.backends.registry import backend
+from shpy.ir.collector import uncollected
+from shpy.kernel import Kernel
+from shpy.lang import arithmetic
+from shpy.lang.data import Table
+from shpy.lang.dependent import Dependent, record_expression
+from shpy.lang.emit import FrameEmitter
+from shpy.lang.record import Recorded, record_body
+from shpy.lang.recorder import need_frame, recording
+from shpy.lang.structure import Leaf
+from shpy.lang.values import CLASSES
+
+
+@dataclass(slots=True)
+class _Kept:
+    """A uniform's kernel at a precision and mode, what it gave last, and the state of the sources then."""
+
+    kernel: Kernel
+    state: Any = None
+    value: Any = None
+
+
+def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
+    """The uniform's value, of shape () or (size,), computed by the program that its expression is."""
+    keeps = uniform._const.kept
+    kept = keeps.get((precision, math))
+    if kept is None:
+        kept = keeps[precision, math] = _Kept(
+            Kernel(_recorded(uniform), backend("numpy"), Options(precision, math=math))
+        )
+    state = [source._version if isinstance(source, Table) else source._const for source in uniform.sources]
+    if kept.state != state:
+        kept.value, kept.state = np.asarray(kept.kernel()), state
+    value: NDArray[Any] = kept.value
+    return value
+
+
+def _recorded(uniform: Dependent) -> Recorded:
+    """The program without inputs that computes the uniform."""
+    value: Any = uniform
+    cls = CLASSES[value.kind, value.size, value.base]
+
+    def body(given: Any) -> Any:
+        frame = need_frame("a uniform")
+        return arithmetic.made(cls.kind, cls.type, FrameEmitter(frame), record_expression(frame, uniform.root))
+
+    with uncollected(), recording(uniform.name or "uniform", value._loc) as made:
+        return record_body(made, {}, Leaf(cls), body)
