@@ -20,7 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
-from shpy.lang.data import Param, Table, TableType, Texture2D, TextureType
+from shpy.lang.data import Table, TableType, Texture2D, TextureType
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded
@@ -73,7 +73,7 @@ class Stream:
     def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
         self.name = name
         self.size = cls.size
-        array = as_base(_exact(data), cls.base, name)
+        array = as_base(data, cls.base, name)
         if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
             raise ShpyTypeError(
                 f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
@@ -93,24 +93,27 @@ class Stream:
         return np.ascontiguousarray(whole).reshape((-1, *tail))
 
 
-def _exact(data: Any) -> Any:
+def _exact(data: Any, precision: str, math: str) -> Any:
     """A Param or another constant with all the digits that it has: a kernel of f64 takes them."""
-    if isinstance(data, Param):
-        return getattr(data, "exact", data)
+    if isinstance(data, Value) and data._uniform:
+        return data.at(precision, math)
     if isinstance(data, Value) and data._frame is None:
         numbers = decode(data.type, data._const)
         return numbers if len(numbers) > 1 else numbers[0]
     return data
 
 
-def streams(types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any]) -> list[Stream]:
-    """The array inputs, leaf by leaf in the entry's order."""
+def streams(
+    types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
+) -> list[Stream]:
+    """The array inputs, leaf by leaf in the entry's order; `math` is the mode that dependent uniforms are computed in."""
     found = []
+    precision = next(name for name, dtype in _WORKING.items() if dtype is dtypes[Base.F])
     for name, type_ in types.items():
         if isinstance(type_, TableType | TextureType):
             continue
         for entry, (leaf, _, cls) in zip(flatten(type_, given[name], name), leaves(type_, name), strict=True):
-            found.append(Stream(leaf, cls, entry, dtypes[cls.base]))
+            found.append(Stream(leaf, cls, _exact(entry, precision, math), dtypes[cls.base]))
     return found
 
 

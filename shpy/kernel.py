@@ -100,7 +100,7 @@ class Kernel:
         recorded = self._recorded
         given = host.bind(recorded, arrays, named)
         dtypes = host.dtypes_at(self.options.precision)
-        inputs = host.streams(recorded.inputs, given, dtypes)
+        inputs = host.streams(recorded.inputs, given, dtypes, self.options.math)
         common = host.common_shape(inputs, shape)
         self._check_rank(common)
         each = host.bytes_each(inputs, recorded.output, dtypes)

@@ -66,11 +66,6 @@ class Matrix:
             name_parts({f"[{r}]": row for r, row in enumerate(made)})
 
     @classmethod
-    def _plain(cls) -> Any:
-        """The class of the language: that of a Param is another."""
-        return MATRICES[cls.__name__]
-
-    @classmethod
     def _plain(cls) -> type[Matrix]:
         """The type of results: a Param's class is derived from a matrix type and makes no matrices."""
         return MATRICES[cls.__name__]

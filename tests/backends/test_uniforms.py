@@ -186,6 +186,20 @@ def test_bind_and_specialize_take_dependent_uniforms():
     assert fixed(1) == 6
 
 
+def test_a_dependent_uniform_as_an_input_or_a_default():
+    gain = sh.Param(sh.Attrib1f, 0.1)
+    third = gain / 3
+
+    @sh.program
+    def scale(x: sh.Attrib1f, by: sh.Attrib1f = third) -> sh.Attrib1f:
+        return x * by
+
+    kernel = scale.compile("numpy", precision="f64")
+    assert kernel(3) == 3 * (0.1 / 3)
+    gain.value = 6
+    assert (kernel(3), scale(3), scale(1, third * 5), scale(third)) == (6, 6, 10, 4)
+
+
 def test_specialize_keeps_what_else_is_followed():
     a, b = sh.Param(sh.Attrib1f, 2.0, name="a"), sh.Param(sh.Attrib1f, 3.0, name="b")
     total = sh.sqrt(a) + b
