@@ -106,7 +106,7 @@ def _exact(data: Any, precision: str, math: str) -> Any:
 def streams(
     types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
 ) -> list[Stream]:
-    """The array inputs, leaf by leaf in the entry's order; `math` is the mode that dependent uniforms are computed in."""
+    """The array inputs, leaf by leaf in the entry's order; dependent uniforms are computed in the mode `math`."""
     found = []
     precision = next(name for name, dtype in _WORKING.items() if dtype is dtypes[Base.F])
     for name, type_ in types.items():
