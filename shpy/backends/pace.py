@@ -19,28 +19,40 @@ __all__ = ["Pace"]
 
 SECONDS: Final = 0.1
 """What a dispatch should take."""
-FIRST: Final = 1 << 16
+FIRST: Final = 256
 """Elements of a kernel's first dispatch."""
+AGAIN: Final = 1 << 14
+"""Elements of the first dispatch of each call of a kernel that is not steady, at most."""
 GROWTH: Final = 8
 """A dispatch has at most this many times the elements of the one before: those were perhaps the cheap ones."""
+SHORT: Final = 10
+"""A dispatch that takes less than one in this many of `SECONDS` is short."""
 
 
 class Pace:
-    """How many elements of one kernel's take about `SECONDS`."""
+    """How many elements of one kernel take about `seconds`.
 
-    def __init__(self, seconds: float = SECONDS, clock: Callable[[], float] = time.perf_counter) -> None:
+    `steady` unless data may make elements of the next call dearer by any factor: each call then begins small.
+    """
+
+    def __init__(
+        self, seconds: float = SECONDS, clock: Callable[[], float] = time.perf_counter, *, steady: bool = True
+    ) -> None:
         self.seconds = seconds
+        self.steady = steady
         self.elements = FIRST
         self._clock = clock
 
-    def parts(self, rows: int, width: int = 1) -> Iterator[tuple[int, int]]:
-        """First row and number of rows of each dispatch, a row being `width` elements; at least one row each.
+    def parts(self, rows: int, width: int = 1, least: int = 1) -> Iterator[tuple[int, int]]:
+        """First row and number of rows of each dispatch, a row being `width` elements; at least `least` rows each.
 
         Whoever iterates has to wait for a dispatch's end before asking for the next.
         """
+        if not self.steady:
+            self.elements = min(self.elements, AGAIN)
         first = 0
         while first < rows:
-            count = min(rows - first, max(1, self.elements // width))
+            count = min(rows - first, max(least, self.elements // width))
             started = self._clock()
             yield first, count
             self._learn(count * width, self._clock() - started)
@@ -48,5 +60,9 @@ class Pace:
 
     def _learn(self, elements: int, seconds: float) -> None:
         fitting = elements * self.seconds / seconds if seconds > 0 else elements * GROWTH
-        if fitting < self.elements or elements >= self.elements:  # a small rest says nothing of how many would fit
-            self.elements = max(1, min(int(fitting), GROWTH * self.elements))
+        if fitting < self.elements:
+            # A short dispatch takes as long as it does because of what each dispatch costs.
+            if seconds > self.seconds / SHORT or elements >= self.elements:
+                self.elements = max(1, int(fitting))
+        elif elements >= self.elements:  # a small rest says nothing of how many would fit
+            self.elements = min(int(fitting), GROWTH * self.elements)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_FOR
+from shpy import SH_DISCARD, SH_FOR, SH_WHILE
 from shpy.backends import pace as pacing
-from shpy.backends.opencl.device import Machine
+from shpy.backends.opencl import device
 from shpy.backends.pace import Pace
 
 
@@ -24,9 +24,9 @@ class Clock:
         self.done += elements
 
 
-def durations(cost, rows, width, seconds=0.1, calls=1):
+def durations(cost, rows, width, seconds=0.1, calls=1, **options):
     clock = Clock(cost)
-    pace, found = Pace(seconds, clock), []
+    pace, found = Pace(seconds, clock, **options), []
     for _ in range(calls):
         after = 0
         for first, count in pace.parts(rows, width):
@@ -40,8 +40,8 @@ def durations(cost, rows, width, seconds=0.1, calls=1):
 
 
 def test_a_cheap_kernel_is_soon_one_dispatch():
-    assert len(durations(lambda n: 1e-9, 4096, 128)) == 2
-    assert len(durations(lambda n: 1e-9, 4096, 128, calls=3)) == 4
+    assert len(durations(lambda n: 1e-9, 4096, 128)) == 5
+    assert len(durations(lambda n: 1e-9, 4096, 128, calls=3)) == 7
 
 
 def test_a_dear_kernel_is_many_short_ones():
@@ -51,8 +51,31 @@ def test_a_dear_kernel_is_many_short_ones():
 
 
 def test_what_gets_dearer_is_cut_shorter():
-    found = durations(lambda n: 1e-7 if n < 1 << 17 else 1e-5, 4096, 64)
+    found = durations(lambda n: 1e-7 if n < 1 << 14 else 1e-5, 4096, 64)
     assert sum(seconds > 0.12 for seconds in found) == 1  # the one that could not know yet
+
+
+def test_what_each_dispatch_costs_does_not_make_it_shorter():
+    """16 elements in 5 ms: far more of them would take no longer."""
+    clock = Clock(lambda n: 1e-9)
+    pace = Pace(0.1, clock)
+    pace.elements = 1 << 20
+    for _ in pace.parts(16):
+        clock.now += 0.005
+    assert pace.elements == 1 << 20
+
+
+def test_a_kernel_whose_cost_is_in_its_data_begins_small():
+    found = durations(lambda n: 1e-9 if n < 1 << 19 else 1e-5, 512, 1024, calls=2, steady=False)
+    assert max(found) < 0.2
+    assert len(durations(lambda n: 1e-9, 512, 1024, calls=2, steady=False)) == 5 + 3
+
+
+def test_each_core_has_a_row():
+    clock = Clock(lambda n: 1.0)
+    for _, count in Pace(0.1, clock).parts(100, 1, 4):
+        clock.work(count)
+        assert count == 4 or clock.done == 100 or clock.done == pacing.FIRST
 
 
 def test_a_row_is_never_divided():
@@ -72,7 +95,7 @@ def test_strips_give_what_one_dispatch_gives(backend, lanes, shape, monkeypatch)
     x = np.arange(311 * 130, dtype=np.float32).reshape(shape)
     whole = work.compile("numpy")(x)
     monkeypatch.setattr(pacing, "FIRST", 300)
-    monkeypatch.setattr(Machine, "watched", True)  # as a GPU is, which is not here
+    monkeypatch.setattr(device, "_CPU_SECONDS", 1e-7)
     dispatches = []
     original = Pace.parts
 
@@ -85,3 +108,32 @@ def test_strips_give_what_one_dispatch_gives(backend, lanes, shape, monkeypatch)
     monkeypatch.setattr(Pace.__init__, "__defaults__", (1e-7, *Pace.__init__.__defaults__[1:]))
     np.testing.assert_array_equal(work.compile(backend, lanes=lanes)(x), whole)
     assert len(dispatches) > 10
+
+
+@pytest.mark.parametrize(("backend", "lanes"), [("glsl", "auto"), ("opencl", 1), ("opencl", 4), ("opencl", "auto")])
+def test_strips_keep_statuses(backend, lanes, monkeypatch):
+    """Loops out of budget, discarded elements and what `out` held are the same however a call is cut."""
+
+    @sh.program
+    def work(n: sh.Attrib1i) -> sh.Attrib1i:
+        SH_DISCARD(n % 7 == 0)
+        total = sh.Attrib1i(0)
+        with SH_WHILE(lambda: total < n):
+            total += 1
+        return total
+
+    n = np.random.default_rng(1).integers(0, 60, (97, 64), dtype=np.int32)
+    monkeypatch.setattr(pacing, "FIRST", 1)
+    monkeypatch.setattr(pacing, "AGAIN", 1)
+    monkeypatch.setattr(device, "_CPU_SECONDS", 1e-9)
+    monkeypatch.setattr(Pace.__init__, "__defaults__", (1e-9, *Pace.__init__.__defaults__[1:]))
+    kernel = work.compile(backend, lanes=lanes, loop_limit=49)
+    few = np.minimum(n, 40)
+    result = kernel.run(few, out=np.full_like(n, 77))
+    np.testing.assert_array_equal(result.outputs, np.where(few % 7 == 0, 77, few))
+    np.testing.assert_array_equal(result.written, few % 7 != 0)
+    with pytest.raises(sh.LoopLimitExceeded) as error:
+        kernel(n)
+    stopped = (n > 49) & (n % 7 != 0)
+    assert error.value.count == stopped.sum()
+    np.testing.assert_array_equal(error.value.result.written, ~stopped & (n % 7 != 0))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import textwrap
@@ -110,3 +111,80 @@ def test_a_forked_child_says_that_drivers_do_not_survive(tmp_path):
 def test_a_child_may_use_what_its_parent_has_not(tmp_path, backend):
     done = run(tmp_path, f"print(*forked(lambda: double.compile({backend!r})(np.float32([1, 2])).tolist()))")
     assert done.stdout == "[2.0, 4.0] 0\n", done.stderr
+
+
+INTERRUPTED = """
+def interrupt(kernel, *inputs):
+    def send():
+        time.sleep(0.5)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=send, daemon=True).start()
+    try:
+        kernel(*inputs)
+    except KeyboardInterrupt:
+        print("interrupted", flush=True)
+        return
+    sys.exit("the kernel ended")
+
+TOO_LONG = {"numpy": (200_000, 2_000_000), "opencl": (200_000, 2_000_000), "glsl": (4_000_000, 1_000)}
+"""
+"""Elements and iterations of `long`: GLSL's device allows few iterations, so it gets many elements."""
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_ctrl_c_ends_a_long_run(tmp_path, backend):
+    """The same process goes on, and a kernel whose calls were short until then is no slower to stop."""
+    done = run(
+        tmp_path,
+        INTERRUPTED
+        + f"""
+count, n = TOO_LONG[{backend!r}]
+x = np.zeros(count, np.float32)
+kernel = long.compile({backend!r})
+for _ in range(3):
+    kernel(x, 0)
+interrupt(kernel, x, n)
+print(double.compile("numpy")(np.float32([1, 2])).tolist())
+sys.exit(130)
+""",
+    )
+    assert done.stdout == "interrupted\n[2.0, 4.0]\n", done.stderr
+    assert done.returncode in (130, -signal.SIGINT)
+
+
+def test_ctrl_c_ends_a_process_whose_device_goes_on(tmp_path):
+    """10^12 iterations of one element: no dispatch is short enough, so the process ends by SIGINT."""
+    done = run(
+        tmp_path,
+        INTERRUPTED
+        + """
+@sh.program
+def endless(x: sh.Attrib1f) -> sh.Attrib1f:
+    with SH_FOR(0, 1_000_000):
+        with SH_FOR(0, 1_000_000):
+            x[:] = x * 0.999 + 1
+    return x
+
+interrupt(endless.compile("opencl"), np.zeros(1000, np.float32))
+print("ending")
+""",
+    )
+    assert done.stdout == "interrupted\nending\n", done.stderr
+    assert done.returncode == -signal.SIGINT
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_process_ends_while_a_daemon_runs_a_kernel(tmp_path, backend):
+    done = run(
+        tmp_path,
+        INTERRUPTED
+        + f"""
+kernel = long.compile({backend!r})
+count, n = (4_000_000, 200) if {backend!r} == "glsl" else (1_000_000, 20_000)
+threading.Thread(target=lambda: kernel(np.zeros(count, np.float32), n), daemon=True).start()
+time.sleep(0.3)
+print("ending", flush=True)
+""",
+    )
+    assert (done.returncode, done.stdout) == (0, "ending\n"), done.stderr

@@ -26,6 +26,7 @@ float push(float4 *stack, float value) {  // test_opencl_text.py:50
 
 __kernel void counting(  // test_opencl_text.py:72
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global const uint *bits_in,
@@ -33,7 +34,7 @@ __kernel void counting(  // test_opencl_text.py:72
     __global float4 *result0_out,
     __global uchar *result1_out,
     __global int *result2_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

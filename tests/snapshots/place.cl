@@ -2,12 +2,13 @@
 
 __kernel void place(  // test_opencl_text.py:96
     ulong count,
+    ulong first,
     int2 grid_shape,
     __global const int2 *offset_in,
     int offset_step,
     __global int2 *result0_out,
     __global uchar *result1_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

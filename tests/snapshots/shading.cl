@@ -57,6 +57,7 @@ float3 shade(float3 n, float3 light, float3 color) {  // test_opencl_text.py:42
 
 __kernel void shading(  // test_opencl_text.py:56
     ulong count,
+    ulong first,
     __global const float *p_in,
     int p_step,
     __global const float *n_in,
@@ -67,7 +68,7 @@ __kernel void shading(  // test_opencl_text.py:56
     int palette_size,
     float3 sky,
     __global float *result_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -31,13 +31,14 @@ void walk_element(float x, int n, float *result, int *status) {  // test_opencl_
 
 __kernel void walk(  // test_opencl_text.py:83
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global const int *n_in,
     int n_step,
     __global float *result_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -86,13 +86,14 @@ class GlslBackend:
         programs = []
         for group in groups:
             part = select_outputs(prepared.module, group) if len(groups) > 1 else prepared.module
+            steady = few_turns(part)
             printer = Printer(
                 part,
-                loops_stop=not few_turns(part),
+                loops_stop=not steady,
                 limited=options.loop_limit is not None,
                 exact=options.math != "fast",
             )
-            programs.append(runtime.build(printer.shader(), module.entry.loc))
+            programs.append(runtime.build(printer.shader(), module.entry.loc, steady=steady))
         sources = [p.shader.source for p in programs]
         text, notes = "\n".join(sources), _notes(runtime.context)
         return GlslExecutable(text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups)

@@ -10,11 +10,13 @@ there.
 
 from __future__ import annotations
 
+import atexit
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 import numpy as np
@@ -85,28 +87,62 @@ class Context:
 
     def __init__(self, index: int | None) -> None:
         self.moderngl = _moderngl()
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="shpy-gl")
+        self._jobs: SimpleQueue[tuple[Callable[[], Any], Future[Any], threading.Event]] = SimpleQueue()
+        self._ending = False
         self.doomed: list[Any] = []
         """GL objects whose owner is gone; released before the next job."""
+        self._wanted = threading.Event()
         try:
-            self.gl = self._thread.submit(self._create, index).result()
+            threading.Thread(target=self._serve, name="shpy-gl", daemon=True).start()
+            self.gl = self._do(lambda: self._create(index))
         except Exception as e:
-            self._thread.shutdown()
             raise BackendUnavailable(
                 f"glsl needs OpenGL 3.3 without a window: {e}",
                 cure="apt install libegl1 libgl1-mesa-dri (or the EGL library of the GPU's driver)",
             ) from e
         self.limits = self.call(self._probe)
+        atexit.register(self._end)
 
     def call(self, job: Callable[[], T]) -> T:
-        """Run `job` on the context's thread and give what it gives; BackendUnavailable in a forked process."""
-        _DRIVER.use()
-        return self._thread.submit(self._tidied, job).result()
+        """Run `job` on the context's thread and give what it gives; BackendUnavailable in a forked process.
 
-    def _tidied(self, job: Callable[[], T]) -> T:
-        while self.doomed:
-            self.doomed.pop().release()
-        return job()
+        Ctrl-C ends the wait, and the job where it next calls `go_on`.
+        """
+        _DRIVER.use()
+        return self._do(job)
+
+    def _do(self, job: Callable[[], T]) -> T:
+        future: Future[T] = Future()
+        wanted = threading.Event()
+        wanted.set()
+        self._jobs.put((job, future, wanted))
+        try:
+            return future.result()
+        except BaseException:
+            wanted.clear()
+            raise
+
+    def _serve(self) -> None:
+        while True:
+            job, future, self._wanted = self._jobs.get()
+            try:
+                while self.doomed:
+                    self.doomed.pop().release()
+                future.set_result(job())
+            except BaseException as error:
+                future.set_exception(error)
+            del job, future  # and what they hold
+
+    def go_on(self) -> None:
+        """Raise an error, which nobody sees, if the caller waits no longer: after Ctrl-C, or as the process ends."""
+        if self._ending or not self._wanted.is_set():
+            raise ShpyError("the run was interrupted")
+
+    def _end(self) -> None:
+        """Stop the runs of threads that the process does not wait for (daemons)."""
+        self._ending = True
+        self._do(lambda: None)
+        self._ending = False
 
     def _create(self, index: int | None) -> Any:
         options: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}

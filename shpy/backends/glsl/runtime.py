@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import weakref
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -43,7 +43,7 @@ class Program:
     program: Any
     vertices: Any
     units: dict[str, int]
-    pace: Pace = field(default_factory=Pace)
+    pace: Pace
 
 
 class Runtime:
@@ -54,17 +54,20 @@ class Runtime:
         self.store = Store(context)
         self._programs: weakref.WeakValueDictionary[tuple[Any, ...], Program] = weakref.WeakValueDictionary()
 
-    def build(self, shader: Shader, loc: Loc | None) -> Program:
-        """The program of this text; CompileError if the device refuses it, or it reads too many textures."""
+    def build(self, shader: Shader, loc: Loc | None, *, steady: bool = True) -> Program:
+        """The program of this text; CompileError if the device refuses it, or it reads too many textures.
+
+        `steady`: no data makes an element take more than a few thousand iterations.
+        """
         # Two texts may be the same where the names behind them, by which data come, are not.
         key = (shader.source, shader.inputs, shader.tables, *shader.params.items())
         known = self._programs.get(key)
         if known is None:
-            known = self.context.call(lambda: self._link(shader, loc))
+            known = self.context.call(lambda: self._link(shader, loc, steady))
             self._programs[key] = known
         return known
 
-    def _link(self, shader: Shader, loc: Loc | None) -> Program:
+    def _link(self, shader: Shader, loc: Loc | None, steady: bool) -> Program:
         samplers = [i.sampler for i in shader.inputs] + [t.sampler for t in shader.tables]
         limit = self.context.limits.textures
         try:
@@ -79,7 +82,7 @@ class Runtime:
         units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
         for sampler, unit in units.items():
             program[sampler].value = unit
-        made = Program(shader, program, vertices, units)
+        made = Program(shader, program, vertices, units, Pace(steady=steady))
         doomed = self.context.doomed
         weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
         return made
@@ -127,6 +130,7 @@ class Runtime:
 
     def _dispatch(self, made: Program, across: int, first: int, height: int) -> None:
         """Run some rows, and wait for them."""
+        self.context.go_on()
         gl = self.context.gl
         _set(made.program, LAST, (across - 1, first + height - 1))
         gl.viewport = (0, first, across, height)

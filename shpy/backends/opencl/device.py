@@ -28,6 +28,7 @@ from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.processes import Driver
@@ -63,6 +64,8 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
     n[i] = convert_intWIDE_sat(x);
 }
 """
+_CPU_SECONDS = 0.5
+"""What a dispatch should take on a CPU, where nothing but Ctrl-C waits for its end; long ones leave cores idle less."""
 _POOLED_BYTES = 1 << 28
 """Buffers that are kept for the next run, in bytes a device."""
 _WORTH_LENDING = 1 << 16
@@ -164,6 +167,7 @@ class Machine:
         self.context = self.cl.Context([device])
         self.queue = self.cl.CommandQueue(self.context)
         self._lock = threading.RLock()
+        self.waiter = Waiter(self._lock)
         self.doubles = "cl_khr_fp64" in device.extensions.split()
         self._options = ["-cl-std=CL1.2", "-w"]
         if _rounds_correctly(device):
@@ -172,6 +176,8 @@ class Machine:
         self._from_disk: set[tuple[str, Math]] = set()
         self._free: dict[int, list[Any]] = defaultdict(list)
         self._pooled = 0
+        self._uploads: list[Any] = []
+        """Copies to the device that may be under way: they keep their arrays."""
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
 
     @property
@@ -219,24 +225,30 @@ class Machine:
             binary = self._programs[text, math].get_info(self.cl.program_info.BINARIES)[0]
             store.save(self._key(text, math), bytes(binary))
 
-    def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int) -> None:
-        """Queue a kernel over columns and lines of work items, and as many idle ones as fill each line's last group.
+    def pace(self) -> Pace:
+        """The pace of a new kernel. What stops long dispatches does so on anything but a CPU."""
+        if self.device.type & self.cl.device_type.CPU:
+            return Pace(_CPU_SECONDS)
+        return Pace()
 
-        On a device with a watchdog in as many dispatches as `pace` says, where an item stands for `each` elements.
+    def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int) -> None:
+        """Run a kernel over columns and lines of work items, and as many idle ones as fill each line's last group.
+
+        In as many dispatches as `pace` says, where an item stands for `each` elements; the kernel's second argument is
+        where a dispatch begins: its first item, or, where there are lines, its first line. PoCL would generate code
+        anew for a global offset that is not 0. Ctrl-C ends the wait for a dispatch.
         """
         columns, lines = items
         groups = max(1, -(-columns // group))
         kernel.set_args(*args)
-        if not self.watched:
-            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, lines), (group, 1))
-            return
-        # Whole lines, or groups of the only one.
+        # Whole lines, or groups of the only one; each core should have a group.
         rows, width = (lines, columns) if lines > 1 else (groups, group)
-        for first, count in pace.parts(rows, width * each):
+        least = -(-self.device.max_compute_units * group // width)
+        for first, count in pace.parts(rows, width * each, least):
             size = (groups * group, count) if lines > 1 else (count * group, 1)
-            start = (0, first) if lines > 1 else (first * group, 0)
-            self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1), global_work_offset=start)
-            self.queue.finish()
+            if first:
+                kernel.set_arg(1, type(args[1])(first if lines > 1 else first * group))
+            self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
 
     def take(self, size: int) -> Any:
         """A buffer of at least `size` bytes, to be given back."""
@@ -247,7 +259,8 @@ class Machine:
         return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
 
     def give_back(self, buffers: list[Any]) -> None:
-        """Keep the buffers for the next run, as long as there are not too many."""
+        """Keep the buffers for the next run, as long as there are not too many; the device is done with them."""
+        self._uploads.clear()
         for buffer in buffers:
             if self._pooled + buffer.size <= _POOLED_BYTES:
                 self._pooled += buffer.size
@@ -279,10 +292,15 @@ class Machine:
             mapped.base.release(self.queue)
         self.queue.finish()
 
+    def abandon(self, things: Any) -> None:
+        """Keep what a run used that was interrupted, until the device is done with it."""
+        self.waiter.keep(self.cl.enqueue_marker(self.queue), (things, self._uploads))
+        self._uploads = []
+
     def upload(self, array: Array) -> Any:
         """A buffer that holds the array."""
         buffer = self.take(array.nbytes)
-        self.cl.enqueue_copy(self.queue, buffer, array)
+        self._uploads.append(self.cl.enqueue_copy(self.queue, buffer, array, is_blocking=False))
         return buffer
 
     def download(self, array: Array, buffer: Any) -> None:
@@ -313,14 +331,6 @@ class Machine:
         if not self.device.type & self.cl.device_type.CPU:
             return 1
         return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
-
-    @property
-    def watched(self) -> bool:
-        """Whether something may stop a dispatch that takes long, as it may on anything but a CPU.
-
-        There dispatches are not divided, as PoCL generates code once more for one that does not begin at 0.
-        """
-        return not self.device.type & self.cl.device_type.CPU
 
     @cached_property
     def wrong(self) -> frozenset[str]:

@@ -85,6 +85,7 @@ class PacketMemory:
         columns = ", ".join(str(k % wide) for k in range(lanes))
         lines = ", ".join(str(k // wide) for k in range(lanes))
         by_rows = f" * {rows}" if rows > 1 else ""
+        moved_i, moved_j = ("(first + i)", "(first + j)") if rows > 1 else ("first + i", "first + j")
         below, line = (f" + row * (int{lanes})({lines})", f"y + (int{lanes})({lines})") if rows > 1 else ("", "y")
         last = {1: "", 2: "row + "}.get(rows, f"{rows - 1} * row + ")
         return f"""\
@@ -101,10 +102,10 @@ typedef struct {{
     bool empty;
 }} sh_packet;
 
-// Where this work item's packet begins: its column and line.
-{INLINE} int2 sh_corner(int row) {{
+// Where this work item's packet begins: its column and line. The dispatch begins with packet, or line, `first`.
+{INLINE} int2 sh_corner(int first, int row) {{
     int i = get_global_id(0), j = get_global_id(1);
-    return row == {wide} ? (int2)(0, i{by_rows}) : (int2)(i * {wide}, j{by_rows});
+    return row == {wide} ? (int2)(0, {moved_i}{by_rows}) : (int2)(i * {wide}, {moved_j}{by_rows});
 }}
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.

@@ -3,8 +3,8 @@
 Stage: emit. The module is taken apart into scalars and vectorised; what varies from lane to lane becomes a `float16`,
 what does not stays a `float`, and control flow is what it was where it is the same for all:
 
-    __kernel void mandelbrot(ulong count, int row, __global const float *c_in, int c_step, __global float *result_out) {
-        int2 corner = sh_corner(row);
+    __kernel void f(ulong count, int first, int row, __global const float *c_in, int c_step, __global float *y_out) {
+        int2 corner = sh_corner(first, row);
         sh_packet packet = sh_packet_at(corner, count, row);
         ...
         float16x2 c = sh_read_f2(c_in, c_step, packet);
@@ -158,7 +158,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         steps: list[str],
         outputs: list[str],
     ) -> None:
-        parameters = [f"ulong {self.count}", f"int {self.row}"]
+        parameters = [f"ulong {self.count}", f"int {self.first}", f"int {self.row}"]
         if self.needs[entry.name].grid:
             parameters.append(f"{spelled(vec(Base.I, self.grid_rank))} {self.grid_names['grid_shape']}")
         for (at, _, array), step in zip(inputs, steps, strict=True):
@@ -180,7 +180,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         super().body(function, returns=returns)
 
     def _packet_prelude(self, entry: Function, apart: bool) -> None:
-        self.emit(f"int2 {self.corner} = sh_corner({self.row});")
+        self.emit(f"int2 {self.corner} = sh_corner({self.first}, {self.row});")
         self._make_packet()
         self.emit(f"if ({self.packet}.empty) {{")
         with self.block():

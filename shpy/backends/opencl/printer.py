@@ -29,11 +29,12 @@ _WIDTH = 110
 class Kernel:
     """The text of a kernel, its name, where each line comes from, and whether it needs doubles.
 
-    Arguments, in this order: the number of elements (ulong), the grid's shape if `grid` (its rank) is not 0; for each
-    of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a uniform one); for each of `tables` a
-    pointer and its shape; each of `params`; a pointer for each output. A kernel of packets of `lanes` elements, of
-    which `columns` lie side by side, takes the length of a row (int) after the number of elements, and tables of three
-    components as tables of four.
+    Arguments, in this order: the number of elements, and the first element of this dispatch (ulong); the grid's shape
+    if `grid` (its rank) is not 0; for each of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a
+    uniform one); for each of `tables` a pointer and its shape; each of `params`; a pointer for each output. A kernel of
+    packets of `lanes` elements, of which `columns` lie side by side, takes after the number of elements the first
+    packet, or line of packets, of this dispatch, and the length of a row (ints), and tables of three components as
+    tables of four.
     """
 
     text: str
@@ -71,6 +72,7 @@ class OpenCLPrinter(Spelling):
     def __init__(self, module: Module, math: Math = "strict") -> None:
         super().__init__(module, math)
         self.count = self.globals.take("count")
+        self.first = self.globals.take("first")
         self.grid_names = {op: self.globals.take(op) for op in (_INDEX, _SHAPE)}
         self.function_names = {f.name: self.globals.take(f.name, "f") for f in module.functions}
         self.table_names = {t.name: self.globals.take(t.name, "table") for t in module.tables}
@@ -233,7 +235,7 @@ class OpenCLPrinter(Spelling):
 
     def _signature(self, name: str, entry: Function, inputs: list[tuple[Value, str]], steps: dict[int, str]) -> None:
         needs = self.needs[entry.name]
-        parameters = [f"ulong {self.count}"]
+        parameters = [f"ulong {self.count}", f"ulong {self.first}"]
         if needs.grid:
             parameters.append(f"{spelled(vec(Base.I, self.grid_rank))} {self.grid_names[_SHAPE]}")
         for value, array in inputs:
@@ -254,7 +256,7 @@ class OpenCLPrinter(Spelling):
             self.emit(f"    {parameter}{',' if at + 1 < len(parameters) else ') {'}")
 
     def _prelude(self, entry: Function) -> None:
-        self.emit(f"size_t {self.element} = get_global_id(0);")
+        self.emit(f"size_t {self.element} = {self.first} + get_global_id(0);")
         self.emit(f"if ({self.element} >= {self.count}) {{")
         with self.block():
             self.emit("return;")

@@ -12,7 +12,7 @@ bools) are converted on the host.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -86,7 +86,8 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     with machine.lock:
         try:
             program = machine.build(kernel.text, options.math)
-            executable = OpenCLExecutable(machine, kernel, prepared, machine.cl.Kernel(program, kernel.name))
+            compiled = machine.cl.Kernel(program, kernel.name)
+            executable = OpenCLExecutable(machine, kernel, prepared, compiled, machine.pace())
             executable.warm_up()
             machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
@@ -114,8 +115,8 @@ class OpenCLExecutable:
     kernel: Kernel
     prepared: Prepared
     compiled: Any
+    pace: Pace
     remarks: tuple[str, ...] = ()
-    pace: Pace = field(default_factory=Pace)
 
     @property
     def source(self) -> str:
@@ -142,7 +143,7 @@ class OpenCLExecutable:
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
         inputs = [entry.inputs[i].type for i in self.kernel.inputs]
         empty = machine.take(LOCAL_SIZE)
-        args: list[Any] = [np.uint64(0), *self._row(4), *self._shape((1,) * self.kernel.grid)]
+        args: list[Any] = [np.uint64(0), self._start, *self._row(4), *self._shape((1,) * self.kernel.grid)]
         args += [a for _ in inputs for a in (empty, np.int32(0))]
         args += [a for t in self.kernel.tables for a in (empty, _argument(np.ones(t.rank, np.int32)))]
         zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
@@ -157,16 +158,20 @@ class OpenCLExecutable:
         with self.machine.lock:
             used: list[Any] = []
             try:
-                return self._run(call, used)
-            finally:
-                self.machine.queue.finish()
-                self.machine.give_back(used)
+                status = self._run(call, used)
+            except BaseException as error:
+                self.machine.abandon((used, call))
+                if isinstance(error, self.machine.cl.MemoryError):
+                    raise MemoryError from error
+                raise
+            self.machine.give_back(used)
+            return status
 
     def _run(self, call: Call, used: list[Any]) -> Array | None:
         machine, entry = self.machine, self.prepared.module.entry
         types = {p.name: p.type for p in self.prepared.module.params}
         row = self._row_length(call)
-        args: list[Any] = [np.uint64(call.count), *self._row(row), *self._shape(call.shape)]
+        args: list[Any] = [np.uint64(call.count), self._start, *self._row(row), *self._shape(call.shape)]
         lent: list[Any] = []
         for i in self.kernel.inputs:
             type = entry.inputs[i].type
@@ -213,6 +218,11 @@ class OpenCLExecutable:
     @property
     def _group(self) -> int:
         return LOCAL_SIZE if self.kernel.lanes == 1 else PACKETS
+
+    @property
+    def _start(self) -> Any:
+        """Where the first dispatch begins, in the type of the argument."""
+        return np.uint64(0) if self.kernel.lanes == 1 else np.int32(0)
 
     def _row(self, length: int) -> list[Any]:
         return [np.int32(length)] if self.kernel.lanes > 1 else []

@@ -2,6 +2,7 @@
 
 __kernel void arithmetic(  // snapshot_programs.py:21
     ulong count,
+    ulong first,
     __global const float *a_in,
     int a_step,
     __global const float *b_in,
@@ -10,7 +11,7 @@ __kernel void arithmetic(  // snapshot_programs.py:21
     int v_step,
     __global float *result0_out,
     __global float *result1_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -1,5 +1,6 @@
 __kernel void arithmetic(  // snapshot_programs.py:21
     ulong count,
+    int first,
     int row,
     __global const float *a_in,
     int a_step,
@@ -9,7 +10,7 @@ __kernel void arithmetic(  // snapshot_programs.py:21
     int v_step,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

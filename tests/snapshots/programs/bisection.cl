@@ -29,11 +29,12 @@ void bisection_element(float x, float *result, int *status) {  // snapshot_progr
 
 __kernel void bisection(  // snapshot_programs.py:185
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global float *result_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -1,11 +1,12 @@
 __kernel void bisection(  // snapshot_programs.py:185
     ulong count,
+    int first,
     int row,
     __global const float *x_in,
     int x_step,
     __global float *result_out,
     __global int *status_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -11,13 +11,14 @@ bool bounce(float2 *position, float2 *velocity, float floor_) {  // snapshot_pro
 
 __kernel void bouncing(  // snapshot_programs.py:101
     ulong count,
+    ulong first,
     __global const float2 *position_in,
     int position_step,
     __global const float2 *velocity_in,
     int velocity_step,
     __global float2 *result0_out,
     __global int *result1_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -28,6 +28,7 @@ void bounce(  // snapshot_programs.py:92
 
 __kernel void bouncing(  // snapshot_programs.py:101
     ulong count,
+    int first,
     int row,
     __global const float *position_in,
     int position_step,
@@ -35,7 +36,7 @@ __kernel void bouncing(  // snapshot_programs.py:101
     int velocity_step,
     __global float *result0_out,
     __global int *result1_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

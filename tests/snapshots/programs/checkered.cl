@@ -1,7 +1,7 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-__kernel void checkered(ulong count, int2 grid_shape, __global float *result_out) {  // snapshot_programs.py:173
-    size_t element = get_global_id(0);
+__kernel void checkered(ulong count, ulong first, int2 grid_shape, __global float *result_out) {  // snapshot_programs.py:173
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

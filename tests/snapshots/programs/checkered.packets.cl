@@ -1,5 +1,5 @@
-__kernel void checkered(ulong count, int row, int2 grid_shape, __global float *result_out) {  // snapshot_programs.py:173
-    int2 corner = sh_corner(row);
+__kernel void checkered(ulong count, int first, int row, int2 grid_shape, __global float *result_out) {  // snapshot_programs.py:173
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

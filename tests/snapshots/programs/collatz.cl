@@ -37,11 +37,12 @@ void collatz_element(int n, int *result, int *status) {  // snapshot_programs.py
 
 __kernel void collatz(  // snapshot_programs.py:61
     ulong count,
+    ulong first,
     __global const int *n_in,
     int n_step,
     __global int *result_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

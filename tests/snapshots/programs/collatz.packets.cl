@@ -1,11 +1,12 @@
 __kernel void collatz(  // snapshot_programs.py:61
     ulong count,
+    int first,
     int row,
     __global const int *n_in,
     int n_step,
     __global int *result_out,
     __global int *status_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -36,13 +36,14 @@ void counting_element(float x, int n, float *result, int *status) {  // snapshot
 
 __kernel void counting(  // snapshot_programs.py:70
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global const int *n_in,
     int n_step,
     __global float *result_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -53,6 +53,7 @@ void counting_packet(float8 x, int8 n, float8 *result, int8 *status_out, int2 co
 
 __kernel void counting(  // snapshot_programs.py:70
     ulong count,
+    int first,
     int row,
     __global const float *x_in,
     int x_step,
@@ -60,7 +61,7 @@ __kernel void counting(  // snapshot_programs.py:70
     int n_step,
     __global float *result_out,
     __global int *status_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -21,6 +21,7 @@ float mod1(float x, float y) {
 
 __kernel void edges(  // snapshot_programs.py:160
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global const float *y_in,
@@ -32,7 +33,7 @@ __kernel void edges(  // snapshot_programs.py:160
     __global float *result4_out,
     __global float *result5_out,
     __global uint *result6_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

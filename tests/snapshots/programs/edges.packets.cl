@@ -1,5 +1,6 @@
 __kernel void edges(  // snapshot_programs.py:160
     ulong count,
+    int first,
     int row,
     __global const float *x_in,
     int x_step,
@@ -12,7 +13,7 @@ __kernel void edges(  // snapshot_programs.py:160
     __global float *result4_out,
     __global float *result5_out,
     __global uint *result6_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -9,13 +9,14 @@ float sh_half(float x) {
 
 __kernel void halves(  // snapshot_programs.py:180
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global const float *f_in,
     int f_step,
     __global float *result0_out,
     __global float *result1_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

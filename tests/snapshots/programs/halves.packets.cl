@@ -1,5 +1,6 @@
 __kernel void halves(  // snapshot_programs.py:180
     ulong count,
+    int first,
     int row,
     __global const float *x_in,
     int x_step,
@@ -7,7 +8,7 @@ __kernel void halves(  // snapshot_programs.py:180
     int f_step,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -29,12 +29,13 @@ void leaving_element(float x, int *result0, int *result1, int *status) {  // sna
 
 __kernel void leaving(  // snapshot_programs.py:82
     ulong count,
+    ulong first,
     __global const float *x_in,
     int x_step,
     __global int *result0_out,
     __global int *result1_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

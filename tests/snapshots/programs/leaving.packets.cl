@@ -99,13 +99,14 @@ void leaving_packet(  // snapshot_programs.py:82
 
 __kernel void leaving(  // snapshot_programs.py:82
     ulong count,
+    int first,
     int row,
     __global const float *x_in,
     int x_step,
     __global int *result0_out,
     __global int *result1_out,
     __global int *status_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

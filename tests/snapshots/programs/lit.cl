@@ -24,6 +24,7 @@ float3 normalize3(float3 v) {
 
 __kernel void lit(  // snapshot_programs.py:137
     ulong count,
+    ulong first,
     __global const float *p_in,
     int p_step,
     __global const float *n_in,
@@ -34,7 +35,7 @@ __kernel void lit(  // snapshot_programs.py:137
     float3 light,
     __global float *result0_out,
     __global float *result1_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -1,5 +1,6 @@
 __kernel void lit(  // snapshot_programs.py:137
     ulong count,
+    int first,
     int row,
     __global const float *p_in,
     int p_step,
@@ -11,7 +12,7 @@ __kernel void lit(  // snapshot_programs.py:137
     float3 light,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -13,6 +13,7 @@ size_t sh_at2(int2 at, int2 size) {
 
 __kernel void lookups(  // snapshot_programs.py:123
     ulong count,
+    ulong first,
     __global const int *i_in,
     int i_step,
     __global const int *row_in,
@@ -26,7 +27,7 @@ __kernel void lookups(  // snapshot_programs.py:123
     __global float *result0_out,
     __global float *result1_out,
     __global int *result2_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -1,5 +1,6 @@
 __kernel void lookups(  // snapshot_programs.py:123
     ulong count,
+    int first,
     int row,
     __global const int *i_in,
     int i_step,
@@ -14,7 +15,7 @@ __kernel void lookups(  // snapshot_programs.py:123
     __global float *result0_out,
     __global float *result1_out,
     __global int *result2_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

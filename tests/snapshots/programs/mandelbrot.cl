@@ -24,11 +24,12 @@ void mandelbrot_element(float2 c, float *result, int *status) {  // snapshot_pro
 
 __kernel void mandelbrot(  // snapshot_programs.py:36
     ulong count,
+    ulong first,
     __global const float2 *c_in,
     int c_step,
     __global float *result_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -17,10 +17,10 @@ typedef struct {
     bool empty;
 } sh_packet;
 
-// Where this work item's packet begins: its column and line.
-__attribute__((always_inline)) int2 sh_corner(int row) {
+// Where this work item's packet begins: its column and line. The dispatch begins with packet, or line, `first`.
+__attribute__((always_inline)) int2 sh_corner(int first, int row) {
     int i = get_global_id(0), j = get_global_id(1);
-    return row == 4 ? (int2)(0, i * 2) : (int2)(i * 4, j * 2);
+    return row == 4 ? (int2)(0, (first + i) * 2) : (int2)(i * 4, (first + j) * 2);
 }
 
 // The packet that begins there; the last one of a row, and the last row, may hold fewer elements.
@@ -150,12 +150,13 @@ float8 dot2(float8x2 a, float8x2 b) {
 
 __kernel void mandelbrot(  // snapshot_programs.py:36
     ulong count,
+    int first,
     int row,
     __global const float *c_in,
     int c_step,
     __global float *result_out,
     __global int *status_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -1,7 +1,12 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-__kernel void packets(ulong count, __global const float *x_in, int x_step, __global float *result_out) {  // snapshot_programs.py:165
-    size_t element = get_global_id(0);
+__kernel void packets(  // snapshot_programs.py:165
+    ulong count,
+    ulong first,
+    __global const float *x_in,
+    int x_step,
+    __global float *result_out) {
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -17,6 +17,7 @@ void ray_to_plane_element(float3 ray_o, float3 ray_d, float height, float3 *o, f
 
 __kernel void ray_to_plane(  // snapshot_programs.py:148
     ulong count,
+    ulong first,
     __global const float *ray_o_in,
     int ray_o_step,
     __global const float *ray_d_in,
@@ -26,7 +27,7 @@ __kernel void ray_to_plane(  // snapshot_programs.py:148
     __global float *o_out,
     __global float *d_out,
     __global int *status_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -47,6 +47,7 @@ void ray_to_plane_packet(  // snapshot_programs.py:148
 
 __kernel void ray_to_plane(  // snapshot_programs.py:148
     ulong count,
+    int first,
     int row,
     __global const float *ray_o_in,
     int ray_o_step,
@@ -57,7 +58,7 @@ __kernel void ray_to_plane(  // snapshot_programs.py:148
     __global float *o_out,
     __global float *d_out,
     __global int *status_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -12,12 +12,13 @@ uint sh_at(int i, int size) {
 
 __kernel void reversing(  // snapshot_programs.py:111
     ulong count,
+    ulong first,
     __global const float4 *x_in,
     int x_step,
     __global const int *n_in,
     int n_step,
     __global float *result_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -1,12 +1,13 @@
 __kernel void reversing(  // snapshot_programs.py:111
     ulong count,
+    int first,
     int row,
     __global const float *x_in,
     int x_step,
     __global const int *n_in,
     int n_step,
     __global float *result_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

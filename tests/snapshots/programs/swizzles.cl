@@ -7,13 +7,14 @@ float sh_pick4(float4 v, int i) {
 
 __kernel void swizzles(  // snapshot_programs.py:28
     ulong count,
+    ulong first,
     __global const float4 *p_in,
     int p_step,
     __global const int *k_in,
     int k_step,
     __global float *result0_out,
     __global float *result1_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

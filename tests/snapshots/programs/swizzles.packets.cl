@@ -1,5 +1,6 @@
 __kernel void swizzles(  // snapshot_programs.py:28
     ulong count,
+    int first,
     int row,
     __global const float *p_in,
     int p_step,
@@ -7,7 +8,7 @@ __kernel void swizzles(  // snapshot_programs.py:28
     int k_step,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -59,13 +59,14 @@ float3 sample_image(float2 uv, __global const float *image, int2 image_size, int
 
 __kernel void textured(  // snapshot_programs.py:128
     ulong count,
+    ulong first,
     __global const float2 *uv_in,
     int uv_step,
     __global const float *image,
     int2 image_size,
     int image_mode,
     __global float *result_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

@@ -31,6 +31,7 @@ float8x3 sample_image(float8x2 uv, __global const float4 *image, int2 image_size
 
 __kernel void textured(  // snapshot_programs.py:128
     ulong count,
+    int first,
     int row,
     __global const float *uv_in,
     int uv_step,
@@ -38,7 +39,7 @@ __kernel void textured(  // snapshot_programs.py:128
     int2 image_size,
     int image_mode,
     __global float *result_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

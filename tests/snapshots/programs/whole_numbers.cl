@@ -29,6 +29,7 @@ uint pcg(uint x) {  // library.py:38
 
 __kernel void whole_numbers(  // snapshot_programs.py:155
     ulong count,
+    ulong first,
     __global const int *a_in,
     int a_step,
     __global const int *b_in,
@@ -41,7 +42,7 @@ __kernel void whole_numbers(  // snapshot_programs.py:155
     __global uint *result3_out,
     __global float *result4_out,
     __global int *result5_out) {
-    size_t element = get_global_id(0);
+    size_t element = first + get_global_id(0);
     if (element >= count) {
         return;
     }

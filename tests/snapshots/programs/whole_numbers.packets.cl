@@ -9,6 +9,7 @@ uint8 pcg(uint8 x) {  // library.py:38
 
 __kernel void whole_numbers(  // snapshot_programs.py:155
     ulong count,
+    int first,
     int row,
     __global const int *a_in,
     int a_step,
@@ -22,7 +23,7 @@ __kernel void whole_numbers(  // snapshot_programs.py:155
     __global uint *result3_out,
     __global float *result4_out,
     __global int *result5_out) {
-    int2 corner = sh_corner(row);
+    int2 corner = sh_corner(first, row);
     sh_packet packet = sh_packet_at(corner, count, row);
     if (packet.empty) {
         return;

@@ -1,0 +1,98 @@
+"""Waits for a device so that Ctrl-C is heard: a thread waits in the driver, and the caller waits for that thread.
+
+Stage: run. A signal does not end a wait inside a driver, and a driver cannot stop what runs. So the wait ends, the run
+goes on up to the end of its dispatch, and all that it uses is kept until then.
+
+    waiter = Waiter(lock)
+    waiter.wait(event)           # KeyboardInterrupt ends it
+    waiter.keep(event, buffers)  # until the event is complete
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+import threading
+from queue import SimpleQueue
+from typing import Any, Final
+
+__all__ = ["Waiter"]
+
+_GRACE: Final = 1.0
+"""Seconds that the end of an interrupted process waits for the device: most dispatches take less."""
+
+
+class _Job:
+    """A wait for an event; `kept` is what the device uses until then."""
+
+    __slots__ = ("done", "error", "event", "kept")
+
+    def __init__(self, event: Any, kept: Any = None) -> None:
+        self.event = event
+        self.kept = kept
+        self.error: Exception | None = None
+        self.done = threading.Lock()
+        self.done.acquire()
+
+
+class Waiter:
+    """The waits of one device, whose runs hold `lock`.
+
+    At the end of the process no thread may be inside the driver: it would end the process by SIGABRT. Threads that the
+    process does not wait for (daemons) stop after their dispatch, and the end waits for that.
+    """
+
+    def __init__(self, lock: Any) -> None:
+        self._lock = lock
+        self._jobs: SimpleQueue[_Job] = SimpleQueue()
+        self._ending = False
+        self._parked = threading.Event()
+        self._interrupted = False
+        threading.Thread(target=self._serve, name="shpy-opencl", daemon=True).start()
+        atexit.register(self._end)
+
+    def wait(self, event: Any) -> None:
+        """Wait until the event is complete; raises the driver's error, or KeyboardInterrupt."""
+        job = _Job(event)
+        self._jobs.put(job)
+        job.done.acquire()
+        if self._ending and threading.current_thread().daemon:
+            self._parked.set()
+            threading.Event().wait()  # for ever: nobody waits for this thread, and the process ends
+        if job.error is not None:
+            raise job.error
+
+    def keep(self, event: Any, things: Any) -> None:
+        """Keep things until the event is complete, after a run that was interrupted."""
+        self._interrupted = True
+        self._jobs.put(_Job(event, things))
+
+    def _serve(self) -> None:
+        while True:
+            job = self._jobs.get()
+            try:
+                if job.event is not None:
+                    job.event.wait()
+            except Exception as error:
+                job.error = error
+            job.done.release()
+            del job  # and what it kept
+
+    def _end(self) -> None:
+        """Leave no thread inside the driver; an interrupted process ends by SIGINT where its device goes on."""
+        self._ending = True
+        last = _Job(None)
+        try:
+            while not self._parked.is_set() and not self._lock.acquire(timeout=0.01):
+                pass
+            self._jobs.put(last)
+            ended = last.done.acquire(timeout=_GRACE if self._interrupted else -1)
+        except KeyboardInterrupt:
+            ended = False
+        if not ended:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.kill(os.getpid(), signal.SIGINT)
