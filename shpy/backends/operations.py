@@ -138,24 +138,27 @@ class Operations:
         if let.value.type.is_bool and let.value.type.size == 1:
             return replace(ex.infix(*_LOGIC[let.op], *self.args(let)), update=None)
         left, right = self.args(let)
-        left, right = self.without_splats(left, right, right_only=let.op in ("shl", "shr"))
+        left, right = self.without_splats(left, right, self.types[let.args[0]], right_only=let.op in ("shl", "shr"))
         return ex.infix(*INFIX[let.op], left, right)
 
-    @staticmethod
-    def without_splats(left: Expr, right: Expr, *, right_only: bool = False) -> tuple[Expr, Expr]:
-        """The operands, one of them as a scalar where it was repeated; shifts allow that on the right only."""
+    def repeated(self, scalar: Expr, type: Type) -> Expr:
+        """A scalar where it stands beside a vector of `type`."""
+        return scalar
+
+    def without_splats(self, left: Expr, right: Expr, type: Type, *, right_only: bool = False) -> tuple[Expr, Expr]:
+        """The operands of `type`, one of them a scalar where it was repeated; shifts allow that on the right only."""
         if right.scalar is not None:
-            return left, right.scalar
+            return left, self.repeated(right.scalar, type)
         if left.scalar is not None and not right_only:
-            return left.scalar, right
+            return self.repeated(left.scalar, type), right
         return left, right
 
     def comparison(self, let: Let) -> Expr:
         """`a < b`, of scalars or, where the target can, of vectors."""
         left, right = self.args(let)
-        if self.scalar_comparisons:
-            left, right = self.without_splats(left, right)
         type = self.types[let.args[0]]
+        if self.scalar_comparisons:
+            left, right = self.without_splats(left, right, type)
         made = ex.comparison(COMPARISONS[let.op], left, right, ordered=not type.is_float)
         return made if type.size == 1 else replace(made, inverse=None)
 

@@ -108,7 +108,7 @@ class Array:
             return int(FrameEmitter(frame).const(vec(Base.I), (k % self._length,)))
         if operand.size != 1 or not operand.type.is_int:
             raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
-        return int(operand._read(FrameEmitter(frame)))
+        return int(arithmetic.index(FrameEmitter(frame), operand))
 
     def __getitem__(self, i: Any) -> Any:
         index = self._index(i)

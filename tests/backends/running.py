@@ -2,6 +2,7 @@
 
 from shpy.testing.conformance.running import (
     BACKENDS,
+    LANES,
     PACKETS,
     TARGETS,
     TILES,
@@ -15,6 +16,7 @@ from shpy.testing.conformance.running import (
 
 __all__ = [
     "BACKENDS",
+    "LANES",
     "PACKETS",
     "TARGETS",
     "TILES",

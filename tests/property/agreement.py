@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from backends.running import DenormalWatch, differs, flushes_denormals, kernel
@@ -15,12 +15,15 @@ from backends.running import DenormalWatch, differs, flushes_denormals, kernel
 import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
+from shpy.kernel import Kernel
 from shpy.testing.arrays import flat_leaves
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
-from shpy.testing.generated.source import TABLES, record, source
+from shpy.testing.generated.source import PARAMS, TABLES, record, source
 from shpy.testing.generated.syntax import Tree
 
+Precision = Literal["f16", "f32", "f64"]
 LIMIT = 1_048_576
+WORKING = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 
 
 @dataclass
@@ -60,7 +63,8 @@ class Expected:
     def denormal(self, k: int) -> bool:
         """Whether a denormal arises on the way of this element: a device that flushes them may go another."""
         tables = {n: TABLES[n].data(np.float32) for n in self.recorded.tables}
-        return self.watch.arises([a[k] for a in self.inputs], {}, tables)
+        params = {n: PARAMS[n].value for n in self.recorded.params}
+        return self.watch.arises([a[k] for a in self.inputs], params, tables)
 
     def compare(self, outputs: list[Array], ends: Array, who: str) -> None:
         """Every element's end and every bit of its outputs, but for NaNs."""
@@ -76,28 +80,56 @@ class Expected:
             raise AssertionError(
                 f"{who}, for {given}: ended {ends[k]}, not {how[k]} (0 discarded, 1 written, 2 stopped), with\n"
                 f"  {[o[k].tolist() for o in outputs]} instead of\n  {[o[k].tolist() for o in expected]}\n"
-                f"{source(self.program)}\n{self.text(who)}"
+                f"{source(self.program)}\n{self.compiled(who).source}"
             )
 
-    def text(self, who: str) -> str:
-        return kernel(self.recorded, who, loop_limit=self.options.loop_limit).source
+    def compiled(self, who: str) -> Kernel:
+        return kernel(self.recorded, who, precision=self.options.precision, loop_limit=self.options.loop_limit)
 
 
-def check(program: Tree, inputs: list[Array], backends: tuple[str, ...]) -> None:
-    """The text of the IR read back, and what each backend gives."""
-    expected = Expected(program, inputs)
-    module = expected.recorded.ir
-    assert sh.parse(str(module)) == module
-    for backend in backends:
-        expected.compare(*ran(expected, backend), backend)
+class Narrowed(Expected):
+    """What a program must compute at another precision: what the interpreter of its IR does."""
+
+    def __init__(self, program: Tree, inputs: list[Array], precision: Precision) -> None:
+        with np.errstate(over="ignore"):
+            working = [a.astype(WORKING[precision]) if a.dtype.kind == "f" else a for a in inputs]
+        super().__init__(program, working)
+        self.precision = precision
+
+    @property
+    def options(self) -> Options:
+        return Options(precision=self.precision, loop_limit=self.program.loop_limit or LIMIT)
+
+    @cached_property
+    def answers(self) -> tuple[list[Array], Array]:
+        stopped: Any = None
+        try:
+            result = self.compiled("interpreter").run(*self.inputs)
+        except sh.LoopLimitExceeded as error:
+            result, stopped = error.result, error.count
+        ends = np.where(result.written, WRITTEN, STOPPED if stopped else DISCARDED)
+        return flat_leaves(result.outputs), ends
+
+
+def check(program: Tree, inputs: list[Array], backends: tuple[str, ...], precision: Precision = "f32") -> None:
+    """The text of the IR read back, and what each backend gives. Errors come with the program's text."""
+    expected = Expected(program, inputs) if precision == "f32" else Narrowed(program, inputs, precision)
+    try:
+        module = expected.recorded.ir
+        assert sh.parse(str(module)) == module
+        for backend in backends:
+            expected.compare(*ran(expected, backend), backend)
+    except AssertionError:
+        raise
+    except Exception as error:
+        raise AssertionError(f"{type(error).__name__}: {error}\n{source(program)}") from error
 
 
 def ran(expected: Expected, backend: str) -> tuple[list[Array], Array]:
     """Outputs and ends on a backend."""
-    compiled = kernel(expected.recorded, backend, loop_limit=expected.options.loop_limit)
     stopped: Any = 0
     try:
-        result = compiled.run(*expected.inputs)
+        result = expected.compiled(backend).run(*expected.inputs)
     except sh.LoopLimitExceeded as error:
         result, stopped = error.result, error.count
     outputs = flat_leaves(result.outputs)

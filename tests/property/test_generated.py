@@ -1,15 +1,16 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-500 in every run. 5,000 others, which take an hour on two cores: `pytest -m slow -n 2` and the name of this file.
-A failure prints the program as text that a person can run, the element and both answers.
+500 in every run, each on one width of OpenCL: shard after shard the next width. 5,000 others run on every width:
+`pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or f16, where the interpreter is the
+reference. A failure prints the program as text that a person can run, the element and both answers.
 """
 
 from __future__ import annotations
 
 import pytest
-from backends.running import BACKENDS
+from backends.running import LANES
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
-from property.agreement import check
+from property.agreement import Precision, check
 
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.inputs import elements
@@ -29,38 +30,65 @@ quietly = settings(
 )
 
 
-def agree(shard: int, *, endless: bool) -> None:
-    """SHARD programs of their own for each number."""
+def agree(shard: int, backends: tuple[str, ...], *, endless: bool = False, precision: Precision = "f32") -> None:
+    """SHARD programs of their own for each number; in every third shard a driver's compiler can derive numbers."""
+    derives = shard % 3 == 2
+    chosen = tuple(b for b in backends if not (derives and b == "glsl"))
 
     @seed(shard)
     @quietly
-    @given(trees(endless=endless))
+    @given(trees(endless=endless, derives=derives))
     def run(program: Tree) -> None:
-        check(program, INPUTS, BACKENDS)
+        check(program, INPUTS, chosen, precision)
 
     run()
 
 
+def rotated(shard: int) -> tuple[str, ...]:
+    """Every backend, OpenCL at one of its widths."""
+    return ("interpreter", "prepared", "numpy", tuple(LANES)[shard % len(LANES)], "glsl")
+
+
 @pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int) -> None:
-    agree(shard, endless=False)
+    agree(shard, rotated(shard))
 
 
-@pytest.mark.parametrize("shard", range(8))
+@pytest.mark.parametrize("shard", range(6))
 def test_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
-    agree(shard, endless=True)
+    agree(shard, rotated(shard), endless=True)
+
+
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+def test_programs_agree_at_other_precisions(precision: Precision) -> None:
+    agree(0, narrowed(precision, ("opencl-8",)), precision=precision)
+
+
+def narrowed(precision: Precision, opencl: tuple[str, ...]) -> tuple[str, ...]:
+    """The backends that have a precision: GLSL has no f64."""
+    return ("prepared", "numpy", *opencl, *["glsl"] * (precision == "f16"))
+
+
+EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shard", range(1000, 1140))
+@pytest.mark.parametrize("shard", range(1000, 1120))
 def test_many_programs_agree(shard: int) -> None:
-    agree(shard, endless=False)
+    agree(shard, EVERYWHERE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shard", range(1000, 1060))
 def test_many_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
-    agree(shard, endless=True)
+    agree(shard, EVERYWHERE, endless=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+@pytest.mark.parametrize("shard", range(1000, 1010))
+def test_many_programs_agree_at_other_precisions(shard: int, precision: Precision) -> None:
+    agree(shard, narrowed(precision, tuple(LANES)), precision=precision)
 
 
 def forms(block: Block, inside: tuple[str, ...] = ()) -> set[tuple[str, ...]]:
@@ -119,6 +147,12 @@ def test_the_strategy_makes_what_matters() -> None:
         "SH_ELIF",
         "SH_ELSE",
         "SH_FOR(",
+        "Pair(",
+        " @ ",
+        "many[",
+        "pairs[",
+        "[h] =",
+        "pf",
     ):
         assert wanted in everything
     assert ends == {DISCARDED, WRITTEN, STOPPED}

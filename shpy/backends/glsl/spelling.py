@@ -182,7 +182,7 @@ class Spelling(CLike):
         if let.op not in ("shl", "shr"):
             return super().infix(let)
         left, right = self.args(let)
-        left, right = self.without_splats(left, right, right_only=True)
+        left, right = self.without_splats(left, right, let.value.type, right_only=True)
         if not self.known.within(let.args[1], 0, 31):
             mask = "31u" if self.types[let.args[1]].base is Base.U else "31"
             right = ex.infix("&", Level.BIT_AND, right, Expr(mask))

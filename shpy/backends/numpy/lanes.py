@@ -212,9 +212,9 @@ def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
 
 
 def compact(live: Array, *values: Array) -> list[Array]:
-    """The live lanes of each value."""
+    """The live lanes of each value; a variable may hold a value that is the same for all lanes, which stays."""
     index = live.nonzero()[0]
-    return [v.take(index, axis=-1) for v in values]
+    return [v.take(index, axis=-1) if lane_count(v) == live.size else v for v in values]
 
 
 @lru_cache(maxsize=16)
@@ -253,6 +253,7 @@ def put(a: Array, i: Array, value: Array, components: tuple[int, ...] | None = N
     if a.ndim == 2:
         a[element, lane] = value
         return
+    stored = range(a.shape[1]) if components is None else components
     rows = value if value.ndim == 2 else value[None]
-    for row, k in zip(rows, range(a.shape[1]) if components is None else components, strict=True):
+    for row, k in zip(np.broadcast_to(rows, (len(stored), *rows.shape[1:])), stored, strict=True):
         a[element, k, lane] = row

@@ -45,6 +45,21 @@ class PacketSpelling(Spelling):
         made = ex.call("", *parts)
         return replace(made, text=f"({self.type_name(type)}){{{made.text[1:-1]}}}", level=Level.POSTFIX)
 
+    def op_construct(self, let: Let) -> Expr:
+        """A struct has a packet for each component: vectors among the parts are picked apart."""
+        type = let.value.type
+        if not isinstance(type, Rows):
+            return super().op_construct(let)
+        lanes = lanes_of(type.base, type.lanes)
+        parts: list[Expr] = []
+        for a in let.args:
+            if isinstance(self.types[a], Rows):
+                whole = self.simple(a)
+                parts += [self.picked(whole, (k,), lanes) for k in range(self.types[a].size)]
+            else:
+                parts.append(self.signed(self.take(a)))
+        return self.construct(type, parts, [])
+
     def op_splat(self, let: Let) -> Expr:
         """What is the same for all lanes, for each of them; or one number, for each component."""
         type, source = let.value.type, self.types[let.args[0]]

@@ -67,6 +67,11 @@ int {name}(int a, int b) {
 uint {name}(uint a, uint b) {
     return b == 0u ? 0u : a % b;
 }""",
+    ("abs", Base.I): """\
+// a without its sign; INT_MIN for INT_MIN.
+int {name}(int a) {
+    return a < 0 ? (int)(0u - (uint)a) : a;
+}""",
     ("minus_zero", Base.F): """\
 // -0.0, out of the compiler's sight: LLVM takes it for 0.0 where a comparison chooses.
 float {name}(void) {

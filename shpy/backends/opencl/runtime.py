@@ -12,6 +12,7 @@ bools) are converted on the host.
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -25,7 +26,7 @@ from shpy.backends.opencl.printer import Kernel, print_kernel
 from shpy.backends.opencl.spelling import FAST
 from shpy.backends.pace import Pace
 from shpy.backends.probe import refuse_wrong
-from shpy.errors import CompileError, ShpyTypeError
+from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.ops import TRANSCENDENTALS
@@ -53,7 +54,8 @@ class OpenCLBackend:
     def compile(self, module: Module, options: Options) -> OpenCLExecutable:
         """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
 
-        `lanes="auto"` is the width of a CPU's vectors, and 1 on a GPU or for a program that no packet can run.
+        `lanes="auto"` is the width of a CPU's vectors, and 1 on a GPU or for a program that no packet can run, which
+        is a ShpyWarning with the cause.
         """
         machine = machine_of(options.device)
         lanes = machine.lanes if options.lanes == "auto" else options.lanes
@@ -65,7 +67,9 @@ class OpenCLBackend:
             if options.lanes != "auto" or lanes == 1:
                 raise
             single = _built(machine, module, options, 1)
-            return replace(single, remarks=(f"one element at a time, not {lanes}: {e.message}",))
+            remark = f"one element at a time, not {lanes}: {e.message}"
+            warnings.warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}", ShpyWarning, stacklevel=4)
+            return replace(single, remarks=(remark,))
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:

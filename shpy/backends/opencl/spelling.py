@@ -190,15 +190,12 @@ class Spelling(CLike):
         return ex.call(f"as_int{type.size}", ex.prefix("-", ex.call(f"as_uint{type.size}", e)))
 
     def op_abs(self, let: Let) -> Expr:
-        """`fabs(a)`; `abs(a)` of an int is a uint."""
+        """`fabs(a)`; of an int `sh_abs_i(a)`: OpenCL's is a uint, which compilers take for a positive int."""
         (e,) = self.args(let)
         type = let.value.type
-        if type.is_float:
-            return ex.call("fabs", e)
         if type.base is Base.U:
             return e
-        made = ex.call("abs", e)
-        return replace(made, unsigned=True) if type.size == 1 else ex.call(f"as_int{type.size}", made)
+        return ex.call("fabs" if type.is_float else self.prologue.use("abs", type), e)
 
     def op_sign(self, let: Let) -> Expr:
         """OpenCL's `sign` gives 0 for a NaN, but -0 for -0."""
@@ -213,6 +210,10 @@ class Spelling(CLike):
     def _ones(self, type: Type) -> Expr:
         one = Expr("1u")
         return one if type.size == 1 else self.construct(type, [one], [type.scalar])
+
+    def repeated(self, scalar: Expr, type: Type) -> Expr:
+        """A bool is -1 or 0 beside a vector of bools."""
+        return self.component(scalar, type)
 
     def comparison(self, let: Let) -> Expr:
         """Vectors of doubles compare to longs."""

@@ -13,8 +13,9 @@ import numpy as np
 from shpy.ir import meaning
 from shpy.ir.constants import DTYPES
 from shpy.testing.conformance.exact import exact
-from shpy.testing.generated.source import TABLES
+from shpy.testing.generated.source import PARAMS, TABLES
 from shpy.testing.generated.syntax import (
+    FIELDS,
     Apply,
     Assign,
     Block,
@@ -24,21 +25,30 @@ from shpy.testing.generated.syntax import (
     Construct,
     Convert,
     Declare,
+    DeclareMatrix,
+    DeclareStruct,
     Do,
     Exit,
     Expr,
     For,
     Function,
     If,
+    LaneIndex,
     Lanes,
+    Multiply,
     Name,
+    Plain,
+    Product,
     Read,
     Splat,
     Stmt,
+    StoreAt,
     Swizzle,
     Tree,
+    Variable,
     While,
     Write,
+    WriteStruct,
 )
 
 DISCARDED, WRITTEN, STOPPED = 0, 1, 2
@@ -62,15 +72,25 @@ class Evaluator:
     def run(self, inputs: list[Any]) -> tuple[list[Any], int]:
         """The outputs, and DISCARDED, WRITTEN or STOPPED."""
         scope: dict[str, Any] = dict(zip((i.name for i in self.program.inputs), inputs, strict=True))
+        scope |= {name: np.asarray(param.value)[()] for name, param in PARAMS.items()}
         for array in self.program.arrays:
-            tail = (array.type.size,) if array.type.size > 1 else ()
-            scope[array.name] = np.zeros((array.length or 0, *tail), DTYPES[array.type.base])
+            if array.struct:
+                for field, type in FIELDS.items():
+                    scope[f"{array.name}.{field}"] = self.zeros(Variable("", type, array.length))
+            else:
+                scope[array.name] = self.zeros(array)
         with np.errstate(all="ignore"):
             try:
                 self.body(self.program.body, scope)
             except Leave as leave:
                 return [], STOPPED if leave.kind == "stopped" else DISCARDED
             return [self.value(e, scope) for e in self.program.results], WRITTEN
+
+    @staticmethod
+    def zeros(array: Variable) -> Any:
+        """What an array holds at first."""
+        tail = (array.type.size,) if array.type.size > 1 else ()
+        return np.zeros((array.length or 0, *tail), DTYPES[array.type.base])
 
     def body(self, block: Block, scope: dict[str, Any]) -> None:
         """A function's body: a return ends it."""
@@ -87,15 +107,10 @@ class Evaluator:
 
     def statement(self, s: Stmt, scope: dict[str, Any]) -> None:
         """Execute one statement."""
+        if isinstance(s, Plain):
+            self.plain(s, scope)
+            return
         match s:
-            case Declare(name, value):
-                scope[name] = self.value(value, scope)
-            case Assign():
-                self.assign(s, scope)
-            case Write(name, index, value):
-                at, new = int(self.value(index, scope)), self.value(value, scope)
-                if 0 <= at < len(scope[name]):
-                    scope[name][at] = new
             case Call():
                 self.call(s, scope)
             case Lanes(_, condition, name, value):
@@ -112,6 +127,65 @@ class Evaluator:
                     raise Leave(kind)
             case While() | Do() | For():
                 self.loop(s, scope)
+
+    def plain(self, s: Plain, scope: dict[str, Any]) -> None:
+        """Execute a statement that is neither control flow nor a call."""
+        match s:
+            case Declare(name, value):
+                scope[name] = self.value(value, scope)
+            case DeclareMatrix(name, rows):
+                scope |= {f"{name}[{r}]": self.value(row, scope) for r, row in enumerate(rows)}
+            case DeclareStruct(name, values):
+                scope |= {f"{name}.{f}": self.value(v, scope) for f, v in zip(FIELDS, values, strict=True)}
+            case Assign():
+                self.assign(s, scope)
+            case StoreAt(name, index, value):
+                scope[name] = scope[name].copy()
+                self.put(scope[name], self.value(index, scope), self.value(value, scope))
+            case Write(name, index, value, op):
+                at, new = self.value(index, scope), self.value(value, scope)
+                if op is not None:
+                    new = self.apply(op, [self.at(scope[name], (at,)), new])
+                self.put(scope[name], at, new)
+            case WriteStruct(name, index, values):
+                at, given = self.value(index, scope), [self.value(v, scope) for v in values]
+                for field, new in zip(FIELDS, given, strict=True):
+                    self.put(scope[f"{name}.{field}"], at, new)
+            case Multiply(name, other):
+                right = self.matrix(other, scope)
+                products = [self.combine(row, right) for row in self.matrix(name, scope)]
+                scope |= {f"{name}[{r}]": row for r, row in enumerate(products)}
+
+    @staticmethod
+    def put(array: Any, index: Any, value: Any) -> None:
+        """Store into an element of an array, or a component of a vector, that is there."""
+        if 0 <= int(index) < len(array):
+            array[int(index)] = value
+
+    @staticmethod
+    def at(array: Any, index: tuple[Any, ...]) -> Any:
+        """Return a copy of the nearest element that is there."""
+        return array[tuple(np.clip(int(i), 0, n - 1) for i, n in zip(index, array.shape, strict=False))].copy()
+
+    @staticmethod
+    def matrix(name: str, scope: dict[str, Any]) -> list[Any]:
+        """Return the rows of a matrix."""
+        rows: list[Any] = []
+        while f"{name}[{len(rows)}]" in scope:
+            rows.append(scope[f"{name}[{len(rows)}]"])
+        return rows
+
+    def combine(self, vector: Any, rows: list[Any]) -> Any:
+        """The row vector times the matrix, summed from the first row on."""
+        total = vector[0] * rows[0]
+        for number, row in zip(vector[1:], rows[1:], strict=True):
+            total = total + number * row
+        return total
+
+    def product(self, e: Product, scope: dict[str, Any]) -> Any:
+        """Multiply a matrix and a vector, in the order that the language names."""
+        vector, rows = self.value(e.vector, scope), self.matrix(e.matrix, scope)
+        return self.combine(vector, rows) if e.left else np.array([self.apply("dot", [r, vector]) for r in rows])
 
     def assign(self, s: Assign, scope: dict[str, Any]) -> None:
         """Store into a variable, or into some of its components."""
@@ -179,18 +253,21 @@ class Evaluator:
             case Convert(type, inner):
                 return meaning.convert(self.value(inner, scope), DTYPES[type.base])
             case Construct(_, parts):
-                return np.concatenate([np.atleast_1d(self.value(p, scope)) for p in parts])
+                made = np.concatenate([np.atleast_1d(self.value(p, scope)) for p in parts])
+                return np.full(e.type.size, made[0]) if len(made) == 1 else made
             case Swizzle(_, inner, picked):
-                return self.value(inner, scope)[list(picked) if len(picked) > 1 else picked[0]]
+                return np.atleast_1d(self.value(inner, scope))[list(picked) if len(picked) > 1 else picked[0]]
             case Component(_, inner, index):
-                vector = self.value(inner, scope)
-                return vector[np.clip(int(self.value(index, scope)), 0, len(vector) - 1)]
-            case Read(_, name, index):
-                data = scope[name] if name in scope else TABLES[name].data(np.float32).array
-                at = tuple(
-                    np.clip(int(self.value(i, scope)), 0, n - 1) for i, n in zip(index, data.shape, strict=False)
-                )
-                return data[at].copy()
+                return self.at(self.value(inner, scope), (self.value(index, scope),))
+            case Read(_, name, index, field):
+                key = f"{name}.{field}" if field else name
+                data = scope[key] if key in scope else TABLES[name].data(np.float32).array
+                return self.at(data, tuple(self.value(i, scope) for i in index))
+            case LaneIndex(_, _, condition):
+                self.value(condition, scope)
+                return np.int32(7)
+            case Product():
+                return self.product(e, scope)
 
     @staticmethod
     def apply(op: str, args: list[Any]) -> Any:

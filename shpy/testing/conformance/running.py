@@ -35,6 +35,8 @@ PACKETS = {"opencl-4": 4, "opencl-16": 16}
 TILES = {"numpy-5": 5}
 """Other widths, with lanes that are left over: as many elements together in OpenCL and in a tile of numpy."""
 WIDTHS = (*TILES, *PACKETS)
+LANES = {"opencl-1": 1, "opencl-4": 4, "opencl-8": 8, "opencl-16": 16}
+"""Every width of OpenCL by itself: one element a work item is what a GPU runs."""
 TINY = {np.dtype(t): np.finfo(t).tiny for t in (np.float16, np.float32, np.float64)}
 
 
@@ -71,16 +73,16 @@ OWN: dict[str, Any] = {
 
 
 def kernel(program: sh.Program, backend: str, **options: Any) -> Kernel:
-    """The program, compiled for one of BACKENDS or WIDTHS."""
+    """The program, compiled for one of BACKENDS, WIDTHS or LANES."""
     if backend in OWN:
         return Kernel(program._recorded, OWN[backend], Options(**options))
-    if backend in PACKETS:
-        return program.compile("opencl", lanes=PACKETS[backend], **options)
+    if backend in LANES:
+        return program.compile("opencl", lanes=LANES[backend], **options)
     return program.compile(backend, **options)
 
 
 def run(program: sh.Program, backend: str, *arrays: Any, out: Any = None, shape: Any = None, **options: Any) -> Result:
-    """Run it on arrays on one of BACKENDS or WIDTHS; `options` are those of `Program.compile`."""
+    """Run it on arrays on one of BACKENDS, WIDTHS or LANES; `options` are those of `Program.compile`."""
     return kernel(program, backend, **options).run(*arrays, out=out, shape=shape)
 
 

@@ -1,6 +1,7 @@
 """Draws expressions of a wanted type from what is in sight.
 
 Stage: test. Only operations with one exact answer, so that every target must give the same bits: those of strict mode.
+A number that only the driver's compiler can derive (`i - i`) is drawn where `derives` allows it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ from shpy.ir.types import Base, Type, vec
 from shpy.testing.generated.inputs import NUMBERS
 from shpy.testing.generated.syntax import (
     F2,
-    F3,
-    I2,
+    FIELDS,
     Apply,
     B,
     Component,
@@ -28,7 +28,9 @@ from shpy.testing.generated.syntax import (
     F,
     Function,
     I,
+    LaneIndex,
     Name,
+    Product,
     Read,
     Splat,
     Swizzle,
@@ -36,17 +38,28 @@ from shpy.testing.generated.syntax import (
     Variable,
 )
 
-__all__ = ["TYPES", "Expressions"]
+__all__ = ["CORE", "OTHERS", "Expressions"]
 
-TYPES = (F, I, F3, U, B, F2, I2)
-FLOAT_UNARY = ("neg", "abs", "floor", "sqrt", "sign", "ceil", "round", "trunc", "fract")
+CORE = (F, I, vec("f", 3), B)
+"""Every program has a variable of each of these types."""
+
+OTHERS = tuple(vec(base, size) for size in (2, 4, 3, 1) for base in "fibu" if vec(base, size) not in CORE)
+"""And of some of these."""
+
+FLOAT_UNARY = ("neg", "abs", "floor", "sqrt", "sign", "ceil", "round", "trunc", "fract", "rsqrt")
 FLOAT_BINARY = ("add", "sub", "mul", "div", "min", "max", "floormod", "step", "floordiv")
 FLOAT_TERNARY = ("clamp", "mix", "mad", "smoothstep", "fma")
 INT_UNARY = ("neg", "not", "abs", "popcount", "sign")
 INT_BINARY = ("add", "sub", "mul", "and", "or", "xor", "floordiv", "floormod", "min", "max", "shl", "shr")
-VECTOR = ("dot", "distance")
+LOGIC = ("and", "or", "xor", "eq", "ne")
+TO_SCALAR = ("dot", "distance", "length")
+TO_VECTOR = ("normalize", "reflect", "faceforward")
 FUNCTIONS = tuple(sorted(TRANSCENDENTALS))
 COMPARE = ("lt", "eq", "ge", "ne", "gt", "le")
+EDGES = {Base.F: (1e-40, -1e-45, 1.2e-38, 3e38), Base.I: (), Base.U: (), Base.B: ()}
+"""Constants beside NUMBERS: denormals and their neighbours."""
+PARTS = {1: ((1,),), 2: ((1, 1),), 3: ((1, 1, 1), (1, 2), (2, 1)), 4: ((1, 1, 1, 1), (2, 2), (1, 3), (3, 1), (1, 1, 2))}
+"""The sizes of what a vector can be made of."""
 
 
 @dataclass
@@ -58,11 +71,15 @@ class Expressions:
     stored: list[str] = field(default_factory=list)
     arrays: list[Variable] = field(default_factory=list)
     functions: list[Function] = field(default_factory=list)
+    matrices: dict[str, int] = field(default_factory=dict)
+    indices: tuple[str, ...] = ()
     count: int = 0
     depth: int = 0
+    deepest: int = 4
     loops: list[bool] = field(default_factory=list)
     budget: int = 30
     endless: bool = False
+    derives: bool = False
 
     def pick(self, options: Any) -> Any:
         """One of these."""
@@ -81,7 +98,10 @@ class Expressions:
 
     def const(self, type: Type) -> Const:
         """A constant of a type."""
-        return Const(type, tuple(self.pick(NUMBERS[type.base]) for _ in range(type.size)))
+        numbers = NUMBERS[type.base] + (EDGES[type.base] if self.chance(20) else ())
+        if self.chance(30):
+            return Const(type, (self.pick(numbers),) * type.size)
+        return Const(type, tuple(self.pick(numbers) for _ in range(type.size)))
 
     def leaf(self, type: Type) -> Expr:
         """A name in sight, or a constant."""
@@ -94,125 +114,182 @@ class Expressions:
         """An expression of a type, at most `depth` operations deep."""
         if depth == 0 or self.chance(35):
             return self.leaf(type)
-        if type.is_float:
-            return self.pick((self.arithmetic, self.arithmetic, self.moved))(type, depth - 1)  # type: ignore[no-any-return]
-        if type.is_int:
-            return self.pick((self.whole, self.whole, self.moved))(type, depth - 1)  # type: ignore[no-any-return]
-        return self.truth(type, depth - 1)
+        kinds = {Base.F: self.arithmetic, Base.B: self.truth}
+        kind = kinds.get(type.base, self.whole)
+        return self.pick((kind, kind, self.moved))(type, depth - 1)  # type: ignore[no-any-return]
 
-    def operand(self, type: Type, depth: int, beside_vector: bool) -> Expr:
-        """An operand; beside a vector it may be a scalar."""
-        if beside_vector and type.size > 1 and self.chance(30):
-            return Splat(type, self.expr(type.scalar, depth))
-        return self.expr(type, depth)
+    def row(self, type: Type, op: str, of: tuple[Type, ...], depth: int) -> Apply:
+        """An op on operands of these types; beside one vector the others may be scalars, on either side."""
+        whole = self.draw(st.integers(0, len(of) - 1))
+        args = [
+            Splat(t, self.expr(t.scalar, depth))
+            if t.size > 1 and k != whole and self.chance(30)
+            else self.expr(t, depth)
+            for k, t in enumerate(of)
+        ]
+        return Apply(type, op, tuple(args))
 
-    def row(self, type: Type, op: str, count: int, depth: int) -> Apply:
+    def same(self, type: Type, op: str, count: int, depth: int) -> Apply:
         """An op whose operands are all of the result's type."""
-        spread = count == 2 and op != "step"
-        return Apply(type, op, tuple(self.operand(type, depth, spread and n > 0) for n in range(count)))
+        return self.row(type, op, (type,) * count, depth)
 
     def arithmetic(self, type: Type, depth: int) -> Expr:
         """An expression of floats."""
         if self.chance(4):
             op = self.pick(FUNCTIONS)
-            return self.row(type, op, OPS[op].signature.count("T") - 1, depth)
-        kind = self.draw(st.integers(0, 9))
+            return self.same(type, op, OPS[op].signature.count("T") - 1, depth)
+        if self.derives and self.chance(25):
+            return self.derived(type, depth)
+        kind = self.draw(st.integers(0, 10))
         if kind < 5:
-            return self.row(type, self.pick(FLOAT_BINARY), 2, depth)
+            return self.same(type, self.pick(FLOAT_BINARY), 2, depth)
         if kind < 7:
-            return self.row(type, self.pick(FLOAT_UNARY), 1, depth)
+            return self.same(type, self.pick(FLOAT_UNARY), 1, depth)
         if kind == 7:
-            return self.row(type, self.pick(FLOAT_TERNARY), 3, depth)
-        if kind == 8 and type.size == 1:
-            vector = self.pick((F3, F2))
-            return Apply(type, self.pick(VECTOR), (self.expr(vector, depth), self.expr(vector, depth)))
+            return self.same(type, self.pick(FLOAT_TERNARY), 3, depth)
+        if kind == 8:
+            return self.geometry(type, depth)
+        if kind == 9 and self.there_matrix(type):
+            return Product(type, self.there_matrix(type), self.expr(type, depth), self.chance(50))
         return self.choice(type, depth)
 
+    def geometry(self, type: Type, depth: int) -> Expr:
+        """What takes whole vectors."""
+        if type.size > 1:
+            op = self.pick(TO_VECTOR)
+            count = OPS[op].signature.count("T") - 1
+            return Apply(type, op, tuple(self.expr(type, depth) for _ in range(count)))
+        vector = vec("f", self.draw(st.integers(2, 4)))
+        op = self.pick(TO_SCALAR)
+        return Apply(type, op, tuple(self.expr(vector, depth) for _ in range(1 if op == "length" else 2)))
+
+    def derived(self, type: Type, depth: int) -> Expr:
+        """An operation with a number that the compiler of a driver can come to know, and this package does not."""
+        ints = [n for n, t in self.names.items() if t is I]
+        i = Name(I, self.pick(self.indices or ints))
+        number = self.pick(
+            (
+                Convert(F, i),
+                Convert(F, Apply(I, "sub", (i, i))),
+                Apply(F, "sub", (Const(F, (1.0,)), Convert(F, i))),
+                Apply(F, "cond", (Apply(B, "lt", (i, Const(I, (1,)))), Const(F, (0.0,)), Const(F, (2.0,)))),
+            )
+        )
+        known: Expr = number if type.size == 1 else Splat(type, number)
+        other = self.expr(type, depth)
+        op = self.pick(("mul", "add", "sub", "div", "mix"))
+        if op == "mix":
+            return Apply(type, op, (other, self.expr(type, depth), known))
+        return Apply(type, op, (known, other) if type.size == 1 and self.chance(50) else (other, known))
+
     def choice(self, type: Type, depth: int) -> Expr:
-        """A `cond`."""
-        mask = self.expr(B, depth)
-        condition = mask if type.size == 1 else Splat(vec("b", type.size), mask)
-        return Apply(type, "cond", (condition, self.expr(type, depth), self.expr(type, depth)))
+        """A `cond`, by one bool or by one for each component."""
+        return self.row(type, "cond", (type.based(Base.B), type, type), depth)
 
     def whole(self, type: Type, depth: int) -> Expr:
         """An expression of ints."""
         kind = self.draw(st.integers(0, 9))
         if kind < 6:
-            return self.row(type, self.pick(INT_BINARY), 2, depth)
+            op = self.pick(INT_BINARY)
+            shifts = op in ("shl", "shr")
+            of = (type, type.based(self.pick((Base.I, Base.U))) if shifts else type)
+            return (
+                Apply(type, op, (self.expr(type, depth), self.expr(of[1], depth)))
+                if shifts
+                else self.row(type, op, of, depth)
+            )
         if kind < 8:
-            return self.row(type, self.pick(INT_UNARY), 1, depth)
+            return self.same(type, self.pick(INT_UNARY), 1, depth)
         return self.choice(type, depth)
 
     def moved(self, type: Type, depth: int) -> Expr:
         """Conversions, parts of vectors, vectors of parts, and what is read from arrays and tables."""
-        ways: list[Callable[[Type, int], Expr]] = [
-            self.converted,
-            self.part if type.size == 1 else self.made,
-            self.read,
-        ]
+        ways = (self.converted, self.part if type.size == 1 else self.made, self.made, self.read)
         return self.pick(ways)(type, depth)  # type: ignore[no-any-return]
 
     def converted(self, type: Type, depth: int) -> Expr:
         """A conversion from another base."""
-        others = {"f": "iub", "i": "fub", "u": "fi"}[type.base.value]
+        if type.base is Base.U and self.chance(30):
+            return Apply(type, "bits_from_float", (self.expr(type.based(Base.F), depth),))
+        others = {"f": "iub", "i": "fub", "u": "fib", "b": "ifu"}[type.base.value]
         return Convert(type, self.expr(type.based(Base(self.pick(others))), depth))
 
     def part(self, type: Type, depth: int) -> Expr:
-        """A component of a vector, or the bits of a float."""
-        if type is U:
-            return Apply(U, "bits_from_float", (self.expr(F, depth),))
-        vector = self.pick((F3, F2)) if type is F else I2
+        """A component of a vector."""
+        vector = self.vector(type.base)
         if self.chance(30):
-            return (
-                Component(type, Name(vector, self.there(vector)), self.expr(I, depth))
-                if self.there(vector)
-                else self.leaf(type)
-            )
-        return Swizzle(type, self.leaf(vector), (self.draw(st.integers(0, vector.size - 1)),))
+            return Component(type, self.expr(vector, depth), self.index(depth))
+        return Swizzle(type, self.expr(vector, depth), (self.draw(st.integers(0, vector.size - 1)),))
 
-    def there(self, type: Type) -> str:
-        """The variable of a type that was declared last, "" if there is none."""
-        return next((name for name, t in reversed(self.names.items()) if t is type), "")
+    def vector(self, base: Base) -> Type:
+        """A vector of a base; one that a variable has, as a rule."""
+        there = [t for t in self.names.values() if t.base is base and t.size > 1]
+        if there and not self.chance(20):
+            return self.pick(there)  # type: ignore[no-any-return]
+        return vec(base, self.draw(st.integers(2, 4)))
 
     def made(self, type: Type, depth: int) -> Expr:
         """A vector out of parts."""
-        if type is F3 and self.chance(50):
-            return Construct(type, (self.expr(F2, depth), self.expr(F, depth)))
-        if type is not I2 and self.chance(50):
-            vector = self.pick((F3, F2))
+        if type.size == 1:
+            return self.part(type, depth)
+        if self.chance(30):
+            vector = self.vector(type.base)
             picked = tuple(self.draw(st.integers(0, vector.size - 1)) for _ in range(type.size))
-            return Swizzle(type, self.leaf(vector), picked)
-        return Construct(type, tuple(self.expr(type.scalar, depth) for _ in range(type.size)))
+            return Swizzle(type, self.expr(vector, depth), picked)
+        if self.chance(10):
+            return Construct(type, (self.expr(type.scalar, depth),))
+        return Construct(type, tuple(self.expr(type.sized(n), depth) for n in self.pick(PARTS[type.size])))
 
     def read(self, type: Type, depth: int) -> Expr:
         """An element of an array or a table."""
+        for array in self.arrays:
+            if array.struct:
+                field = next((f for f, t in FIELDS.items() if t is type), None)
+                if field and self.chance(60):
+                    return Read(type, array.name, (self.index(depth),), field)
+            elif array.type is type and self.chance(60):
+                return Read(type, array.name, (self.index(depth),))
         if type is F2:
-            return Read(F2, "grid", (self.index(depth), self.index(depth)))
-        array = next((a for a in self.arrays if a.type is type), None)
-        if array is not None and self.chance(60):
-            return Read(type, array.name, (self.index(depth),))
+            return Read(F2, "grid", (self.place(depth), self.place(depth)))
         if type is F:
-            return Read(F, "line", (self.index(depth),))
+            return Read(F, "line", (self.place(depth),))
         if type is I:
-            return Read(I, "counts", (self.index(depth),))
+            return Read(I, "counts", (self.place(depth),))
         return self.leaf(type)
+
+    def place(self, depth: int) -> Expr:
+        """The index of a table."""
+        if self.chance(10):
+            return LaneIndex(I, self.pick(("any_lane", "all_lanes")), self.expr(B, depth))
+        return self.index(depth)
 
     def index(self, depth: int) -> Expr:
         """An index that a variable gives: constants out of range are errors."""
-        if self.there(I) and self.chance(60):
-            return Name(I, self.there(I))
+        uints = [n for n, t in self.names.items() if t is U]
+        if uints and self.chance(20):
+            return Name(U, self.pick(uints))
         names = [n for n, t in self.names.items() if t is I]
-        return Apply(I, "add", (Name(I, self.pick(names)), self.expr(I, depth)))
+        if self.chance(40):
+            return Apply(I, "add", (Name(I, self.pick(names)), self.expr(I, depth)))
+        return Name(I, self.pick(names))
+
+    def there_matrix(self, type: Type) -> str:
+        """A matrix that takes vectors of this type, "" if there is none."""
+        fitting = [name for name, size in self.matrices.items() if size == type.size]
+        return str(self.pick(fitting)) if fitting else ""
 
     def truth(self, type: Type, depth: int) -> Expr:
         """An expression of bools."""
-        kind = self.draw(st.integers(0, 9))
-        if kind < 6 or type.size > 1:
-            of = self.pick((F, I, U)).sized(type.size)
-            return Apply(type, self.pick(COMPARE), (self.expr(of, depth), self.expr(of, depth)))
-        if kind < 8:
-            return Apply(B, self.pick(("and", "or", "xor")), (self.expr(B, depth), self.expr(B, depth)))
-        if kind == 8:
-            vector = Apply(vec("b", 3), self.pick(COMPARE), (self.expr(F3, depth), self.expr(F3, depth)))
-            return Apply(B, self.pick(("any", "all")), (vector,))
-        return self.pick((Apply(B, "not", (self.expr(B, depth),)), Apply(B, "isnan", (self.expr(F, depth),))))  # type: ignore[no-any-return]
+        kind = self.draw(st.integers(0, 10))
+        if kind < 5:
+            of = self.pick((Base.F, Base.I, Base.U))
+            return self.row(type, self.pick(COMPARE), (type.based(of),) * 2, depth)
+        if kind < 7:
+            return self.same(type, self.pick(LOGIC), 2, depth)
+        if kind == 7:
+            return self.choice(type, depth)
+        if kind == 8 and type.size == 1:
+            return Apply(B, self.pick(("any", "all")), (self.expr(self.vector(Base.B), depth),))
+        if kind == 9:
+            return Apply(type, self.pick(("isnan", "isinf")), (self.expr(type.based(Base.F), depth),))
+        return Apply(type, "not", (self.expr(type, depth),))

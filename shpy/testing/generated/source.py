@@ -19,6 +19,8 @@ import shpy as sh
 from shpy.ir.types import Base, Type
 from shpy.program import Program
 from shpy.testing.generated.syntax import (
+    F3,
+    FIELDS,
     Apply,
     Assign,
     Block,
@@ -28,23 +30,34 @@ from shpy.testing.generated.syntax import (
     Construct,
     Convert,
     Declare,
+    DeclareMatrix,
+    DeclareStruct,
     Do,
     Exit,
     Expr,
+    F,
     For,
+    I,
     If,
+    LaneIndex,
     Lanes,
+    Multiply,
     Name,
+    Plain,
+    Product,
     Read,
     Splat,
     Stmt,
+    StoreAt,
     Swizzle,
     Tree,
+    Variable,
     While,
     Write,
+    WriteStruct,
 )
 
-__all__ = ["TABLES", "Generated", "class_of", "record", "source"]
+__all__ = ["PARAMS", "TABLES", "UNIFORMS", "Generated", "class_of", "record", "source"]
 
 SYMBOLS = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "floordiv": "//", "floormod": "%", "and": "&", "or": "|",
@@ -94,8 +107,21 @@ def text(e: Expr) -> str:
             return f"{text(value)}.{''.join('xyzw'[p] for p in picked)}"
         case Component(_, value, index):
             return f"{text(value)}[{text(index)}]"
-        case Read(_, name, index):
-            return f"{name}[{', '.join(map(text, index))}]"
+        case Read(_, name, index, field):
+            return f"{name}[{', '.join(map(text, index))}]{'.' * bool(field)}{field}"
+        case LaneIndex(_, how, condition):
+            return f"sh.cond(sh.{how}({text(condition)}), 7, 9)"
+        case Product(_, matrix, vector, left):
+            return f"({text(vector)} @ {matrix})" if left else f"({matrix} @ {text(vector)})"
+
+
+def _place(name: str, picked: tuple[int, ...] | None, op: str | None) -> str:
+    """What a store stands before: `x[:]`, `x.xy`, `m[0]`, `m[0, 1]`."""
+    if name.endswith("]"):
+        return name if picked is None else f"{name[:-1]}, {', '.join(map(str, picked))}]"
+    if picked is not None:
+        return f"{name}.{''.join('xyzw'[p] for p in picked)}"
+    return name if op is not None else f"{name}[:]"
 
 
 class _Writer:
@@ -108,6 +134,12 @@ class _Writer:
 
     def source(self) -> str:
         """The whole text."""
+        self.line(0, "@sh.struct")
+        self.line(0, "class Pair:")
+        for field, type in FIELDS.items():
+            self.line(1, f"{field}: {class_of(type)}")
+        self.lines += ["", ""]
+        without = len(self.lines)
         for function in self.tree.functions:
             self.results = function.results
             self.line(0, "@sh.subroutine")
@@ -119,10 +151,12 @@ class _Writer:
         self.line(0, "@sh.program")
         self.line(0, f"def generated({', '.join(f'{i.name}: {class_of(i.type)}' for i in self.tree.inputs)}):")
         for array in self.tree.arrays:
-            self.line(1, f"{array.name} = sh.Array({class_of(array.type)}, {array.length})")
+            element = "Pair" if array.struct else class_of(array.type)
+            self.line(1, f"{array.name} = sh.Array({element}, {array.length})")
         self.block(1, self.tree.body)
         self.line(1, self.returned("return", ""))
-        return "\n".join(self.lines) + "\n"
+        used = any("Pair" in line for line in self.lines[without:])
+        return "\n".join(self.lines if used else self.lines[without:]) + "\n"
 
     def line(self, depth: int, content: str) -> None:
         self.lines.append("    " * depth + content)
@@ -140,17 +174,31 @@ class _Writer:
         if not block:
             self.line(depth, "pass")
 
-    def statement(self, depth: int, s: Stmt) -> None:
+    def plain(self, depth: int, s: Plain) -> None:
         match s:
             case Declare(name, value):
                 fresh = isinstance(value, Apply | Construct | Convert | Const)
                 self.line(depth, f"{name} = {text(value) if fresh else f'{class_of(value.type)}({text(value)})'}")
+            case DeclareMatrix(name, rows):
+                self.line(depth, f"{name} = sh.Matrix{len(rows)}f({', '.join(map(text, rows))})")
+            case DeclareStruct(name, values):
+                self.line(depth, f"{name} = Pair({', '.join(map(text, values))})")
             case Assign(name, value, picked, op):
-                place = f"{name}[:]" if picked is None else f"{name}.{''.join('xyzw'[p] for p in picked)}"
-                place = name if op is not None and picked is None else place
-                self.line(depth, f"{place} {SYMBOLS[op] if op else ''}= {text(value)}")
-            case Write(name, index, value):
+                self.line(depth, f"{_place(name, picked, op)} {SYMBOLS[op] if op else ''}= {text(value)}")
+            case StoreAt(name, index, value):
                 self.line(depth, f"{name}[{text(index)}] = {text(value)}")
+            case Write(name, index, value, op):
+                self.line(depth, f"{name}[{text(index)}] {SYMBOLS[op] if op else ''}= {text(value)}")
+            case WriteStruct(name, index, values):
+                self.line(depth, f"{name}[{text(index)}] = Pair({', '.join(map(text, values))})")
+            case Multiply(name, other):
+                self.line(depth, f"{name}[:] = {name} @ {other}")
+
+    def statement(self, depth: int, s: Stmt) -> None:
+        if isinstance(s, Plain):
+            self.plain(depth, s)
+            return
+        match s:
             case Call(function, args, result):
                 call = f"{function}({', '.join(map(text, args))})"
                 self.line(depth, f"{result}[:] = {call}" if result else call)
@@ -203,6 +251,16 @@ TABLES: dict[str, sh.Table[Any, Any]] = {
 }
 """The data that generated programs read."""
 
+PARAMS = {
+    "pf": sh.Param(sh.Attrib1f, 0.75, name="pf"),
+    "pv": sh.Param(sh.Attrib3f, (-0.5, 2, 1e-3), name="pv"),
+    "pi": sh.Param(sh.Attrib1i, 2, name="pi"),
+}
+"""The uniforms that they read."""
+
+UNIFORMS = (Variable("pf", F), Variable("pv", F3), Variable("pi", I))
+"""The names and types of PARAMS, in their order."""
+
 
 class Generated(Program):
     """A generated program: `tree` is its syntax, `text` its source, which hypothesis prints where it fails."""
@@ -220,7 +278,7 @@ def record(tree: Tree) -> Generated:
     written = source(tree)
     file = f"<generated {next(_files)}>"
     linecache.cache[file] = (len(written), None, written.splitlines(True), file)
-    names = {"sh": sh, "np": np, **TABLES, **{n: getattr(sh, n) for n in sh.__all__ if n.startswith("SH_")}}
+    names = {"sh": sh, "np": np, **TABLES, **PARAMS, **{n: getattr(sh, n) for n in sh.__all__ if n.startswith("SH_")}}
     exec(compile(written, file, "exec"), names)
     made = Generated(names["generated"]._recorded)
     made.tree, made.text = tree, written

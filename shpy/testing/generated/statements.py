@@ -12,9 +12,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from shpy.ir.types import Type
-from shpy.testing.generated.expressions import TYPES, Expressions
+from shpy.ir.types import Base, Type, vec
+from shpy.testing.generated.expressions import CORE, OTHERS, Expressions
 from shpy.testing.generated.syntax import (
+    FIELDS,
     Apply,
     Assign,
     B,
@@ -22,6 +23,8 @@ from shpy.testing.generated.syntax import (
     Call,
     Const,
     Declare,
+    DeclareMatrix,
+    DeclareStruct,
     Do,
     Exit,
     Expr,
@@ -29,10 +32,14 @@ from shpy.testing.generated.syntax import (
     I,
     If,
     Lanes,
+    Multiply,
     Name,
+    Splat,
     Stmt,
+    StoreAt,
     While,
     Write,
+    WriteStruct,
 )
 
 __all__ = ["Statements", "flat"]
@@ -43,25 +50,26 @@ MAX_TURNS = 4
 class Statements(Expressions):
     """Statements, drawn where they stand."""
 
-    def block(self, least: int = 1, goes_on: bool = False) -> Block:
+    def block(self, least: int = 1, goes_on: bool = False, most: int = 5) -> Block:
         """Statements; what they declare is gone behind them. `goes_on`: something follows, so no exit ends them."""
-        names, stored = dict(self.names), list(self.stored)
+        names, stored, matrices = dict(self.names), list(self.stored), dict(self.matrices)
         made: list[Stmt] = []
-        for _ in range(self.draw(st.integers(least, 5))):
+        for _ in range(self.draw(st.integers(least, most))):
             if self.budget > 0:
                 self.budget -= 1
                 made.append(self.statement())
         if self.depth and not goes_on and self.chance(25):
             made.append(Exit(self.exit_kind()))
-        self.names, self.stored = names, stored
+        self.names, self.stored, self.matrices = names, stored, matrices
         return tuple(made)
 
     def statement(self) -> Stmt:
         """One statement."""
-        ways: list[Callable[[], Stmt]] = [self.assign, self.assign, self.declare, self.lanes]
-        if self.arrays:
-            ways.append(self.write)
-        if self.depth < 4:
+        ways: list[Callable[[], Stmt]] = [self.assign, self.assign, self.declare, self.lanes, self.group, self.store_at]
+        ways += [self.write] * len(self.arrays)
+        if self.derives:
+            ways.append(self.settle)
+        if self.depth < self.deepest:
             ways += [self.branch, self.branch, self.count_loop, self.count_loop, self.while_loop, self.do_loop]
         if self.functions:
             ways.append(self.call)
@@ -78,24 +86,64 @@ class Statements(Expressions):
         """A store into a variable, or some of its components."""
         name, type = self.target()
         if type.size > 1 and self.chance(40):
-            picked = tuple(self.draw(st.permutations(range(type.size)))[: self.draw(st.integers(1, type.size))])
+            most = 1 if name.endswith("]") else type.size
+            picked = tuple(self.draw(st.permutations(range(type.size)))[: self.draw(st.integers(1, most))])
             part = type.sized(len(picked))
-            return Assign(name, self.expr(part), picked, "add" if self.chance(30) else None)
+            return Assign(name, self.given(part), picked, "add" if not type.is_bool and self.chance(30) else None)
         op = self.pick(("add", "mul", "sub")) if not type.is_bool and self.chance(40) else None
-        return Assign(name, self.expr(type), None, op)
+        return Assign(name, self.given(type), None, op)
+
+    def given(self, type: Type) -> Expr:
+        """What is stored: an expression of this type, or a scalar that is repeated."""
+        return Splat(type, self.expr(type.scalar)) if type.size > 1 and self.chance(20) else self.expr(type)
 
     def declare(self) -> Stmt:
         """A new variable of the block."""
-        value = self.expr(self.pick(TYPES))
+        value = self.expr(self.pick(CORE + OTHERS))
         name = self.fresh("t")
         self.names[name] = value.type
         self.stored.append(name)
         return Declare(name, value)
 
+    def group(self) -> Stmt:
+        """A new matrix or struct of the block, or a product of matrices."""
+        if self.chance(30):
+            name = self.fresh("s")
+            values = tuple(self.expr(type) for type in FIELDS.values())
+            self.names |= {f"{name}.{field}": type for field, type in FIELDS.items()}
+            self.stored += [f"{name}.{field}" for field in FIELDS]
+            return DeclareStruct(name, values)
+        if self.matrices and self.chance(50):
+            name, size = self.pick(list(self.matrices.items()))
+            return Multiply(name, self.there_matrix(vec("f", size)))
+        name, size = self.fresh("m"), self.draw(st.integers(2, 4))
+        rows = tuple(self.expr(vec("f", size)) for _ in range(size))
+        self.matrices[name] = size
+        self.names |= {f"{name}[{r}]": vec("f", size) for r in range(size)}
+        self.stored += [f"{name}[{r}]" for r in range(size)]
+        return DeclareMatrix(name, rows)
+
+    def settle(self) -> Stmt:
+        """A number that a compiler knows after two statements: `x[:] = 1`, `x -= 1`."""
+        name, type = self.pick([(n, self.names[n]) for n in self.stored if self.names[n].base is Base.F])
+        one = Const(type, (1.0,) * type.size)
+        return self.together(Assign(name, one), Assign(name, one, None, "sub"))
+
+    def store_at(self) -> Stmt:
+        """A store into the component of a vector that an index picks at run time."""
+        vectors = [(n, self.names[n]) for n in self.stored if self.names[n].size > 1 and not n.endswith("]")]
+        if not vectors:
+            return self.assign()
+        name, type = self.pick(vectors)
+        return StoreAt(name, self.index(1), self.expr(type.scalar))
+
     def write(self) -> Stmt:
         """A store into an array."""
         array = self.pick(self.arrays)
-        return Write(array.name, self.index(1), self.expr(array.type))
+        if array.struct:
+            return WriteStruct(array.name, self.index(1), tuple(self.expr(type) for type in FIELDS.values()))
+        op = "add" if not array.type.is_bool and self.chance(30) else None
+        return Write(array.name, self.index(1), self.given(array.type), op)
 
     def lanes(self) -> Stmt:
         """A store chosen by what other lanes do."""
@@ -187,16 +235,18 @@ class Statements(Expressions):
             bounds = (first, stop)
             if self.chance(60):
                 bounds = (first, stop, Const(I, (self.pick((1, 2, -1, -2, 3)),)))
-        names = dict(self.names)
+        names, indices = dict(self.names), self.indices
         self.names[index] = I
+        if all(isinstance(b, Const) for b in bounds):
+            self.indices = (*indices, index)
         body, _ = self.looped()
-        self.names = names
+        self.names, self.indices = names, indices
         return For(index, bounds, body)
 
     @staticmethod
-    def together(start: Stmt, loop: Stmt) -> Stmt:
-        """A statement of two: a branch that is always taken would hide names, so the counter stands before it."""
-        return Sequence((start, loop))  # type: ignore[return-value]
+    def together(first: Stmt, second: Stmt) -> Stmt:
+        """A statement of two: in a branch that is always taken names would be hidden."""
+        return Sequence((first, second))  # type: ignore[return-value]
 
     def call(self) -> Stmt:
         """A call of a subroutine, with arguments that fit."""
@@ -205,9 +255,10 @@ class Statements(Expressions):
         taken: set[str] = set()
         for param in function.params:
             if param.length is not None:
-                args.append(Name(param.type, self.arrays[0].name))
+                array = next(a for a in self.arrays if (a.type, a.length) == (param.type, param.length))
+                args.append(Name(param.type, array.name))
             elif param.name in function.stored:
-                fitting = [n for n in self.stored if self.names[n] is param.type and n not in taken]
+                fitting = [n for n in self.stored if self.names[n] is param.type and n not in taken and n[-1] != "]"]
                 if not fitting:
                     return self.assign()
                 name = str(self.pick(fitting))
@@ -223,7 +274,11 @@ class Statements(Expressions):
         """An argument that is read only: an expression of its own, for a variable would be passed by reference."""
         del taken
         value = self.expr(type, 1)
-        return value if isinstance(value, Apply) else Apply(type, "add", (value, self.const(type)))
+        return (
+            value
+            if isinstance(value, Apply)
+            else Apply(type, "xor" if type.is_bool else "add", (value, self.const(type)))
+        )
 
 
 @dataclass(frozen=True)

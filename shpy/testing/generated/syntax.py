@@ -15,6 +15,9 @@ F, F2, F3, I, I2, U, B, B3 = (  # noqa: E741 - the language's names
     vec("f"), vec("f", 2), vec("f", 3), vec("i"), vec("i", 2), vec("u"), vec("b"), vec("b", 3),
 )  # fmt: skip
 
+FIELDS: dict[str, Type] = {"p": F3, "k": I2}
+"""The fields of `Pair`, the struct of generated programs."""
+
 # Expressions, each with its type.
 
 
@@ -28,7 +31,7 @@ class Const:
 
 @dataclass(frozen=True)
 class Name:
-    """A variable, input or loop index."""
+    """A variable, input, param or loop index; a field of a struct (`s.p`), or a row of a matrix (`m[0]`)."""
 
     type: Type
     name: str
@@ -87,14 +90,34 @@ class Component:
 
 @dataclass(frozen=True)
 class Read:
-    """An element of an Array or a Table, the nearest one where the index is out of range."""
+    """An element of an Array or a Table, the nearest one where the index is out of range; of structs one `field`."""
 
     type: Type
     name: str
     index: tuple[Expr, ...]
+    field: str = ""
 
 
-Expr = Const | Name | Apply | Splat | Convert | Construct | Swizzle | Component | Read
+@dataclass(frozen=True)
+class LaneIndex:
+    """An index beyond every table's end, which `any_lane` or `all_lanes` chooses: the same element either way."""
+
+    type: Type
+    how: str
+    condition: Expr
+
+
+@dataclass(frozen=True)
+class Product:
+    """`m @ v`, or `v @ m` if `left`."""
+
+    type: Type
+    matrix: str
+    vector: Expr
+    left: bool
+
+
+Expr = Const | Name | Apply | Splat | Convert | Construct | Swizzle | Component | Read | LaneIndex | Product
 
 # Statements
 
@@ -118,12 +141,55 @@ class Assign:
 
 
 @dataclass(frozen=True)
-class Write:
-    """`array[index] = value`, dropped where the index is out of range."""
+class StoreAt:
+    """`x[index] = value`: one component of a vector, at run time; dropped where the index is out of range."""
 
     name: str
     index: Expr
     value: Expr
+
+
+@dataclass(frozen=True)
+class Write:
+    """`array[index] = value`, or with `op` `+=`, dropped where the index is out of range."""
+
+    name: str
+    index: Expr
+    value: Expr
+    op: str | None = None
+
+
+@dataclass(frozen=True)
+class WriteStruct:
+    """`array[index] = Pair(value, value)`, dropped where the index is out of range."""
+
+    name: str
+    index: Expr
+    values: tuple[Expr, ...]
+
+
+@dataclass(frozen=True)
+class DeclareMatrix:
+    """`m = sh.Matrix2f(row, row)`."""
+
+    name: str
+    rows: tuple[Expr, ...]
+
+
+@dataclass(frozen=True)
+class Multiply:
+    """`m[:] = m @ other`."""
+
+    name: str
+    other: str
+
+
+@dataclass(frozen=True)
+class DeclareStruct:
+    """`s = Pair(value, value)`."""
+
+    name: str
+    values: tuple[Expr, ...]
 
 
 @dataclass(frozen=True)
@@ -187,17 +253,19 @@ class Exit:
     condition: Expr | None = None
 
 
-Stmt = Declare | Assign | Write | Call | Lanes | If | While | Do | For | Exit
+Plain = Declare | DeclareMatrix | DeclareStruct | Assign | StoreAt | Write | WriteStruct | Multiply
+Stmt = Plain | Call | Lanes | If | While | Do | For | Exit
 Block = tuple[Stmt, ...]
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An input, or an array of `length` elements."""
+    """An input, or an array of `length` elements, whose elements are Pairs if `struct`."""
 
     name: str
     type: Type
     length: int | None = None
+    struct: bool = False
 
 
 @dataclass(frozen=True)
