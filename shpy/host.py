@@ -20,6 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
+from shpy.lang.compound import fits
 from shpy.lang.data import Table, TableType, Texture2D, TextureType
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
@@ -196,7 +197,7 @@ def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Ma
     found = {name: table for name, table in closure.items() if type(table) is Table}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
-            found[name] = _table(name, type_, given[name])
+            found |= _table(name, type_, given[name]).leaves(name)
         elif isinstance(type_, TextureType):
             texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])
             if texture.type.type is not type_.cls.type:
@@ -211,7 +212,7 @@ def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Ma
 
 def _table(name: str, type_: TableType, given: Any) -> Table:
     table = given if isinstance(given, Table) else Table(given, type_.cls, name)
-    if table.type.type is not type_.cls.type or table.rank != type_.rank:
+    if not fits(table, type_):
         raise ShpyTypeError(
             f"{name} is a Table[{type_.cls.__name__}, {type_.rank}], "
             f"and this one a Table[{table.type.__name__}, {table.rank}]",

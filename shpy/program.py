@@ -31,6 +31,7 @@ from shpy.ir.nodes import Loc, Module
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel
 from shpy.lang.claims import checked
+from shpy.lang.compound import listed_tables
 from shpy.lang.dependent import evaluate_with
 from shpy.lang.inline import call_recorded
 from shpy.lang.location import here
@@ -121,8 +122,8 @@ class Program(Generic[_P, _R]):
 
     @property
     def tables(self) -> dict[str, Any]:
-        """Each Table by name."""
-        return dict(self._recorded.tables)
+        """Each Table by name; a Table of structs or matrices is one."""
+        return listed_tables(self._recorded.tables)
 
     @overload
     def __call__(self, *args: _P.args, **named: _P.kwargs) -> _R: ...

@@ -32,7 +32,7 @@ from shpy.lang.values import CLASSES, Value
 class TableType:
     """What `Table[type, rank]` is in an annotation."""
 
-    cls: type[Value]
+    cls: Any
     rank: int
 
 
@@ -47,13 +47,25 @@ class Table:
     """`Table(array, type)`: random-access data, (*shape, N) for N components and (*shape,) for one, 1-D to 3-D.
 
     `table[i]`, `table[row, col]`, `table[k, j, i]` in the order of numpy's axes, or `table[v]` with an integer vector.
+    The type may be a matrix, from an array (*shape, N, N), or a struct, from a dict of fields or a structured array.
     A symbolic index out of range reads the nearest element on each axis; a constant one raises ShpyIndexError.
     Raises ShpyTypeError for arrays that are empty, of another rank, or whose numbers do not fit the type.
     """
 
     __hash__ = object.__hash__
+    type: Any
+    name: str | None
+    named: bool
+    rank: int
+    _owner: Table | None = None
 
-    def __init__(self, array: Any, type: type[Value], name: str | None = None) -> None:
+    def __new__(cls, array: Any = None, type: Any = None, name: str | None = None) -> Table:
+        """A Table of structs or matrices is one of another class."""
+        from shpy.lang.compound import CompoundTable, is_compound
+
+        return object.__new__(CompoundTable if cls is Table and is_compound(type) else cls)
+
+    def __init__(self, array: Any, type: Any, name: str | None = None) -> None:
         self.type = _element_class(type)
         self.named = name is not None
         self.name = name if name is not None else assigned_name()
@@ -72,7 +84,9 @@ class Table:
         (rank,) = get_args(rank) or (rank,)  # Literal[2], or 2
         if rank not in (1, 2, 3):
             raise ShpyTypeError(f"a Table has 1 to 3 axes, not {rank}", loc=here(), cure="sh.Table[sh.Attrib4f, 2]")
-        return TableType(_element_class(type_), rank)
+        from shpy.lang.compound import is_compound
+
+        return TableType(type_ if is_compound(type_) else _element_class(type_), rank)
 
     def _checked(self, array: Any) -> NDArray[Any]:
         what = f"the Table {self.name}" if self.name else "a Table"
@@ -102,6 +116,9 @@ class Table:
 
     def update(self, array: Any) -> None:
         """Replace the data; the shape stays. Kernels use the new data from their next run on."""
+        self._replace(self._for_update(array))
+
+    def _for_update(self, array: Any) -> NDArray[Any]:
         data = self._checked(array)
         if data.shape != self._array.shape:
             raise ShpyTypeError(
@@ -109,6 +126,9 @@ class Table:
                 loc=here(),
                 cure="a new sh.Table",
             )
+        return data
+
+    def _replace(self, data: NDArray[Any]) -> None:
         self._array = data
         self._version += 1
 
@@ -121,6 +141,10 @@ class Table:
         elif held.version != self._version:
             held.array, held.version = _frozen(self._array, key), self._version
         return held
+
+    def leaves(self, name: str) -> dict[str, Table]:
+        """The tables that this one is in a module where it is called `name`: itself, as it holds scalars or vectors."""
+        return {name: self}
 
     def _declared(self, frame: Frame) -> str:
         return frame.recording.use("table", frame.recording.tables, self)

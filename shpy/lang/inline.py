@@ -16,6 +16,7 @@ from shpy.ir.constants import encode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value, Variable
 from shpy.ir.traverse import defined, is_straight, rewrite, walk
 from shpy.lang import arithmetic
+from shpy.lang.compound import fits
 from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureType
 from shpy.lang.dependent import Dependent
 from shpy.lang.emit import FrameEmitter, Node, replay
@@ -67,13 +68,15 @@ class _Names:
         for name, type_ in self.recorded.inputs.items():
             if isinstance(type_, TableType):
                 table = self.given[name]
-                if not isinstance(table, Table) or table.type.type is not type_.cls.type or table.rank != type_.rank:
+                if not isinstance(table, Table) or not fits(table, type_):
                     raise ShpyTypeError(
                         f"the input {name} is a Table[{type_.cls.__name__}, {type_.rank}]",
                         loc=here(),
                         cure=f"sh.Table(array, sh.{type_.cls.__name__})",
                     )
-                self.tables[name] = table._declared(self.recording.frame)
+                for leaf, part in table.leaves(name).items():
+                    if leaf == name or any(leaf == declared.name for declared in self.recorded.module.tables):
+                        self.tables[leaf] = part._declared(self.recording.frame)
             elif isinstance(type_, TextureType):
                 texture = self.given[name]
                 if not isinstance(texture, Texture2D) or texture.type.type is not type_.cls.type:

@@ -19,6 +19,7 @@ from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Loc, Module, Port, Store
 from shpy.ir.verifier import verify
+from shpy.lang.compound import argument
 from shpy.lang.data import Table, TableArgument, TableType, TextureArgument, TextureType
 from shpy.lang.defaults import check_default
 from shpy.lang.dependent import first_value
@@ -184,7 +185,7 @@ def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.
     given: dict[str, Any] = {}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
-            given[name] = TableArgument(name, type_)
+            given[name] = argument(name, type_)
             continue
         if isinstance(type_, TextureType):
             given[name] = TextureArgument(name, type_)

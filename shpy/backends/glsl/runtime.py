@@ -148,11 +148,12 @@ class Runtime:
                 inputs[port.index].use(units[port.sampler])
                 _set(program, port.each, 0 if alone else 1)
         for table in shader.tables:
+            data = call.tables[table.name]
             if table.sampler in units:
-                data = call.tables[table.name]
                 self.store.table(data, table.type).use(units[table.sampler])
-                shape = data.array.shape if table.type.size == 1 else data.array.shape[:-1]
-                _set(program, table.shape, shape if len(shape) > 1 else shape[0])
+            # A program may ask for the shape of a table that it never reads.
+            shape = data.array.shape if table.type.size == 1 else data.array.shape[:-1]
+            _set(program, table.shape, shape if len(shape) > 1 else shape[0])
         for name, (uniform, type) in shader.params.items():
             if uniform in program:
                 program[uniform].write(uniform_bytes(call.params[name], type))

@@ -14,7 +14,7 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base, Type
 from shpy.lang.data import TableType, TextureType
 from shpy.lang.location import here
-from shpy.lang.structure import build_arrays, leaves
+from shpy.lang.structure import build_arrays, layout_of, leaves
 from shpy.program import Program
 from shpy.testing.generated.syntax import F3, F, I, U, Variable
 
@@ -49,10 +49,13 @@ def inputs(program: Program, count: int = 64, seed: int = 0) -> list[Any]:
                 cure=f"program.bind({name}=sh.Texture2D(array))",
             )
         if isinstance(layout, TableType):
-            extents = sizes[name] or (5,) * layout.rank
-            type = layout.cls.type
-            tail = (type.size,) if type.size > 1 else ()
-            found.append(_array(type, int(np.prod(extents)), rng).reshape(extents + tail))
+            whole = layout_of(layout.cls, name)
+            arrays = []
+            for leaf, _, cls in leaves(whole, name):
+                extents = sizes.get(leaf) or (5,) * layout.rank
+                tail = (cls.size,) if cls.size > 1 else ()
+                arrays.append(_array(cls.type, int(np.prod(extents)), rng).reshape(extents + tail))
+            found.append(build_arrays(whole, iter(arrays)))
         else:
             found.append(build_arrays(layout, iter([_array(c.type, count, rng) for *_, c in leaves(layout, name)])))
     return found
