@@ -19,6 +19,7 @@ from shpy.errors import (
     LoopLimitExceeded,
     ParseError,
     RecordError,
+    ShpyAttributeError,
     ShpyError,
     ShpyIndexError,
     ShpyTypeError,
@@ -121,8 +122,10 @@ from shpy.lang.control import (
     SH_WHILE,
 )
 from shpy.lang.data import Table, Texture2D
+from shpy.lang.foreign import module_cure
 from shpy.lang.library import hash as hash
 from shpy.lang.library import noise, unit_float
+from shpy.lang.location import here
 from shpy.lang.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
 from shpy.lang.params import Param
 from shpy.lang.structure import struct
@@ -316,6 +319,7 @@ __all__ = [
     "Program",
     "RecordError",
     "Result",
+    "ShpyAttributeError",
     "ShpyError",
     "ShpyIndexError",
     "ShpyTypeError",
@@ -436,4 +440,6 @@ def __getattr__(name: str) -> Any:
     """`sh.testing`, `sh.accuracy`, `sh.files` and `sh.command` are loaded when they are asked for."""
     if name in _LATER:
         return importlib.import_module(f"shpy.{name}")
-    raise AttributeError(f"module 'shpy' has no attribute {name!r}")
+    if name.startswith("_"):
+        raise AttributeError(f"module 'shpy' has no attribute {name!r}")
+    raise ShpyAttributeError(f"shpy has no {name!r}", loc=here(), cure=module_cure(name, __all__))

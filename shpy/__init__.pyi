@@ -25,6 +25,7 @@ from shpy.errors import CompileError as CompileError
 from shpy.errors import LoopLimitExceeded as LoopLimitExceeded
 from shpy.errors import ParseError as ParseError
 from shpy.errors import RecordError as RecordError
+from shpy.errors import ShpyAttributeError as ShpyAttributeError
 from shpy.errors import ShpyError as ShpyError
 from shpy.errors import ShpyIndexError as ShpyIndexError
 from shpy.errors import ShpyTypeError as ShpyTypeError
@@ -10944,6 +10945,7 @@ __all__ = [
     "Program",
     "RecordError",
     "Result",
+    "ShpyAttributeError",
     "ShpyError",
     "ShpyIndexError",
     "ShpyTypeError",

@@ -36,6 +36,10 @@ class ShpyIndexError(RecordError, IndexError):
     """A constant index is out of range."""
 
 
+class ShpyAttributeError(ShpyError, AttributeError):
+    """A name that shpy, or one of its values, does not have."""
+
+
 class ShpyTypeError(ShpyError, TypeError):
     """A value has the wrong type, shape or range."""
 

@@ -79,7 +79,7 @@ class Stream:
             raise ShpyTypeError(
                 f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
                 loc=here(),
-                cure=f"np.asarray({name}).reshape(-1, {cls.size})",
+                cure=_trailing(name, array.shape, cls.size),
             )
         with np.errstate(over="ignore"):
             self.array: NDArray[Any] = array.astype(dtype, copy=False)
@@ -92,6 +92,18 @@ class Stream:
             return np.ascontiguousarray(self.array.reshape((1, *tail)))
         whole = np.broadcast_to(self.array, shape + tail)
         return np.ascontiguousarray(whole).reshape((-1, *tail))
+
+
+def _trailing(name: str, shape: Shape, size: int) -> str:
+    """How to give an array a last axis of `size`: never by reading its numbers in another order."""
+    if len(shape) > 1 and shape[-1] > size:
+        dropped = " which drops the alpha channel" if (shape[-1], size) == (4, 3) else ""
+        return f"{name}[..., :{size}]{',' * bool(dropped)}{dropped}"
+    if len(shape) > 1 and shape[0] == size:
+        return f"np.moveaxis({name}, 0, -1)"
+    if len(shape) == 1 and shape[0] % size == 0:
+        return f"np.asarray({name}).reshape(-1, {size})"
+    return f"an array whose last axis has {size} components"
 
 
 def _exact(data: Any, precision: str, math: str) -> Any:

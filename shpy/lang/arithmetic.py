@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import FLOATS, Base, Type, vec
 from shpy.lang import values
 from shpy.lang.coerce import (
     Literal,
@@ -49,6 +51,17 @@ def emitter_of(*operands: Any) -> Emitter:
 def is_operand(x: Any) -> bool:
     """Whether `x` may stand beside an operator."""
     return isinstance(x, values.Value) or literal(x) is not None or sequence(x) is not None
+
+
+def refuse_operand(x: Any, what: str) -> None:
+    """ShpyTypeError for what no operator takes beside a value; objects of other classes may know what to do."""
+    cure = "a value of the language, a number, or a tuple, list or 1-D array of up to four"
+    if isinstance(x, np.ndarray):
+        cure = "sh.Table(array, type) to look numbers up in, an input for one number an element, or sh.Matrix3f(array)"
+    elif not (x is None or isinstance(x, str | bytes | complex | dict | set)):
+        return
+    spoken = f"an array of shape {x.shape}" if isinstance(x, np.ndarray) else type(x).__name__
+    raise ShpyTypeError(f"{what} cannot take {spoken}", loc=here(), cure=cure)
 
 
 def operand(x: Any, what: str) -> Operand:
@@ -103,6 +116,14 @@ def elementwise(op: str, args: Sequence[Any], what: str, *, floats: bool = False
     """A component-wise operation on operands that meet in one type; `floats` widens ints to f first."""
     operands = [operand(a, what) for a in args]
     base = base_of(operands, what)
+    if op in ("and", "or", "xor") and base in FLOATS and any(isinstance(o, Literal) for o in operands):
+        power = what == "^"
+        raise ShpyTypeError(
+            f"{what} takes bools or ints, not a number and a float"
+            + ("" if power else "; it binds tighter than < and =="),
+            loc=here(),
+            cure="x ** 2 for a power, sh.Attrib1i(x) ^ 2 for bits" if power else f"parentheses, (x > 0) {what} (y < 1)",
+        )
     if floats and base in (Base.I, Base.U):
         base = Base.F
     type = vec(base, common_size([o.size for o in operands], what))
@@ -124,7 +145,10 @@ def emit(emitter: Emitter, op: str, handles: tuple[tuple[Handle, Type], ...], ki
 def _cure(op: str, handles: tuple[tuple[Handle, Type], ...]) -> str:
     bases = {t.base for _, t in handles}
     if op in ("and", "or", "xor", "not") and bases <= {Base.F, Base.D, Base.H}:
-        return "sh.dot(a, b) for a product of vectors, a > 0 for a condition, sh.Attrib1i(a) for bits"
+        return (
+            "sh.dot(a, b) for a product of vectors, a > 0 for a condition, (a > 0) & (b > 0) for two, "
+            "sh.Attrib1i(a) for bits"
+        )
     if Base.B in bases:
         return "sh.cond(c, 1.0, 0.0) makes a number of a bool"
     return "operands as docs/numerics.md lists them for this operation"

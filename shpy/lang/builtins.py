@@ -82,7 +82,11 @@ def mod(x: Any, y: Any) -> Any:
 
 def _several(op: str, args: Sequence[Any]) -> Any:
     if len(args) < 2:
-        raise ShpyTypeError(f"sh.{op} takes two or more operands", loc=here(), cure=f"sh.{op}(a, b)")
+        raise ShpyTypeError(
+            f"sh.{op} takes two or more operands",
+            loc=here(),
+            cure=f"sh.{op}(a, b); sh.{op}(*v) for one vector's components",
+        )
     result = args[0]
     for other in args[1:]:
         result = elementwise(op, (result, other), f"sh.{op}")

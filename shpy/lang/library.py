@@ -49,7 +49,7 @@ def _pcg_pair(x: Attrib1u) -> Any:
 
 
 def hash(x: Any, y: Any = None, z: Any = None) -> Any:
-    """Hash one to three u with PCG: the last word first, each result added to the word before it."""
+    """Hash one to three u with PCG: the last word first, each result added to the word before it. An i wraps."""
     words = [_unsigned(w) for w in (x, y, z) if w is not None]
     result = pcg(words[-1])
     for word in reversed(words[:-1]):
@@ -59,8 +59,15 @@ def hash(x: Any, y: Any = None, z: Any = None) -> Any:
 
 def _unsigned(x: Any) -> Any:
     operand = arithmetic.operand(x, "sh.hash")
-    if isinstance(operand, Value) and (operand.base is not Base.U or operand.size != 1):
-        raise ShpyTypeError("sh.hash takes one to three u", loc=here(), cure="sh.hash(sh.Attrib1u(i))")
+    if operand.size != 1 or (isinstance(operand, Value) and operand.base not in (Base.U, Base.I)):
+        vector = f"sh.hash({', '.join('v.xyz'[:2] + c for c in 'xyzw'[: min(operand.size, 3)])})"
+        raise ShpyTypeError(
+            "sh.hash takes one to three u, or i, which wraps",
+            loc=here(),
+            cure=vector if operand.size != 1 else "sh.hash(sh.bits_from_float(x)) for a float, sh.hash(sh.Attrib1i(x))",
+        )
+    if not isinstance(operand, Value) and operand.weak == "int" and -(2**31) <= operand.components[0] < 0:
+        return Attrib1u(operand.components[0] + 2**32)
     return Attrib1u(x)
 
 

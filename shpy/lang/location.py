@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from functools import lru_cache
 from types import FrameType
 
+import numpy as np
+
 from shpy.ir.nodes import Loc
 
 _HOUSE = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
@@ -21,6 +23,8 @@ _LIBRARY_SHOWN = "shpy/lang/library.py"
 """Its lines are the same wherever shpy is installed, so that the text of a program is."""
 _CONFORMANCE = os.path.join(_HOUSE, "testing", "conformance", "")
 """Programs of the conformance list are programs like those of any user."""
+_NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
+"""What numpy's own functions ask of a value, the user's line asked."""
 _inside: dict[str, bool] = {}
 
 
@@ -66,9 +70,9 @@ def user_frame() -> FrameType | None:
 
 
 def _look_inside(file: str) -> bool:
-    """Whether a file is shpy's, remembered."""
+    """Whether a file is shpy's or numpy's, remembered."""
     path = os.path.abspath(file)
-    ours = _inside[file] = path.startswith(_HOUSE) and not path.startswith(_CONFORMANCE)
+    ours = _inside[file] = path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_CONFORMANCE)
     return ours
 
 

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import ShpyTypeError
+from shpy.errors import ShpyAttributeError, ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang import builtins
 from shpy.lang.coerce import literal
@@ -24,6 +24,8 @@ from shpy.lang.dependent import name_parts
 from shpy.lang.location import here
 from shpy.lang.recorder import current_frame
 from shpy.lang.values import CLASSES, Value
+
+_ROWS = "matrices of one size, or a number; m[r] += v changes one row"
 
 
 class Matrix:
@@ -48,7 +50,7 @@ class Matrix:
         if not rows:
             rows = tuple(tuple(float(r == c) for c in range(n)) for r in range(n))
         elif len(rows) == 1:
-            rows = tuple(rows[0].rows if isinstance(rows[0], Matrix) else rows[0])
+            rows = self._rows_of(rows[0])
         elif len(rows) == n * n:
             rows = tuple(tuple(rows[r * n : r * n + n]) for r in range(n))
         if len(rows) != n:
@@ -69,6 +71,34 @@ class Matrix:
     def _plain(cls) -> type[Matrix]:
         """The type of results: a Param's class is derived from a matrix type and makes no matrices."""
         return MATRICES[cls.__name__]
+
+    def _rows_of(self, given: Any) -> tuple[Any, ...]:
+        """The rows in one argument: a matrix, or rows; one number is neither."""
+        if literal(given) is not None or isinstance(given, Value):
+            name = f"sh.{type(self).__name__}"
+            raise ShpyTypeError(
+                f"{type(self).__name__} takes rows, not one {type(given).__name__}",
+                loc=here(),
+                cure=f"{name}() for the identity, {name}() * x for a multiple of it",
+            )
+        return tuple(given.rows if isinstance(given, Matrix) else given)
+
+    def __getattr__(self, name: str) -> Any:
+        text = f"{type(self).__name__!r} object has no attribute {name!r}"
+        if name.startswith("_"):
+            raise AttributeError(text, name=name, obj=self)
+        spoken = {"T": "transpose", "inv": "inverse", "det": "determinant", "invert": "inverse"}.get(name, name)
+        known = spoken in ("transpose", "inverse", "determinant")
+        cure = f"sh.{spoken}(m)" if known else "m[r] for a row, m[r, c] for an entry, sh.transpose(m)[c] for a column"
+        raise ShpyAttributeError(text, loc=here(), cure=cure)
+
+    def _refuse(self, operator: str, other: Any, cure: str, *, reflected: bool = False) -> Any:
+        """ShpyTypeError for values, numbers and arrays; NotImplemented for objects that may know what to do."""
+        if not (literal(other) is not None or isinstance(other, Value | Matrix | list | tuple | np.ndarray)):
+            return NotImplemented
+        sides = [type(self).__name__, type(other).__name__]
+        left, right = reversed(sides) if reflected else sides
+        raise ShpyTypeError(f"{left} {operator} {right} has no meaning", loc=here(), cure=cure)
 
     @classmethod
     def _row_type(cls) -> type[Value]:
@@ -128,13 +158,16 @@ class Matrix:
             return self._plain()(*(_combine(row, other.rows) for row in self.rows))
         if isinstance(other, list | tuple | np.ndarray):
             other = CLASSES["Attrib", len(other), Base.F](*other)
-        return self._transform(other) if isinstance(other, Value) else NotImplemented
+        if not isinstance(other, Value) or other.size == 1:
+            return self._refuse("@", other, "m * x, which multiplies each entry")
+        return self._transform(other)
 
     def __rmatmul__(self, other: Any) -> Any:
         if isinstance(other, list | tuple | np.ndarray):
             other = CLASSES["Attrib", len(other), Base.F](*other)
         if not isinstance(other, Value) or other.size != self.size:
-            return NotImplemented
+            cure = f"a vector of {self.size} components on the left, or m * x, which multiplies each entry"
+            return self._refuse("@", other, cure, reflected=True)
         return _combine(other, self.rows)
 
     def _transform(self, v: Value) -> Any:
@@ -170,28 +203,38 @@ class Matrix:
                 f"{type(self).__name__} with {type(other).__name__}", loc=here(), cure="matrices of one size"
             )
 
+    def _with(self, operator: str, op: Any, other: Any, cure: str, *, reflected: bool = False) -> Any:
+        result = self._each(op, other)
+        return self._refuse(operator, other, cure, reflected=reflected) if result is NotImplemented else result
+
     def __add__(self, other: Any) -> Any:
-        return self._each(lambda a, b: a + b, other)
+        return self._with("+", lambda a, b: a + b, other, _ROWS)
 
     def __radd__(self, other: Any) -> Any:
-        return self._each(lambda a, b: b + a, other)
+        return self._with("+", lambda a, b: b + a, other, _ROWS, reflected=True)
 
     def __sub__(self, other: Any) -> Any:
-        return self._each(lambda a, b: a - b, other)
+        return self._with("-", lambda a, b: a - b, other, _ROWS)
 
     def __rsub__(self, other: Any) -> Any:
-        return self._each(lambda a, b: b - a, other)
+        return self._with("-", lambda a, b: b - a, other, _ROWS, reflected=True)
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Matrix):
             raise ShpyTypeError("* of two matrices is not the matrix product here", loc=here(), cure="a @ b")
-        return self._each(lambda a, b: a * b, other)
+        return self._with("*", lambda a, b: a * b, other, "m @ v, the product of a matrix and a vector")
 
     def __rmul__(self, other: Any) -> Any:
-        return self._each(lambda a, b: b * a, other)
+        return self._with("*", lambda a, b: b * a, other, "v @ m, or m @ v", reflected=True)
 
     def __truediv__(self, other: Any) -> Any:
-        return self._each(lambda a, b: a / b, other)
+        return self._with("/", lambda a, b: a / b, other, "m @ sh.inverse(n), or a number as the divisor")
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._refuse("/", other, "x * sh.inverse(m), or 1 / m[r, c] for each entry", reflected=True)
+
+    def __pow__(self, other: Any) -> Any:
+        return self._refuse("**", other, "m @ m for the square")
 
     def __neg__(self) -> Any:
         return self._plain()(*(-r for r in self.rows))

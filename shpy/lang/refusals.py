@@ -33,6 +33,17 @@ def refuse_bool(value: Value) -> bool:
     raise RecordError(message, loc=loc, cure=cure)
 
 
+def refuse_array(value: Value) -> Never:
+    """RecordError for a symbolic value that numpy is to take: as an index, or as the argument of a function."""
+    loc = here()
+    found = explain_conversion(loc, "index") if loc is not None else None
+    message, cure = found or (
+        f"{value._called()} has no value while the program is recorded, so numpy cannot take it",
+        "the function of the same name in shpy, sh.sin(x) for np.sin(x); sh.Table(array, type)[i] for array[i]",
+    )
+    raise RecordError(message, loc=loc, cure=cure)
+
+
 def refuse_conversion(value: Value, kind: str, spoken: str) -> Never:
     """RecordError for a symbolic value that is to be an int, a float or an index."""
     loc = here()

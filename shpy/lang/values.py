@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
+from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import encode, from_array, to_array
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type, vec
@@ -25,9 +25,11 @@ from shpy.lang import arithmetic
 from shpy.lang.coerce import Literal
 from shpy.lang.dependent import become_dependent
 from shpy.lang.emit import DEFERRED, HOST, Emitter, Handle
+from shpy.lang.foreign import value_cure
 from shpy.lang.location import here
 from shpy.lang.operators import Operators
 from shpy.lang.recorder import Frame, current_frame
+from shpy.lang.source.kinds import FUNCTIONS
 
 KINDS = ("Attrib", "Point", "Vector", "Normal", "Color", "TexCoord")
 _SETS = ("xyzw", "rgba", "stpq")
@@ -157,8 +159,21 @@ class Value(Operators):
     def __getattr__(self, name: str) -> Any:
         picked = _swizzle(name, self.size)
         if picked is None:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+            raise self._no_attribute(name)
         return self._pick(picked, f".{name}")
+
+    def _no_attribute(self, name: str) -> AttributeError:
+        """The error for a name that is no component: with what to write for a method of another library."""
+        text = f"{type(self).__name__!r} object has no attribute {name!r}"
+        if name.startswith("_"):
+            return AttributeError(text, name=name, obj=self)
+        cure = value_cure(name, "v" if self._frame is None else self._frame.names[self._variable] or "v", FUNCTIONS)
+        if cure is None and any(set(name) <= set(letters) for letters in _SETS) and len(name) <= 4:
+            text = f"{type(self).__name__} has no component {name!r}"
+        if self.size == 1 and name in ("sum", "mean", "max", "min", "prod"):
+            cure = "the value itself, which is one component"
+        known = " or ".join(letters[: self.size] for letters in _SETS)
+        return ShpyAttributeError(text, loc=here(), cure=cure or f"components of {known}, of one set, up to four")
 
     def _pick(self, picked: tuple[int, ...], spelled: str) -> Value:
         emitter = arithmetic.emitter_of(self)
@@ -191,12 +206,18 @@ class Value(Operators):
 
     def __len__(self) -> int:
         if self.size == 1:
-            raise TypeError(f"{type(self).__name__} is one component and has no len()")
+            raise ShpyTypeError(
+                f"{type(self).__name__} is one component and has no len()", loc=here(), cure="1, or a vector"
+            )
         return self.size
 
     def __iter__(self) -> Iterator[Any]:
         if self.size == 1:
-            raise TypeError(f"{type(self).__name__} is one component and cannot be iterated over")
+            raise ShpyTypeError(
+                f"{type(self).__name__} is one component and cannot be iterated over",
+                loc=here(),
+                cure="the value itself; with SH_FOR(n) as i: for a loop at run time",
+            )
         return (self[i] for i in range(self.size))
 
     def __contains__(self, item: object) -> bool:
@@ -210,7 +231,7 @@ class Value(Operators):
             if name == "value":
                 object.__setattr__(self, name, value)  # a Param's property
                 return
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+            raise self._no_attribute(name)
         self._store(value, picked, f".{name}")
 
     def __setitem__(self, key: Any, value: Any) -> None:
@@ -260,11 +281,23 @@ class Value(Operators):
 
     def _binary(self, op: str, other: Any, what: str, reflected: bool = False) -> Any:
         if not arithmetic.is_operand(other):
+            if op not in ("eq", "ne"):
+                arithmetic.refuse_operand(other, what)
             return NotImplemented
         return arithmetic.binary(op, other, self, what) if reflected else arithmetic.binary(op, self, other, what)
 
+    def __matmul__(self, other: Any) -> Any:
+        if arithmetic.is_operand(other):
+            raise ShpyTypeError(
+                "@ is the product of matrices, and neither side is one", loc=here(), cure="sh.dot(a, b), or a * b"
+            )
+        return NotImplemented
+
+    __rmatmul__ = __matmul__
+
     def _inplace(self, op: str, other: Any, what: str) -> Any:
         if not arithmetic.is_operand(other):
+            arithmetic.refuse_operand(other, what)
             return NotImplemented
         if self._part is None:
             self._store(arithmetic.binary(op, self, other, what), None, f" {what}= …")
@@ -316,13 +349,28 @@ class Value(Operators):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if self._frame is not None:
-            raise RecordError(
-                f"{self._called()} has no value while the program is recorded, so numpy cannot take it",
-                loc=here(),
-                cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
-            )
+            from shpy.lang.refusals import refuse_array
+
+            refuse_array(self)
         array = self._now()
         return array if dtype is None else array.astype(dtype)
+
+    def __format__(self, spec: str) -> str:
+        if not spec:
+            return repr(self)
+        if self._frame is not None:
+            raise ShpyTypeError(
+                f"{self._called()} has no digits while the program is recorded",
+                loc=here(),
+                cure="program.trace(…), which shows values as the program runs, or an output",
+            )
+        return format(np.asarray(self)[()], spec)
+
+    def __trunc__(self) -> int:
+        return int(self._host("trunc", "math.trunc()"))
+
+    def __divmod__(self, other: Any) -> Any:
+        return self // other, self % other
 
     def __repr__(self) -> str:
         if self._frame is None:
@@ -350,6 +398,8 @@ def _components(key: Any, size: int) -> tuple[int, ...]:
     keys = key if isinstance(key, tuple) else (key,)
     if any(isinstance(k, Value) for k in keys):
         raise ShpyTypeError("components of a list are constants", loc=here(), cure="one index at a time, x[i]")
+    if not all(hasattr(k, "__index__") for k in keys):
+        raise ShpyTypeError("a component is named by an int or a letter", loc=here(), cure="v[0], v[0:2] or v.x")
     indices = [operator.index(k) for k in keys]
     for i in indices:
         if not -size <= i < size:

@@ -17,6 +17,7 @@ from types import FrameType
 from typing import TypeAlias
 
 from shpy.ir.nodes import Loc
+from shpy.lang.foreign import OTHER_NAMES
 from shpy.lang.location import user_frame
 from shpy.lang.source.rewrite import rewritten
 from shpy.lang.source.tree import parsed, quoted
@@ -25,16 +26,15 @@ Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
 _Span: TypeAlias = tuple[int, int, int, int]
 
 _TESTING = frozenset({"bool", "min", "max", "any", "all", "sorted"})
-_FROM_MODULES = {
-    "fabs": "abs", "absolute": "abs", "power": "pow", "arcsin": "asin", "arccos": "acos", "arctan": "atan",
-    "arctan2": "atan2", "arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "minimum": "min", "maximum": "max",
-    "where": "cond", "clip": "clamp", "norm": "length", "hypot": "length", "fmod": "mod", "rint": "round",
-    "dist": "distance", "deg2rad": "radians", "rad2deg": "degrees", "matmul": "dot", "vdot": "dot",
-}  # fmt: skip
 _SAME = frozenset(
     "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 pow sin cos tan asin acos atan atan2 sinh cosh "
     "tanh asinh acosh atanh fma ldexp radians degrees dot cross transpose any all isnan isinf".split()
 )
+_JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
+_CASTING = {
+    "float32": "Attrib1f", "float64": "Attrib1d", "float16": "Attrib1h", "int32": "Attrib1i", "int64": "Attrib1i",
+    "uint32": "Attrib1u", "bool_": "Attrib1b",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,9 +372,14 @@ def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
         types = {"int": "Attrib1i", "float": "Attrib1f", "round": "round"}
         return f"{prefix}{types.get(function.id, function.id)}({inside})"
     name = function.attr if isinstance(function, ast.Attribute) else ""
-    name = _FROM_MODULES.get(name, name)
+    name = OTHER_NAMES.get(name, name)
+    if name in _JOINING:
+        inside = inside.strip("[]()")
+        return f"{prefix}vec{min(max(inside.count(',') + 1, 2), 4)}({inside})"
+    if name in _CASTING:
+        return f"{prefix}{_CASTING[name]}({inside})"
     if name == "length":
         return f"{prefix}length({prefix}Attrib2f({inside}))" if "," in inside else f"{prefix}length({inside})"
-    if name in _SAME or name in _FROM_MODULES.values():
+    if name in _SAME or name in OTHER_NAMES.values():
         return f"{prefix}{name}({inside})"
     return f"a function of shpy, such as `{prefix}sqrt`"

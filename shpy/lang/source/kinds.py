@@ -19,7 +19,7 @@ from shpy.lang.source.scope import UNRESOLVED, Scope, from_shpy
 
 _PLAIN = re.compile(r"(Attrib|Point|Vector|Normal|Color|TexCoord)[1-4][fdhiub]$")
 _COMPOUND = re.compile(r"(Matrix[234]f|Array)$")
-_FUNCTIONS = frozenset(
+FUNCTIONS = frozenset(
     "abs sign floor ceil round trunc fract mod min max clamp saturate mix step smoothstep sqrt rsqrt inversesqrt exp "
     "exp2 log log2 pow sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh fma mad ldexp radians degrees "
     "dot cross length distance normalize reflect refract faceforward transpose determinant inverse any all cond isnan "
@@ -135,7 +135,7 @@ class Judge:
                 return NUMBER
             kept = name in _KEPT and all(self.kind(a) == NUMBER for a in node.args)
             return NUMBER if kept else HOST if name == "sorted" else UNKNOWN
-        if from_shpy(thing) and name in _FUNCTIONS:
+        if from_shpy(thing) and name in FUNCTIONS:
             return VALUE
         return UNKNOWN
 

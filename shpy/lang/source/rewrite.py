@@ -34,6 +34,8 @@ class _Rewriter(ast.NodeTransformer):
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         """A chain is the `&` of its links; `in` a display compares with each item."""
         self.generic_visit(node)
+        if joined := _joined(node):
+            return joined
         links: list[ast.expr] = []
         left = node.left
         for operator, right in zip(node.ops, node.comparators, strict=True):
@@ -53,6 +55,16 @@ class _Rewriter(ast.NodeTransformer):
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
         """Another function is left as it is."""
         return node
+
+
+def _joined(node: ast.Compare) -> ast.expr | None:
+    """`a > 0 & b < 1`, which is a chain around `0 & b`: the two comparisons that were meant, in parentheses."""
+    for k, middle in enumerate(node.comparators[:-1]):
+        if isinstance(middle, ast.BinOp) and isinstance(middle.op, ast.BitAnd | ast.BitOr):
+            first = ast.Compare(node.left, node.ops[: k + 1], [*node.comparators[:k], middle.left])
+            second = ast.Compare(middle.right, node.ops[k + 1 :], node.comparators[k + 1 :])
+            return ast.BinOp(first, middle.op, second)
+    return None
 
 
 def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.expr:

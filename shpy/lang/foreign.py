@@ -1,0 +1,94 @@
+"""Names that other languages and libraries have for what shpy does: what to write instead of each.
+
+Stage: record, where an attribute is missing. Takes the name that the user wrote; gives the cure.
+
+    sh.lerp(a, b, t)    # sh.mix(a, b, t)
+    v.length()          # sh.length(v)
+    m.T                 # sh.transpose(m)
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+OTHER_NAMES = {
+    "fabs": "abs", "absolute": "abs", "power": "pow", "arcsin": "asin", "arccos": "acos", "arctan": "atan",
+    "arctan2": "atan2", "arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "minimum": "min", "maximum": "max",
+    "where": "cond", "clip": "clamp", "norm": "length", "hypot": "length", "fmod": "mod", "rint": "round",
+    "dist": "distance", "deg2rad": "radians", "rad2deg": "degrees", "matmul": "dot", "vdot": "dot",
+}  # fmt: skip
+"""A function of numpy or math, and the function of shpy that does the same."""
+
+_SHADING = {
+    "lerp": "mix(a, b, t)", "frac": "fract(x)", "roundEven": "round(x)", "magnitude": "length(v)", "mag": "length(v)",
+    "normalized": "normalize(v)", "unit": "normalize(v)", "invert": "inverse(m)", "inv": "inverse(m)",
+    "det": "determinant(m)", "select": "cond(c, a, b), a where c holds", "ifelse": "cond(c, a, b)",
+    "intBitsToFloat": "float_from_bits(u)", "floatBitsToInt": "bits_from_float(x)",
+    "asuint": "bits_from_float(x)", "asfloat": "float_from_bits(u)", "bitCount": "popcount(x)",
+    "float": "Attrib1f(x)", "int": "Attrib1i(x)", "uint": "Attrib1u(x)", "bool": "Attrib1b(x)", "double": "Attrib1d(x)",
+    "half": "Attrib1h(x)", "vec1": "Attrib1f(x)", "mat2": "Matrix2f(row0, row1), which takes rows",
+    "mat3": "Matrix3f(row0, row1, row2), which takes rows", "mat4": "Matrix4f(row0, …, row3), which takes rows",
+    "eye": "Matrix3f(), the identity", "identity": "Matrix3f(), the identity",
+    "texture": "Texture2D(array)(uv)", "texture2D": "Texture2D(array)(uv)", "tex2D": "Texture2D(array)(uv)",
+    "sample": "Texture2D(array)(uv)", "texelFetch": "Table(array, sh.Color3f)[row, column]",
+    "array": "vec3(x, y, z) for a vector, sh.Array(sh.Attrib1f, values) or sh.Table(array, sh.Attrib1f) for more",
+    "zeros": "vec3(0) for a vector, sh.Array(sh.Attrib1f, n) for an array",
+    "ones": "vec3(1) for a vector", "linspace": "Table(np.linspace(a, b, n), sh.Attrib1f)",
+    "arange": "Table(np.arange(n), sh.Attrib1i)", "discard": "SH_DISCARD()",
+    "random": "unit_float(sh.hash(i))", "rand": "unit_float(sh.hash(i))", "log10": "log(x) / math.log(10)",
+    "log1p": "log(1 + x)", "expm1": "exp(x) - 1", "exp10": "pow(10, x)", "modf": "trunc(x) and x - sh.trunc(x)",
+    "cbrt": "sign(x) * sh.pow(abs(x), 1 / 3)", "kernel": "program", "func": "program", "function": "subroutine",
+    "uniform": "Param(type, value)", "buffer": "Table(array, type)", "Uniform": "Param(type, value)",
+}  # fmt: skip
+_PLAIN = {
+    "pi": "math.pi", "PI": "math.pi", "tau": "math.tau", "e": "math.e", "inf": "math.inf", "nan": "math.nan",
+    "square": "x * x", "rcp": "1 / x", "reciprocal": "1 / x", "sum": "sum(v), Python's", "lessThan": "a < b",
+    "greaterThan": "a > b", "lessThanEqual": "a <= b", "greaterThanEqual": "a >= b", "equal": "a == b",
+    "notEqual": "a != b", "mul": "a * b, or m @ v for matrices", "outer": "sh.Matrix3f(a.x * b, a.y * b, a.z * b)",
+    "outerProduct": "sh.Matrix3f(a.x * b, a.y * b, a.z * b)", "logical_and": "a & b", "logical_or": "a | b",
+    "logical_not": "~a",
+    **dict.fromkeys(
+        ("dFdx", "dFdy", "fwidth", "ddx", "ddy"), "the derivative as a formula: no element sees its neighbours' values"
+    ),
+    "isfinite": "~(sh.isnan(x) | sh.isinf(x))",
+}  # fmt: skip
+_VECTORS = {"float": "vec", "int": "ivec", "uint": "uvec", "bool": "bvec"}
+_OF_VALUES = {
+    "sum": "sum({0}), Python's", "mean": "sum({0}) / len({0})", "prod": "the product of its components",
+    "max": "sh.max(*{0})", "min": "sh.min(*{0})", "item": "the program's output, or program.trace(…), for its value",
+    "tolist": "the program's output, or program.trace(…), for its value", "astype": "sh.Attrib1i({0}), a constructor",
+    "shape": "len({0}) for the number of components", "ndim": "len({0}) for the number of components",
+    "reshape": "a swizzle, {0}.xy, or a constructor", "dtype": "type({0})", "real": "{0}", "at": "{0}[i]",
+    "clone": "{0}.copy()", "set": "{0}[:] = …", "assign": "{0}[:] = …", "data": "{0}[:]", "squared": "{0} * {0}",
+    "T": "{0}: a vector needs no transpose, m @ v and v @ m know", "length_squared": "sh.dot({0}, {0})",
+}  # fmt: skip
+
+_TWO = frozenset("dot cross distance reflect refract mix clamp min max mod pow atan2 step smoothstep cond".split())
+
+
+def module_cure(name: str, known: Iterable[str]) -> str | None:
+    """What to write for `sh.name`; `known` are the names that there are."""
+    if name in _PLAIN:
+        return _PLAIN[name]
+    if name in OTHER_NAMES:
+        return f"sh.{OTHER_NAMES[name]}"
+    if name in _SHADING:
+        return f"sh.{_SHADING[name]}"
+    if name[:-1] in _VECTORS and name[-1] in "234":
+        return f"sh.{_VECTORS[name[:-1]]}{name[-1]}"
+    lower = {k.lower(): k for k in known}
+    if name.lower() in lower:
+        return f"sh.{lower[name.lower()]}"
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.75)
+    return f"sh.{near[0]}" if near else None
+
+
+def value_cure(name: str, called: str, functions: Iterable[str]) -> str | None:
+    """What to write for `v.name`, where v is `called` so; `functions` are those of shpy."""
+    if name in _OF_VALUES:
+        return _OF_VALUES[name].format(called)
+    function = OTHER_NAMES.get(name) or _SHADING.get(name, name).partition("(")[0]
+    if function not in functions:
+        return None
+    return f"sh.{function}({called}, …)" if function in _TWO else f"sh.{function}({called})"

@@ -1,0 +1,67 @@
+"""Cures for host arrays, and what an index or a hash takes."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+
+
+@sh.program
+def tinted(pixel: sh.Color3f) -> sh.Color3f:
+    return pixel * 2
+
+
+@pytest.mark.parametrize(
+    ("shape", "cure"),
+    [
+        ((4, 4, 4), "pixel[..., :3], which drops the alpha channel"),
+        ((8, 5), "pixel[..., :3]"),
+        ((3, 4, 4, 2), "np.moveaxis(pixel, 0, -1)"),
+        ((12,), "np.asarray(pixel).reshape(-1, 3)"),
+        ((4, 4), "pixel[..., :3], which drops the alpha channel"),
+        ((7,), "an array whose last axis has 3 components"),
+        ((), "an array whose last axis has 3 components"),
+    ],
+)
+def test_an_array_of_other_components_is_not_told_to_scramble_them(shape, cure):
+    with pytest.raises(sh.ShpyTypeError, match="pixel is a Color3f and takes an array") as caught:
+        tinted(np.zeros(shape))
+    assert caught.value.cure == cure
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_an_array_takes_a_u_as_its_index(backend):
+    @sh.program
+    def picked(u: sh.Attrib1u) -> sh.Attrib1f:
+        a = sh.Array(sh.Attrib1f, [1, 2, 3, 4])
+        a[u] = a[u] + 10
+        return a[u] + a[sh.Attrib1u(0)]
+
+    # Out of range: a store is dropped, a read gives the last, beyond i's range too.
+    expected = [22, 13, 15, 5, 5]
+    assert picked.compile(backend)(np.array([0, 1, 3, 4, 2**32 - 1], np.uint32)).tolist() == expected
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_hash_takes_an_i_which_wraps(backend):
+    @sh.program
+    def both(i: sh.Attrib1i) -> tuple[sh.Attrib1u, sh.Attrib1u, sh.Attrib1u]:
+        return sh.hash(i), sh.hash(sh.Attrib1u(i), i), sh.hash(-1, 2)
+
+    i = np.array([0, 5, -1, -(2**31)], np.int32)
+    first, second, third = both.compile(backend)(i)
+    words = [int(k) % 2**32 for k in i]
+    assert first.tolist() == [int(np.asarray(sh.hash(w))) for w in words]
+    assert second.tolist() == [int(np.asarray(sh.hash(w, w))) for w in words]
+    assert set(third.tolist()) == {int(np.asarray(sh.hash(2**32 - 1, 2)))}
+
+
+def test_names_of_shpy_and_of_values_can_be_asked_for():
+    assert not hasattr(sh, "lerp")
+    assert not hasattr(sh.vec3(1), "length")
+    assert not hasattr(sh.Matrix3f(), "T")
+    assert f"{sh.Attrib1f(0.5):.2f} {sh.vec2(1, 2)}" == "0.50 Attrib2f(1.0, 2.0)"
+    assert divmod(sh.Attrib1i(-7), 2)[0].x + 4 == 0
+    with pytest.raises(sh.ShpyAttributeError, match=r"shpy has no 'vec5'") as caught:
+        sh.vec5  # noqa: B018
+    assert caught.value.cure
