@@ -192,12 +192,9 @@ def test_what_is_recorded_for_an_instance_goes_with_it_and_not_to_its_copies():
     gone = weakref.ref(three)
     held = Shader.__dict__["shade"]
     count = len(held._made)
-    gc.disable()
-    try:
-        del three
-        assert gone() is None
-    finally:
-        gc.enable()
+    del three
+    gc.collect()
+    assert gone() is None
     assert len(held._made) == count - 1
 
 
