@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
 uniform int each_x;  // 0 where one value serves all elements
@@ -39,7 +39,7 @@ void histogram(precise float x, uint bits, precise out vec4 result0, precise out
         if (t >= 0 && t < 4) {
             counts[t] = counts[clamp(t, 0, 3)] + 1;
         }
-        push(stack, float(counts[clamp(i, 0, 3)]) * x);  // test_glsl_text.py:53
+        push(stack, (float(counts[clamp(i, 0, 3)]) + zero) * x);  // test_glsl_text.py:53
     }
     result0 = stack;  // test_glsl_text.py:54
     result1 = sh_floormod(bits >> 3, 2u) == 1u;

@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
 uniform int each_x;  // 0 where one value serves all elements
@@ -41,7 +41,7 @@ void positive(precise float x, int n, precise out float result, out int status) 
                 status = 2;
                 break;
             }
-            total += sh_min(x, 1.0) / float(n);  // test_glsl_text.py:64
+            total += sh_min(x, 1.0) / (float(n) + zero);  // test_glsl_text.py:64
             n -= 1;  // test_glsl_text.py:65
         }
         if (!ended) {  // test_glsl_text.py:63

@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
 uniform int each_x;  // 0 where one value serves all elements
@@ -16,7 +16,7 @@ layout(location = 0) out vec2 out_0;
 vec3 payne_hanek(precise float x) {
     precise bool large = abs(x) >= 8.307675e+34;
     precise float scaled = large ? x * 1.2621775e-29 : x;
-    precise float digit = large ? 1405.0 : 0.0;
+    precise float digit = large ? 1405.0 : zero;
     precise float digit_2 = large ? 501.0 : 163.0;
     precise float digit_3 = large ? 846.0 : -104.0;
     precise float digit_4 = large ? -575.0 : 878.0;

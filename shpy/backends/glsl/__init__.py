@@ -24,6 +24,7 @@ from shpy.ir.nodes import Loc, Module, Value, Variable
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base
 from shpy.passes.exits import few_turns
+from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Target, prepare
 from shpy.passes.specialise import select_outputs
@@ -79,19 +80,21 @@ class GlslBackend:
         _refuse(prepared.module)
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")
-        count = len(prepared.module.entry.outputs)
+        exact = options.math != "fast"
+        whole = hide_derivable(prepared.module) if exact else prepared.module
+        count = len(whole.entry.outputs)
         groups = tuple(
             tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
         )
         programs = []
         for group in groups:
-            part = select_outputs(prepared.module, group) if len(groups) > 1 else prepared.module
+            part = select_outputs(whole, group) if len(groups) > 1 else whole
             steady = few_turns(part)
             printer = Printer(
                 part,
                 loops_stop=not steady,
                 limited=options.loop_limit is not None,
-                exact=options.math != "fast",
+                exact=exact,
             )
             programs.append(runtime.build(printer.shader(), module.entry.loc, steady=steady))
         sources = [p.shader.source for p in programs]

@@ -41,6 +41,9 @@ _HEAD: Final = """\
 #endif
 """
 
+_ZERO: Final = "float(min(int(gl_FragCoord.x), 0))"
+"""A zero that no driver knows: one may look at the value of a uniform that a loop's condition reads."""
+
 _FOLD_BITS: Final = FOLD.bit_length() - 1
 _SAMPLERS: Final = {Base.F: "sampler2D", Base.I: "isampler2D", Base.U: "usampler2D", Base.B: "usampler2D"}
 
@@ -101,7 +104,7 @@ class Printer(Spelling):
             lines.append(f"uniform {_SAMPLERS[table.type.base]} {names.sampler};")
             lines.append(f"uniform {spelled(vec(Base.I, table.rank))} {names.shape};")
         ours = {
-            self.zero_name: f"uniform float {self.zero_name};  // 0.0, but the driver must not know",
+            self.zero_name: f"float {self.zero_name} = {_ZERO};  // 0.0, but the driver must not know",
             RUNNING: f"uniform bool {RUNNING};  // true, but the driver must not know",
             LAST: f"uniform ivec2 {LAST};",
             FIRST: f"uniform int {FIRST};",

@@ -4,7 +4,7 @@ Stage: emit. What GLSL does in its own way:
 
 - `precise` keeps the order of operations and stops contraction; it belongs to variables;
 - a literal zero would be folded all the same (`0.0 * x` is 0 to Mesa, NaN or not), so zeros that take part in
-  arithmetic are a uniform that is never set;
+  arithmetic are a global that the driver does not know; `passes/hide.py` adds it to what the driver could derive;
 - a shift by 32 or more is undefined: what is not known to be less is masked.
 
     mul %x, 0  ->  x * zero            lt %v, %w  ->  lessThan(v, w)            shr %u, %n  ->  u >> (n & 31u)
@@ -12,7 +12,6 @@ Stage: emit. What GLSL does in its own way:
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
@@ -66,9 +65,6 @@ _OF_VECTORS: Final[Mapping[str, str]] = {
 }
 
 
-_ONE = re.compile(r"-?1\.0|vec\d\([^()]*\b1\.0\b[^()]*\)")  # or a vector that has one
-
-
 class Spelling(CLike):
     """The operations. Where tables and the grid are found is told by `Printer`."""
 
@@ -112,7 +108,7 @@ class Spelling(CLike):
         return spelled(type)
 
     def literal(self, type: Type, component: float | int | bool) -> Expr:
-        """One number; a float zero is the uniform."""
+        """One number; a float zero is the global that the driver does not know."""
         if type.is_bool:
             return Expr("true" if component else "false")
         if type.base is Base.U:
@@ -127,10 +123,7 @@ class Spelling(CLike):
         return _signed(str(rounded))
 
     def known_zero(self, e: Expr) -> Expr:
-        """The expression with a literal zero where it was the uniform: in comparisons and choices that is the same.
-
-        A literal -0.0 is not: llvmpipe takes it for 0.0 where it makes a choice the lesser of two numbers.
-        """
+        """The expression with a literal zero where it was the unknown one: in comparisons that is the same."""
         if e.text == self.zero_name:
             return replace(e, text="0.0")
         if e.scalar is not None and e.scalar.text == self.zero_name:
@@ -209,8 +202,6 @@ class Spelling(CLike):
     def op_cond(self, let: Let) -> Expr:
         """`c ? a : b` for one c, `mix` for one a component."""
         c, a, b = self.args(let)
-        if not any(map(_ONE.fullmatch, (a.text, b.text))):  # see _one_or_zero
-            a, b = self.known_zero(a), self.known_zero(b)
         type = let.value.type
         if type.size == 1:
             return ex.ternary(c, a, b)

@@ -235,7 +235,7 @@ def by_decorator(cases: list[Case]) -> Callable[..., Callable[[F], F]]:
 
 def all_cases() -> list[Case]:
     """The list: operations, edges, control flow, data."""
-    from shpy.testing.conformance import control, data, edges, operations
+    from shpy.testing.conformance import control, data, edges, operations, zeros
 
-    parts = (operations, edges, control, data)
+    parts = (operations, edges, zeros, control, data)
     return [case for part in parts for case in part.cases()]

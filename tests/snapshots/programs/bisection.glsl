@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
 uniform int each_x;  // 0 where one value serves all elements
@@ -21,7 +21,7 @@ void bisection(precise float x, precise out float result, out int status) {  // 
     result = zero;
     status = 1;
     precise float low = zero;  // snapshot_programs.py:187
-    precise float high = sh_max(x, 1.0);
+    precise float high = sh_max(x, 1.0) - zero;
     precise bool ended = false;  // snapshot_programs.py:188
     int turns = 0;
     while (true) {

@@ -5,6 +5,7 @@
 #define precise
 #endif
 
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform int sh_first;
 uniform int sh_width;
@@ -18,8 +19,8 @@ ivec2 sh_grid_index2() {
 }
 
 vec3 checkered() {  // snapshot_programs.py:173
-    precise vec2 uv = vec2(sh_grid_index2()) / vec2(sh_grid_shape.xy);  // snapshot_programs.py:176
-    precise vec3 result = vec3(uv, float((sh_grid_index2().x ^ sh_grid_index2().y) & 1));  // snapshot_programs.py:177
+    precise vec2 uv = (vec2(sh_grid_index2()) + zero) / (vec2(sh_grid_shape.xy) + zero);  // snapshot_programs.py:176
+    precise vec3 result = vec3(uv, float((sh_grid_index2().x ^ sh_grid_index2().y) & 1) + zero);  // snapshot_programs.py:177
     return result;
 }
 

@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform bool sh_running;  // true, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
@@ -42,7 +42,7 @@ void counting(precise float x, int n, precise out float result, out int status) 
         if (sh_floormod(i, 3) == 0) {  // snapshot_programs.py:74
             continue;
         }
-        total += x * float(i);  // snapshot_programs.py:75
+        total += x * (float(i) + zero);  // snapshot_programs.py:75
         precise bool t = total > 100.0;  // snapshot_programs.py:76
         if (t) {
             ended = true;
@@ -62,7 +62,7 @@ void counting(precise float x, int n, precise out float result, out int status) 
             ended_2 = true;
             break;
         }
-        total -= float(j);  // snapshot_programs.py:78
+        total -= float(j) + zero;  // snapshot_programs.py:78
         j += -2;  // snapshot_programs.py:77
     }
     if (!ended_2) {  // snapshot_programs.py:77

@@ -5,6 +5,7 @@
 #define precise
 #endif
 
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform bool sh_running;  // true, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
@@ -45,7 +46,7 @@ void leaving(precise float x, out int result0, out int result1, out int status) 
                 status = 2;
                 break;
             }
-            precise bool t = x < float(i * j);  // snapshot_programs.py:87
+            precise bool t = x < float(i * j) + zero;  // snapshot_programs.py:87
             if (t) {
                 result0 = i;  // snapshot_programs.py:88
                 result1 = j;

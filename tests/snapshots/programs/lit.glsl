@@ -9,7 +9,7 @@ uniform vec3 turn_0;
 uniform vec3 turn_1;
 uniform vec3 turn_2;
 uniform vec3 light;
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_p;
 uniform int each_p;  // 0 where one value serves all elements
@@ -37,7 +37,7 @@ vec3 normalize3(precise vec3 v) {
     precise vec3 scaled = v * (largest > 4.611686e+18 ? 7.888609e-31 : (largest < 8.881784e-16 ? 1.2676506e+30 : 1.0));
     precise float size = sqrt(dot3(scaled, scaled));
     precise bool t5 = size > 0.0;
-    precise vec3 result = t5 ? scaled / (t5 ? size : 1.0) : vec3(0.0);
+    precise vec3 result = t5 ? scaled / (t5 ? size : 1.0) : vec3(zero);
     return result;
 }
 

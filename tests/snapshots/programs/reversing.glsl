@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_x;
 uniform int each_x;  // 0 where one value serves all elements
@@ -17,7 +17,7 @@ float reversing(precise vec4 x, int n) {  // snapshot_programs.py:111
     precise float stack[4] = float[4](zero, zero, zero, zero);  // snapshot_programs.py:113
     for (int i = 0; i < 4; i += 1) {  // snapshot_programs.py:114
         if (i >= 0 && i < 4) {  // snapshot_programs.py:115
-            stack[i] = x[clamp(i, 0, 3)];
+            stack[i] = x[clamp(i, 0, 3)] - zero;
         }
     }
     precise float result = stack[clamp(3 - n, 0, 3)];  // snapshot_programs.py:116

@@ -5,7 +5,7 @@
 #define precise
 #endif
 
-uniform float zero;  // 0.0, but the driver must not know
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_p;
 uniform int each_p;  // 0 where one value serves all elements

@@ -8,6 +8,7 @@
 uniform int image_mode;
 uniform sampler2D image;
 uniform ivec2 image_shape;
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform sampler2D in_uv;
 uniform int each_uv;  // 0 where one value serves all elements
@@ -68,14 +69,14 @@ vec3 sample_image(precise vec2 uv) {  // library.py:175
     int t2 = image_shape.y;
     precise bool t3 = (image_mode & 1) != 0;  // library.py:178
     precise bool t4 = (image_mode & 2) != 0;
-    precise vec2 size = vec2(float(t2), float(t));  // library.py:180
+    precise vec2 size = vec2(float(t2) + zero, float(t) + zero);  // library.py:180
     precise vec2 inside = t4 ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0));  // library.py:187
     precise vec2 place = inside * size;  // library.py:189
-    precise float shift = t3 ? 0.5 : 0.0;  // library.py:198
+    precise float shift = t3 ? 0.5 : zero;  // library.py:198
     precise vec2 t5 = place - shift;  // library.py:199
     precise vec2 corner = floor(t5);
     precise vec2 t_6 = t5 - corner;  // library.py:200
-    precise vec2 t_7 = t3 ? t_6 : vec2(0.0);  // library.py:202
+    precise vec2 t_7 = t3 ? t_6 : vec2(zero);  // library.py:202
     ivec2 cell = sh_int(corner);  // library.py:203
     ivec2 t8 = cell + ivec2(1, 0);  // library.py:204
     precise vec3 top = mix3(image_at(ivec2(t4 ? sh_floormod(cell.y, t) : cell.y, t4 ? sh_floormod(cell.x, t2) : cell.x)), image_at(ivec2(t4 ? sh_floormod(t8.y, t) : t8.y, t4 ? sh_floormod(t8.x, t2) : t8.x)), vec3(t_7.x));

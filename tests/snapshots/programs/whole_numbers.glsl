@@ -5,6 +5,7 @@
 #define precise
 #endif
 
+float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
 uniform isampler2D in_a;
 uniform int each_a;  // 0 where one value serves all elements
@@ -51,7 +52,7 @@ void whole_numbers(int a, int b, uint u, out int result0, out int result1, out i
     result1 = sh_floormod(a, b);
     result2 = (a << 2) ^ (b & ~a);
     result3 = u >> 7;
-    result4 = float(pcg(u) >> 8) * 5.9604645e-08;
+    result4 = (float(pcg(u) >> 8) + zero) * 5.9604645e-08;
     result5 = (-2147483647 - 1) - a;
 }
 

@@ -1,0 +1,114 @@
+"""Hide from a driver's compiler the floats that it could derive, so that it cannot take `0 * x` for 0 or `x + 0` for x.
+
+Stage: improve, last; for targets whose compilers fold arithmetic with zero although x may be infinite, NaN or -0.0.
+Such a target prints a float zero as a number that its compiler does not know. The pass adds that zero to each float
+that could become known when the driver unrolls loops and merges branches:
+
+    %f = convert %i : f                  ->  %t = convert %i : f;  %f = add %t, 0.0       (each int that becomes one)
+    store $x = 1.0                       ->  %t = add 1.0, 0.0;    store $x = %t          (if $x is read)
+    %m = call mix1 %a, %b, 1.0           ->  %t = add 1.0, 0.0;    %m = call mix1 %a, %b, %t
+    %d = sub (cond %c, 1.0, 2.0), 1.0    ->  %t = add 1.0, 0.0;    %d = sub (cond %c, 1.0, 2.0), %t
+
+A value is *derivable* if it depends on constants, counters and conditions alone. After the pass no operation on floats
+has operands that are all derivable.
+"""
+
+from __future__ import annotations
+
+from shpy.ir.nodes import Call, Function, Let, Module, Store, Value
+from shpy.ir.traverse import walk
+from shpy.passes.rewriter import Functions, Rewriter, each_function
+
+__all__ = ["hide_derivable"]
+
+_CHOOSING = frozenset({"cond", "construct", "splat", "swizzle", "component", "neg", "abs", "min", "max"})
+"""Operations that give one of their operands, or its opposite: they make no zero of numbers that are not zero."""
+_FETCHED = frozenset({"load", "param", "table", "half"})
+_UNKNOWN = frozenset({"table", "call", "grid_index"})
+_MINUS_ZERO = 1 << 63
+
+
+def hide_derivable(module: Module) -> Module:
+    """The module without operations on floats that a compiler could compute."""
+    entry = module.entry.name
+
+    def hidden(function: Function, functions: Functions) -> Function:
+        return _Hide(function, functions, function.name == entry).run()
+
+    return each_function(module, hidden)
+
+
+class _Hide(Rewriter):
+    def __init__(self, function: Function, functions: Functions, entry: bool) -> None:
+        super().__init__(function, functions)
+        self.derivable: set[int] = set()
+        read = {s.attr for s in walk(function.body) if isinstance(s, Let) and s.op == "load"}
+        passed = {a for s in walk(function.body) if isinstance(s, Call) for a in s.args}
+        handed = set() if entry else {o.id for o in function.outputs}
+        handed |= {i.id for i in function.inputs if not isinstance(i, Value)}
+        self.read = read | passed | handed
+        """The variables whose values go into operations, here or where the function is called."""
+
+    def let(self, let: Let) -> None:
+        op, args = let.op, let.args
+        if not let.value.type.is_float:
+            if op not in _UNKNOWN and all(a in self.derivable for a in args):
+                self.derivable.add(let.value.id)
+        elif op == "const":
+            assert isinstance(let.attr, tuple)
+            if any(bits & ~_MINUS_ZERO for bits in let.attr):  # zeros are unknown as they are
+                self.derivable.add(let.value.id)
+        elif op == "convert" and not self.types[args[0]].is_float:
+            made = self.value(let.value.type)
+            self.emit(Let(made, op, args))
+            self._emit_sum("add", let.value, made.id)
+            return
+        elif op == "float_from_bits" and args[0] in self.derivable:
+            bits = self.types[args[0]]
+            nothing = self.make("bits_from_float", self.const(let.value.type, 0.0), type=bits)
+            let = Let(let.value, op, (self.make("or", args[0], nothing, type=bits),))
+        elif op in _CHOOSING:
+            if any(a in self.derivable for a in (args[1:] if op == "cond" else args)):
+                self.derivable.add(let.value.id)
+        elif op == "call":
+            let = Let(let.value, op, tuple(self._hide(a) if self._is_known(a) else a for a in args), let.attr)
+        elif op not in _FETCHED:
+            let = self._with_one_hidden(let)
+        self.emit(let)
+
+    def _is_known(self, value: int) -> bool:
+        return self.types[value].is_float and value in self.derivable
+
+    def _with_one_hidden(self, let: Let) -> Let:
+        floats = [a for a in let.args if self.types[a].is_float]
+        if not floats or any(a not in self.derivable for a in floats):
+            return let
+        constant = next((a for a in floats if a in self.made and self.made[a].op == "const"), floats[0])
+        at = let.args.index(constant)
+        return Let(let.value, let.op, (*let.args[:at], self._hide(constant), *let.args[at + 1 :]), let.attr)
+
+    def _hide(self, value: int) -> int:
+        """A value that is the same number, to the bit, and unknown to the driver."""
+        made = self.value(self.types[value])
+        constant = self.made.get(value)
+        plus = constant is not None and isinstance(constant.attr, tuple) and _MINUS_ZERO not in constant.attr
+        self._emit_sum("add" if plus else "sub", made, value)
+        return made.id
+
+    def _emit_sum(self, op: str, value: Value, number: int) -> None:
+        """Emit `number + 0.0`; `number - 0.0` where -0.0 is to stay what it is."""
+        zero = self.const(value.type, 0.0)
+        self.emit(Let(value, op, (number, zero)))
+
+    def store(self, store: Store) -> None:
+        if self._is_known(store.value) and store.variable in self.read:
+            store = Store(store.variable, self._hide(store.value), store.components, store.index, store.loc)
+        self.emit(store)
+
+    def call(self, call: Call) -> None:
+        inputs = self.functions[call.function].inputs
+        args = tuple(
+            self._hide(a) if isinstance(i, Value) and self._is_known(a) else a
+            for a, i in zip(call.args, inputs, strict=True)
+        )
+        self.emit(Call(call.function, args, call.results, call.loc))
