@@ -64,7 +64,7 @@ class Expected:
         """Whether a denormal arises on the way of this element: a device that flushes them may go another."""
         tables = {n: TABLES[n].data(np.float32) for n in self.recorded.tables}
         params = {n: PARAMS[n].value for n in self.recorded.params}
-        return self.watch.arises([a[k] for a in self.inputs], params, tables)
+        return self.watch.arises([a[k] for a in self.inputs], params, tables, (), ())
 
     def compare(self, outputs: list[Array], ends: Array, who: str) -> None:
         """Every element's end and every bit of its outputs, but for NaNs."""

@@ -116,7 +116,7 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
 
     With `derives` it computes with numbers that a driver's compiler can derive.
     """
-    shallow = draw(st.integers(0, 9)) > 5
+    shallow = draw(st.integers(0, 9)) > 6
     functions: list[Function] = []
     for k in range(0 if shallow else draw(st.integers(0, 2))):
         functions.append(_function(draw, f"sub{k}", functions))
