@@ -27,11 +27,10 @@ from shpy.lang.values import CLASSES
 
 @dataclass(slots=True)
 class _Kept:
-    """A uniform's kernel at a precision and mode, what it gave last, and the state of the sources then."""
+    """A uniform's kernel at a precision and mode; the state of the sources when it ran last, and what it gave then."""
 
     kernel: Kernel
-    state: Any = None
-    value: Any = None
+    last: tuple[Any, Any] = (None, None)
 
 
 def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
@@ -43,10 +42,12 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
             Kernel(_recorded(uniform), backend("numpy"), Options(precision, math=math))
         )
     state = [source._version if isinstance(source, Table) else source._const for source in uniform.sources]
-    if kept.state != state:
-        kept.value, kept.state = np.asarray(kept.kernel()), state
-    value: NDArray[Any] = kept.value
-    return value
+    before, value = kept.last
+    if before != state:
+        value = np.asarray(kept.kernel())
+        kept.last = state, value  # at once: other threads may run kernels that use it
+    found: NDArray[Any] = value
+    return found
 
 
 def _recorded(uniform: Dependent) -> Recorded:

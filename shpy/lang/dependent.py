@@ -47,6 +47,7 @@ class Expression:
 
     root: Node
     name: str | None
+    sources: tuple[Any, ...] | None = None
     kept: dict[tuple[str, str], Any] = field(default_factory=dict)
 
 
@@ -74,7 +75,11 @@ class Dependent:
     @property
     def sources(self) -> tuple[Any, ...]:
         """The Params and Tables that it follows."""
-        return tuple({id(n.source): n.source for n in nodes_of(self.root) if n.source is not None}.values())
+        held: Expression = self._const
+        if held.sources is None:
+            found = {id(n.source): n.source for n in nodes_of(held.root) if n.source is not None}
+            held.sources = tuple(found.values())
+        return held.sources
 
     @property
     def value(self) -> Any:

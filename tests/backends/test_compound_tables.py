@@ -141,6 +141,22 @@ def test_structs_in_structs_and_constant_reads():
     assert f(0) == np.float32(data["ball"]["radius"][2]) * 2
 
 
+def test_structured_arrays_are_structs():
+    @sh.program
+    def moved(ball: Ball) -> Ball:
+        ball.center.x += ball.radius
+        return ball
+
+    fields = balls(6)
+    out = structured(balls(6)).astype([("radius", "f4"), ("color", "i4"), ("center", "f4", 3)])
+    found = moved(structured(fields))
+    moved.compile().run(fields, out=out)
+    for name in fields:
+        assert np.array_equal(getattr(found, name), out[name])
+    expected = fields["center"][:, 0].astype(np.float32) + fields["radius"].astype(np.float32)
+    assert np.array_equal(found.center[:, 0], expected)
+
+
 def test_programs_hand_tables_of_structs_on():
     @sh.program
     def radius(balls: sh.Table[Ball], i: sh.Attrib1i) -> sh.Attrib1f:

@@ -1,6 +1,7 @@
 """Params, and the uniforms that follow them: the bits that the program itself would compute, on every target."""
 
 import operator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -279,6 +280,22 @@ def test_computed_once_as_long_as_nothing_changes(monkeypatch):
         f(1)
     assert len([r for r in runs if "twice" in r]) == 1  # the first was computed when f was recorded
     assert f(1) == 9
+
+
+def test_threads_see_one_value():
+    gain = sh.Param(sh.Attrib1f, 1.0)
+    twice = gain * 2
+
+    @sh.program
+    def f(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x + twice
+
+    kernel = f.compile("numpy")
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: float(kernel(1)), range(40)))
+        gain.value = 3
+        found += pool.map(lambda _: float(kernel(1)), range(40))
+    assert found == [3] * 40 + [7] * 40
 
 
 # Matrices and structs

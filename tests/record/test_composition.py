@@ -65,6 +65,14 @@ def test_an_output_more_does_not_change_what_names_mean():
     assert list(joined.outputs) == ["0", "1"]
 
 
+@pytest.mark.parametrize("options", [("numpy", "auto"), ("opencl", 1), ("opencl", 8), ("glsl", "auto")], ids=str)
+def test_names_join_alike_on_every_backend(options):
+    backend, lanes = options
+    difference, extra = (minus << three).compile(backend, lanes=lanes)([1, 2, 5])
+    assert difference.tolist() == [1000, 1000, 1000]
+    assert extra.tolist() == [7, 7, 7]
+
+
 def test_outputs_without_names_go_by_position():
     joined = minus << pair
     assert joined(1) == -10
