@@ -22,7 +22,7 @@ from raytracer.errors import SceneError
 from raytracer.kernels.triangle import FAR
 from raytracer.kernels.walk import Walk, walk_through
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import origin_of, rounded, triangle_rows
+from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.scene import Scene
 
@@ -69,18 +69,21 @@ class Intersector:
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._walk: Walk | None = None
         self._alone: Callable[[], Walk] | None = None
-        self._origin = np.zeros(3)
+        self._origin, self._scale = np.zeros(3), 1.0
         self._kernels: dict[tuple[str, bool], Any] = {}
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
             self._origin = origin_of(corners)
-            corners = rounded(corners - self._origin, precision)
-            structure, rows = build(accel, corners, precision), triangle_rows(corners)
+            corners -= self._origin
+            self._scale = scale_of(corners)
+            self._corners = rounded(corners * self._scale, precision)
+            structure, rows = build(accel, self._corners, precision), triangle_rows(self._corners)
             target = backend or sh.default_backend()
             self._walk = walk_through(structure, rows, target)
-            if isinstance(structure, Bvh) and target == "opencl" and precision == "f32":
-                self._alone = partial(WideIntersector, structure, rows)
+            if isinstance(structure, Bvh) and precision == "f32":
                 self._box = structure.low[0], structure.high[0]
+                self._wide = partial(WideIntersector, structure, rows)
+                self._alone = self._wide if target == "opencl" else None
 
     def intersect(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
@@ -94,10 +97,7 @@ class Intersector:
         if self._walk is None or not len(eye):
             n = len(eye)
             return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), *np.zeros((2, n), np.float32))
-        t, triangle, uv = self._run("intersect", eye, ray, near, limit)
-        distance = np.full_like(t, np.inf)
-        np.divide(t, length, out=distance, where=triangle >= 0, casting="same_kind")
-        return Hits(distance, triangle, uv[:, 0], uv[:, 1])
+        return self._hits(self._run("intersect", eye, ray, near, limit), length)
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, t_max: ArrayLike = np.inf, t_min: ArrayLike = 0.0
@@ -110,9 +110,23 @@ class Intersector:
 
     def _run(self, name: str, eye: Floats, ray: Floats, near: Floats, limit: Floats) -> Any:
         """What the kernel of this name says of these rays."""
+        eye, near, limit = self._moved(eye, near, limit)
+        return self._kernel(name, eye, ray, near)(eye, ray, near, limit)
+
+    def _moved(self, eye: Floats, near: Floats, limit: Floats) -> tuple[Floats, Floats, Floats]:
+        """Origins and ranges of rays in the kernels' coordinates."""
         if self._origin.any():
             eye = eye - self._origin
-        return self._kernel(name, eye, ray, near)(eye, ray, near, limit)
+        if self._scale != 1:
+            eye, near, limit = eye * self._scale, *(np.clip(end * self._scale, -FAR, FAR) for end in (near, limit))
+        return eye, near, limit
+
+    def _hits(self, found: Any, length: Floats) -> Hits:
+        """What a kernel found, in lengths of the directions."""
+        t, triangle, uv = found
+        distance = np.full_like(t, np.inf)
+        np.divide(t, length * self._scale, out=distance, where=triangle >= 0, casting="same_kind")
+        return Hits(distance, triangle, uv[:, 0], uv[:, 1])
 
     def _kernel(self, name: str, eye: Floats, ray: Floats, near: Floats) -> Any:
         """The kernel for these rays."""

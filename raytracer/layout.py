@@ -42,6 +42,19 @@ def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.abs(middle) <= size, 0.0, np.round(middle / step) * step)
 
 
+LEAST, MOST = 0, 30
+"""Exponents of 2 between which the largest coordinate lies in a kernel: its cube and that of far less are no extremes."""
+
+
+def scale_of(corners: NDArray[np.float64]) -> float:
+    """By which power of two the kernels' coordinates are multiplied: 1, but for very large and very small scenes.
+
+    `corners` are relative to `origin_of`. So products of coordinates neither overflow nor vanish.
+    """
+    _, exponent = np.frexp(np.abs(corners).max())
+    return float(2.0 ** (np.clip(exponent, LEAST, MOST) - exponent)) if corners.any() else 1.0
+
+
 def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:
     """Corners (N, 3, 3) as a kernel that works at `precision` sees them."""
     return corners.astype(WORKING.get(precision, np.float32)).astype(np.float64)
@@ -59,7 +72,7 @@ def triangle_rows(corners: NDArray[np.float64]) -> Rows:
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
-    All positions are relative to `origin` (3,). `structure` is the accelerator; `roundoff` the largest relative error
+    All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two. `structure` is the accelerator; `roundoff` the largest relative error
     of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if
     every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no mesh has any;
     `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and `object_of` (N,)
@@ -68,6 +81,7 @@ class Layout:
     """
 
     origin: NDArray[np.float64]
+    scale: float
     structure: Grid | Bvh
     roundoff: float
     triangles: Rows
@@ -84,12 +98,15 @@ class Layout:
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
         origin = origin_of(corners)
-        corners = rounded(corners - origin, precision)
+        corners -= origin
+        scale = scale_of(corners)
+        corners = rounded(corners * scale, precision)
         materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
         return cls(
             origin=origin,
+            scale=scale,
             structure=build(accel, corners, precision),
             roundoff=float(np.finfo(WORKING.get(precision, np.float32)).eps) / 2,
             triangles=triangle_rows(corners),
@@ -98,7 +115,7 @@ class Layout:
             materials=materials,
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=np.repeat(places, sizes).astype(np.int32),
-            lights=light_rows(scene.lights, origin),
+            lights=light_rows(scene.lights, origin, scale),
         )
 
     @property
@@ -107,12 +124,12 @@ class Layout:
         return bool((self.materials[::2, 3] > 0).any())
 
 
-def light_rows(lights: Sequence[Light], origin: NDArray[np.float64]) -> Rows:
-    """(2L, 4): position from `origin` and 1, or unit direction toward the light and 0; then its colour."""
+def light_rows(lights: Sequence[Light], origin: NDArray[np.float64], scale: float) -> Rows:
+    """(2L, 4): position from `origin`, times `scale`, and 1, or unit direction toward the light and 0; then its colour."""
     rows = np.zeros((2 * len(lights), 4))
     for k, light in enumerate(lights):
         if isinstance(light, PointLight):
-            rows[2 * k] = *(light.position - origin), 1
+            rows[2 * k] = *((light.position - origin) * scale), 1
         else:
             rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         rows[2 * k + 1, :3] = light.color

@@ -114,7 +114,7 @@ class Renderer:
         assert camera is not None  # a scene frames one if it has none
         assert self.layout is not None
         view = camera.view(width, height)
-        view = view._replace(eye=view.eye - self.layout.origin)
+        view = view._replace(eye=(view.eye - self.layout.origin) * self.layout.scale)
         for name, value in view._asdict().items():
             self.program.params[name].value = value
 
@@ -125,6 +125,7 @@ class Renderer:
         band = Pixel(*(layer[top : top + count] for layer in layers.values()))
         if fine == 1 and self.kernel.options.precision == "f32":
             self.kernel.run(shape=(count, width), out=band)
+            self._unscale(band)
             return
         found = self.kernel(shape=(count * fine, width * fine))
         middle = slice(fine // 2, None, fine)
@@ -133,6 +134,13 @@ class Renderer:
         if fine > 1:
             band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
             band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+        self._unscale(band)
+
+    def _unscale(self, band: Pixel) -> None:
+        """Give distances in the scene's own units again."""
+        assert self.layout is not None
+        if self.layout.scale != 1:
+            band.depth[:] = band.depth.astype(np.float64) / self.layout.scale
 
 
 def eye_rays(tracer: Tracer) -> Any:

@@ -28,6 +28,8 @@ BINS = 16
 MAX_LEAF = 4
 """Triangles of a leaf, at most: as many as a block of `accel.wide` holds."""
 COUNT_BITS = 3
+GROWTH = 2.0**-79
+"""By how much boxes are grown at least: more than `kernels.triangle` grows those of triangles."""
 DESCENT = 3.0
 """What it costs to look into the two nodes below a cut, if trying a triangle costs 1."""
 END = -1
@@ -65,8 +67,7 @@ def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> B
 def _grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
     """Rounded to `dtype` and grown by a rounding of their coordinates: nothing that they hold lies in a face."""
     largest = np.maximum(np.abs(lows), np.abs(highs)).max(axis=1, keepdims=True)
-    limits = np.finfo(dtype)
-    grow = float(limits.eps) * largest + float(limits.tiny)
+    grow = float(np.finfo(dtype).eps) * largest + GROWTH
     return (lows - grow).astype(dtype), (highs + grow).astype(dtype)
 
 

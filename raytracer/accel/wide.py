@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.bvh import COUNT_BITS, Bvh
+from raytracer.meshes.mesh import normals_of
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]
@@ -32,6 +33,8 @@ TAGS, FIRST = 12, 14
 """Rows of a node: after two rows for each lower and each upper side."""
 NUMBERS = 9
 """Row of a block: after three rows for each corner."""
+NORMALS, LEVEL = 10, 13
+"""Rows of a block: three for the unit normal, and one for the plane's level."""
 LEAF = 8
 """Bit of a tag: the box is that of a block. The bits below it are a number among its siblings."""
 _FAR = np.float32(3e38)
@@ -44,7 +47,8 @@ class WideBvh:
     The first record is a node, the others nodes and blocks, siblings side by side. A node: the lower sides of its eight
     boxes along x, y and z as floats, the upper sides, the boxes' tags, and the number of its first child's record. A
     box that is not there is inside out. A block: x, y and z of four triangles' first corners, of the second, of the
-    third, and their numbers; one that is not there has no area and the number -1.
+    third, their numbers, unit normals and levels (see `triangle.levels_of`); one that is not there has no area and the
+    number -1.
     """
 
     records: Words
@@ -62,7 +66,7 @@ def widen(bvh: Bvh, corners: NDArray[np.floating]) -> WideBvh:
     records = np.zeros((len(is_block), ROWS, HALF), np.uint32)
     records[~is_block] = _nodes(bvh, children, count)
     blocks = kids[is_block[1:]]
-    records[is_block, : NUMBERS + 1] = _blocks(bvh, corners, start[blocks], count[blocks])
+    records[is_block, : LEVEL + 1] = _blocks(bvh, corners, start[blocks], count[blocks])
     return WideBvh(records, len(levels))
 
 
@@ -144,8 +148,12 @@ def _blocks(bvh: Bvh, corners: NDArray[np.floating], start: Ints, count: Ints) -
     place = start[:, None] + np.arange(HALF)
     there = np.arange(HALF) < count[:, None]
     item = np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
-    blocks = np.empty((len(start), NUMBERS + 1, HALF), np.uint32)
-    held = np.asarray(corners, np.float32).reshape(-1, 9)[np.maximum(item, 0)]
-    blocks[:, :NUMBERS].view(np.float32)[:] = np.where(there[:, None], held.transpose(0, 2, 1), 0)
+    blocks = np.empty((len(start), LEVEL + 1, HALF), np.uint32)
+    normals = normals_of(np.asarray(corners, np.float64))
+    levels = np.einsum("ni,ni->n", normals, corners[:, 0])
+    planes = np.concatenate([normals, levels[:, None]], axis=1)
+    for rows, held in ((slice(NUMBERS), np.reshape(corners, (-1, 9))), (slice(NORMALS, LEVEL + 1), planes)):
+        kept = held.astype(np.float32)[np.maximum(item, 0)].transpose(0, 2, 1)
+        blocks[:, rows].view(np.float32)[:] = np.where(there[:, None], kept, 0)
     blocks[:, NUMBERS].view(np.int32)[:] = item
     return blocks

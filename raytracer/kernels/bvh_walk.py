@@ -17,11 +17,12 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import FAR, Hit, TriangleTest, farther, higher, is_ray, lower
+from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest, farther, higher, is_ray, lower
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
-"""Of where a ray meets a face, in units of the last place: three roundings there, as many in the test of triangles."""
+"""Of where a ray meets a face, in units of the last place: more than `triangle.BESIDE`, so that the box of a triangle that is met
+is met."""
 
 
 class BvhIntersector:
@@ -32,10 +33,9 @@ class BvhIntersector:
 
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, roundoff: float | None = None) -> None:
         self.roundoff = roundoff
-        self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
+        self.triangles = Triangles(triangles)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
-        self.leaves = sh.Table(leaves, sh.Attrib4f, "leaves")
-        self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
+        self.leaves = Triangles(leaves, "leaves", sh.Table(bvh.items, sh.Attrib1i, "items"))
         boxes = np.pad(np.stack([bvh.low, bvh.high], axis=1).reshape(-1, 3), ((0, 0), (0, 1)))
         self.boxes = sh.Table(boxes, sh.Attrib4f, "boxes")
         first, past = bvh.links.reshape(-1, 2).T
@@ -94,7 +94,7 @@ class BvhIntersector:
         item = leaf >> COUNT_BITS
         end = item + (leaf & ((1 << COUNT_BITS) - 1))
         with SH_DO():
-            test(self.leaves, item, near, hit, numbers=self.items)
+            test(self.leaves, item, near, hit)
             item += 1
             SH_UNTIL(item >= end)
 

@@ -13,7 +13,7 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.cells import CellWalk
-from raytracer.kernels.triangle import Hit, TriangleTest, is_ray
+from raytracer.kernels.triangle import Hit, Triangles, TriangleTest, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
@@ -22,7 +22,7 @@ class GridIntersector:
 
     def __init__(self, grid: Grid, triangles: Any, roundoff: float | None = None) -> None:
         self.roundoff = roundoff
-        self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
+        self.triangles = Triangles(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
         self.outside = grid.outside

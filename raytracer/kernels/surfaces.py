@@ -10,12 +10,15 @@ from typing import Any
 
 import shpy as sh
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import FAR, Hit
+from raytracer.kernels.triangle import FAR, Hit, PlaneView, Triangles, highest, product
 from raytracer.layout import Layout, Rows
 
 ROUNDINGS = 7
 """What a point of a triangle may be off its plane, in roundings of its coordinates: 2 as the weights may not sum to 1,
 3 of their products and sums, and 2 of moving it off the plane (Pharr, Jakob and Humphreys 2023, section 6.8.4)."""
+PLANE_ROUNDINGS = 12
+"""The same of a point of the ray at the distance of the plane, in roundings of the plane's level, of the eye and of the
+way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""
 
 
 class Surface:
@@ -35,9 +38,9 @@ class Surface:
 class SurfaceTables:
     """Normals, colours and materials of a scene's triangles."""
 
-    def __init__(self, layout: Layout, triangles: Any) -> None:
+    def __init__(self, layout: Layout, triangles: Triangles) -> None:
         self.triangles = triangles
-        self.roundoff = ROUNDINGS * layout.roundoff
+        self.roundoff = layout.roundoff
         self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
         self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
         self.highlights = bool((layout.materials[1::2, 1] > 0).any())
@@ -50,17 +53,16 @@ class SurfaceTables:
 
     def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Surface) -> Any:
         """Fill in `surface` for a hit; gives its reflectivity."""
-        corners = rows_of(self.triangles, hit)
+        corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
         facing = side * face
         places = tuple(corner.xyz for corner in corners)
-        point = barylerp(hit, *places)
-        bound = self.roundoff * barylerp(hit, *(abs(place) for place in places))
+        point, bound = self.place(hit, places, face, ray, eye)
         surface.view[:] = -ray
         surface.face[:] = facing
         surface.normal[:] = facing
-        surface.inter[:] = point + sh.dot(abs(face), bound) * facing
+        surface.inter[:] = point + bound * facing
         if self.normals is not None:
             normals = rows_of(self.normals, hit)
             normal = side * sh.normalize(barylerp(hit, *(n.xyz for n in normals)))
@@ -69,6 +71,19 @@ class SurfaceTables:
                 hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True))
             )
         return self.paint(hit, surface)
+
+    def place(self, hit: Hit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
+        """The point that was hit, and how far it may be off the triangle's plane.
+
+        It is that mean of the corners which `hit` says, or where the ray meets the plane if that is known far better.
+        """
+        sizes = barylerp(hit, *(abs(place) for place in places))
+        plane = PlaneView(face, self.triangles.levels[hit.id], ray, eye)
+        far = plane.is_better(hit.l, highest(*sizes))
+        t = plane.height / plane.slope
+        point = sh.cond(far, eye + t * ray, barylerp(hit, *places))
+        beside = PLANE_ROUNDINGS * self.roundoff * (plane.size + t * product(abs(face), abs(ray)))
+        return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
     def paint(self, hit: Hit, surface: Surface) -> Any:
         """Colour and coefficients of the surface; gives its reflectivity."""

@@ -5,10 +5,16 @@ the plane across the ray's largest component, lie round the origin if the ray me
 A corner's projection depends on nothing but the corner and the ray, and swapping an edge's ends negates its edge
 function to the bit: a ray cannot slip between triangles that share an edge or a corner.
 
+The ray must also meet the box round the triangle. Of a triangle far smaller than its distance from the eye the edge
+functions are nothing but rounding, but the box is compared with relative errors of a few roundings. The margin is
+smaller than that of the walks, so a walk never leaves out a triangle that is met.
+
 The distance is that of a mean of the corners, as they lie along the ray's largest component: it cannot leave the
-triangle there, however nearly edge-on the triangle is seen. Along the other components rounding may; so a distance
-before the triangle's own box is taken to be where that box begins, less a part `REACH / 2`. A walk that looks into
-every box up to the part `REACH` behind its nearest hit then finds the same hit in whatever order it goes.
+triangle there, however nearly edge-on the triangle is seen. Its error grows with the distance of the corners. The error
+of the distance to the triangle's plane grows with the distances of the plane and the eye from 0 instead: where that
+is far less, as beside a huge triangle, the plane is taken. Rounding may move the hit along the other components; so a
+distance before the triangle's own box is taken to be where that box begins, less a part `REACH / 2`. A walk that looks
+into every box up to the part `REACH` behind its nearest hit then finds the same hit in whatever order it goes.
 """
 
 from __future__ import annotations
@@ -17,6 +23,9 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import shpy as sh
 from shpy import SH_IF
 
@@ -24,6 +33,12 @@ FAR = 3.0e38
 """Farther than anything: as good as infinity, but `FAR * 0` is 0."""
 REACH = 2.0**-10
 """How much farther than the nearest hit a box may be and be looked into, as a part of the distance."""
+BESIDE = 10 * 2.0**-24
+"""How far a ray may pass beside a triangle's own box, as a part of the distance: 3 roundings of each side, and more."""
+GROWTH = 2.0**-80
+"""By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more."""
+PLANE = 64.0
+"""How many times the error bound of a distance from the corners may be that of one from the plane."""
 
 
 class Hit:
@@ -48,6 +63,7 @@ class Sight:
         self.by_xy = self.by_x | (size.y >= size.z)
         self.eye = self.turned(eye)
         self.inverse = self.turned(inverse_of(ray))
+        self.growth = [GROWTH * abs(inverse) for inverse in self.inverse]
         self.ray = self.turned(ray)
         x, y, self.pace = self.ray
         self.slope = (x / self.pace, y / self.pace)
@@ -66,10 +82,64 @@ class Sight:
         """A point relative to the ray's origin, seen along the ray."""
         return p[0] - self.slope[0] * p[2], p[1] - self.slope[1] * p[2]
 
-    def begin(self, a: Any, b: Any, c: Any) -> Any:
-        """Where the box round a triangle begins, less a part of that distance."""
-        begins = highest(*(lowest(*(corner[k] * self.inverse[k] for corner in (a, b, c))) for k in range(3)))
-        return begins - (REACH / 2) * abs(begins)
+    def distance(self, weights: Sequence[Any], whole: Any, depths: Sequence[Any], plane: PlaneView) -> Any:
+        """How far it is to a mean of corners that lie so deep along z; `whole` is the sum of their weights."""
+        t = product(weights, depths) / (whole * self.pace)
+        return plane.improve(t, highest(*(abs(depth) for depth in depths)))
+
+    def span(self, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
+        """Where the ray enters and where it leaves the box round a triangle: before it enters where it misses it."""
+        sides = [[corner[k] * self.inverse[k] for corner in (a, b, c)] for k in range(3)]
+        enter = highest(*(lowest(*side) - growth for side, growth in zip(sides, self.growth, strict=True)))
+        leave = lowest(*(highest(*side) + growth for side, growth in zip(sides, self.growth, strict=True)))
+        return enter, leave
+
+
+class Triangles:
+    """Triangles as tables: `rows` (see `layout.triangle_rows`), and `levels`, how far each one's plane is from 0.
+
+    `numbers` is the table of the numbers by which they are known, if not their places.
+    """
+
+    def __init__(self, rows: NDArray[Any], name: str = "triangles", numbers: Any = None) -> None:
+        self.rows = sh.Table(rows, sh.Attrib4f, name)
+        self.levels = sh.Table(levels_of(rows), sh.Attrib1f, f"levels_of_{name}")
+        self.numbers = numbers
+
+    def __getitem__(self, k: Any) -> list[Any]:
+        """The three rows of triangle `k`."""
+        return [self.rows[3 * k + corner] for corner in range(3)]
+
+    def number(self, k: Any) -> Any:
+        """The number of the triangle at place `k`."""
+        return k if self.numbers is None else self.numbers[k]
+
+
+def levels_of(rows: NDArray[Any]) -> NDArray[np.float64]:
+    """(N,): the scalar product of a point of each triangle's plane and its unit normal; see `layout.triangle_rows`."""
+    parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
+    return np.asarray(np.einsum("ni,ni->n", parts[:, 0, :3], parts[:, :, 3]))
+
+
+class PlaneView:
+    """A triangle's plane as a ray sees it, from its unit normal and its level, given by components.
+
+    `slope` is how fast the ray comes nearer to it, `height` how far the eye is from it, both along the normal; `size`
+    is what their roundings are parts of.
+    """
+
+    def __init__(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any) -> None:
+        self.slope = product(normal, ray)
+        self.height = level - product(normal, eye)
+        self.size = abs(level) + product([abs(n) for n in normal], [abs(eye[k]) for k in range(3)])
+
+    def improve(self, t: Any, large: Any) -> Any:
+        """The distance to the plane, or `t` if that, with an error of a rounding of `large`, is not far worse."""
+        return sh.cond(self.is_better(t, large), self.height / self.slope, t)
+
+    def is_better(self, t: Any, large: Any) -> Any:
+        """Whether the distance to the plane, which is about `t`, is known far better than to a rounding of `large`."""
+        return PLANE * (self.size + abs(t)) < large * abs(self.slope)
 
 
 class TriangleTest:
@@ -81,43 +151,59 @@ class TriangleTest:
 
     def __init__(self, ray: Any, eye: Any, roundoff: float | None = None) -> None:
         self.sight, self.roundoff = Sight(ray, eye), roundoff
+        self.ray, self.eye = ray, eye
 
-    def __call__(self, triangles: Any, k: Any, near: Any, hit: Hit, *, numbers: Any = None) -> None:
-        """Store triangle `k` in `hit` if the ray meets it at a distance in [near, hit.l).
+    def __call__(self, triangles: Triangles, k: Any, near: Any, hit: Hit) -> None:
+        """Store the triangle at place `k` in `hit` if the ray meets it at a distance in [near, hit.l).
 
-        Of triangles at the same distance that of the lowest number is stored, whichever is tried first. `triangles` is
-        the table of `layout.triangle_rows`, `numbers` that of the numbers by which they are known, if not k itself.
-        A triangle without area, or edge-on, is never met.
+        Of triangles at the same distance that of the lowest number is stored, whichever is tried first. A triangle
+        without area, or edge-on, is never met.
         """
         sight = self.sight
-        rows = [triangles[3 * k + corner] for corner in range(3)]
+        rows = triangles[k]
         a, b, c = ([part - eye for part, eye in zip(sight.turned(row), sight.eye, strict=True)] for row in rows)
         wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
         with SH_IF(same_side(wa, wb, wc) & (whole != 0)):
-            t = product((wa, wb, wc), (a[2], b[2], c[2])) / (whole * sight.pace)
-            ahead = t >= near
+            normal = [row.w for row in rows]
+            plane = PlaneView(normal, triangles.levels[k], self.ray, self.eye)
+            t = sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane)
+            enter, leave = sight.span(a, b, c)
+            met = (t >= near) & meets(enter, leave, near)
             if self.roundoff is not None:
-                ahead &= self.surely_ahead(sight.turned(sh.Normal3f(*(row.w for row in rows))), a)
-            t = higher(t, sight.begin(a, b, c))
-            number = k if numbers is None else numbers[k]
-            with SH_IF(ahead & ((t < hit.l) | ((t == hit.l) & (number < hit.id)))):
+                met &= self.surely_ahead(plane, normal, rows[0].xyz - self.eye)
+            t = higher(t, before(enter))
+            number = triangles.number(k)
+            with SH_IF(met & ((t < hit.l) | ((t == hit.l) & (number < hit.id)))):
                 hit.l[:] = t
                 hit.uv[:] = sh.TexCoord2f(wb, wc) / whole
                 hit.id[:] = number
 
-    def surely_ahead(self, normal: Any, corner: Any) -> Any:
-        """Whether the plane through a corner across a unit normal lies ahead, whatever was rounded on the way.
+    def surely_ahead(self, plane: PlaneView, normal: Any, corner: Any) -> Any:
+        """Whether a plane lies ahead, whatever was rounded on the way: as one of its corners or as its level says.
 
-        Both products have five roundings at most: of the corner's difference from the eye, of the normal, of the
-        product and of two sums. Of the slope, where no factor is larger than 1, that is less than 6 roundings of 1.
+        Both products have five roundings at most: of the corner's difference from the eye, or of the level and of the
+        difference from it; of the normal, of the product and of two sums. Of the slope, where no factor is larger
+        than 1, that is less than 6 roundings of 1.
         """
         assert self.roundoff is not None
         doubt = 6 * self.roundoff
-        slope = product(normal, self.sight.ray)
         away = product(normal, corner)
-        size = product([abs(n) for n in normal], [abs(p) for p in corner])
-        return (sh.cond(slope < 0, -away, away) > doubt * size) & (abs(slope) > doubt)
+        size = product([abs(n) for n in normal], [abs(corner[k]) for k in range(3)])
+        toward = sh.cond(plane.slope < 0, -1.0, 1.0)
+        ahead = (toward * away > doubt * size) | (toward * plane.height > doubt * plane.size)
+        return ahead & (abs(plane.slope) > doubt)
+
+
+def meets(enter: Any, leave: Any, near: Any) -> Any:
+    """Whether a ray that enters a triangle's box here and leaves it there meets it beyond `near`, or nearly so."""
+    enter = higher(near, enter)
+    return enter - BESIDE * abs(enter) <= leave
+
+
+def before(enter: Any) -> Any:
+    """The least distance of a hit in a box that is entered here."""
+    return enter - (REACH / 2) * abs(enter)
 
 
 def product(a: Sequence[Any], b: Sequence[Any]) -> Any:

@@ -11,16 +11,16 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
-from raytracer.kernels.triangle import Hit
+from raytracer.kernels.triangle import Hit, Triangles
 
 _TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
 
 
 class Walk(Protocol):
-    """What finds a ray's hit; `triangles` is the table of `layout.triangle_rows`."""
+    """What finds a ray's hit among `triangles`."""
 
-    triangles: Any
+    triangles: Triangles
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""

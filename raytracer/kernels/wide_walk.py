@@ -19,9 +19,23 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.bvh import Bvh
-from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, ROWS, TAGS, WIDTH, widen
+from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
-from raytracer.kernels.triangle import FAR, Hit, Sight, farther, higher, inverse_of, is_ray, lower, product, same_side
+from raytracer.kernels.triangle import (
+    FAR,
+    Hit,
+    PlaneView,
+    Sight,
+    Triangles,
+    before,
+    farther,
+    higher,
+    inverse_of,
+    is_ray,
+    lower,
+    meets,
+    same_side,
+)
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
 NONE = 0xFFFFFFFF
@@ -38,7 +52,7 @@ class WideIntersector:
 
     def __init__(self, bvh: Bvh, triangles: NDArray[Any]) -> None:
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
-        self.triangles = sh.Table(triangles, sh.Attrib4f, "triangles")
+        self.triangles = Triangles(triangles)
         self.last = len(wide.records) - 1
         spare = np.zeros((WIDTH - 1, ROWS, HALF), np.uint32)  # so that a child's number is in range without a look
         records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
@@ -222,6 +236,7 @@ class BlockTest:
 
     def __init__(self, ray: Any, eye: Any, near: Any) -> None:
         self.near = near
+        self.ray, self.eye = ray, eye
         self.sight = Sight(ray, eye)
         by_x, by_xy = self.sight.by_x, self.sight.by_xy
         self.rows = (sh.cond(by_x, 1, 0), sh.cond(by_xy, 2, 1), sh.cond(by_x, 0, sh.cond(by_xy, 1, 2)))
@@ -232,10 +247,14 @@ class BlockTest:
         a, b, c = ([self.side(records, row + 3 * k, axis) for axis in range(3)] for k in range(3))
         wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
-        t = product((wa, wb, wc), (a[2], b[2], c[2])) / (whole * sight.pace)
-        met = same_side(wa, wb, wc) & (whole != 0) & (t >= self.near) & (t <= hit.l)
+        met = same_side(wa, wb, wc) & (whole != 0)
         with SH_IF(met.x | met.y | met.z | met.w):
-            t = higher(t, sight.begin(a, b, c))
+            normal = [sh.float_from_bits(records[row + (NORMALS + k)]) for k in range(3)]
+            plane = PlaneView(normal, sh.float_from_bits(records[row + LEVEL]), self.ray, self.eye)
+            t = sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane)
+            enter, leave = sight.span(a, b, c)
+            met = met & (t >= self.near) & meets(enter, leave, self.near)
+            t = higher(t, before(enter))
             numbers = sh.Attrib4i(records[row + NUMBERS])
             for k in range(HALF):
                 nearer = (t[k] < hit.l) | ((t[k] == hit.l) & (numbers[k] < hit.id))

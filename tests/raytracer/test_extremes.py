@@ -12,7 +12,7 @@ import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
 from raytracer.kernels.cells import CellWalk
 from raytracer.kernels.surfaces import Surface, SurfaceTables
-from raytracer.kernels.triangle import FAR, Hit, TriangleTest
+from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.layout import Layout, triangle_rows
 from raytracer.meshes.shapes import box, icosahedron, sphere
@@ -88,7 +88,7 @@ class _Met(NamedTuple):
 
 def triangle_test(triangles):
     """The program that tries ray k against triangle k."""
-    rows = sh.Table(triangle_rows(triangles), sh.Attrib4f, "triangles")
+    rows = Triangles(triangle_rows(triangles))
 
     @sh.program
     def tried(k: sh.Attrib1i, eye: sh.Point3f, ray: sh.Vector3f) -> _Met:
