@@ -30,6 +30,12 @@ class View(NamedTuple):
     down: Vector
 
 
+def radius_of(low: Vector, high: Vector) -> float:
+    """Half the diagonal of a box; of a single point, some length that does not vanish beside its coordinates."""
+    radius = float(np.linalg.norm(np.subtract(high, low))) / 2
+    return radius or 1e-6 * max(float(np.abs(low).max()), 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A pinhole at `position` looking at `target`.
@@ -70,7 +76,7 @@ class Camera:
     def framing(cls, low: Vector, high: Vector, *, toward: Triple = (0.42, 0.42, 1.0), fov: float = 32.0) -> Camera:
         """A camera in the direction `toward` of the box from `low` to `high`, just far enough to see all of it."""
         middle = (np.asarray(low) + np.asarray(high)) / 2
-        radius = max(float(np.linalg.norm(np.subtract(high, low))) / 2, 1e-6)
+        radius = radius_of(low, high)
         direction = np.asarray(toward, dtype=np.float64) / np.linalg.norm(toward)
         position = middle + direction * radius / math.sin(math.radians(fov) / 2)
         x, y, z = position.tolist()

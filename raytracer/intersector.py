@@ -33,7 +33,8 @@ _NEIGHBOURS, _GROUPS = 16, 64
 class Hits(NamedTuple):
     """What N rays met: each (N,); t = infinity and triangle = -1 where nothing was met.
 
-    `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners.
+    `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners. On
+    a triangle far larger than the distance, `origin + t * direction` is closer to it.
     """
 
     t: NDArray[Any]

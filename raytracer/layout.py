@@ -43,7 +43,8 @@ def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 LEAST, MOST = 0, 30
-"""Exponents of 2 between which the largest coordinate lies in a kernel: its cube and that of far less are no extremes."""
+"""Exponents of 2 between which the largest coordinate lies in a kernel: neither its cube nor that of a far smaller one
+is out of range."""
 
 
 def scale_of(corners: NDArray[np.float64]) -> float:
@@ -72,7 +73,8 @@ def triangle_rows(corners: NDArray[np.float64]) -> Rows:
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
-    All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two. `structure` is the accelerator; `roundoff` the largest relative error
+    All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two.
+    `structure` is the accelerator; `roundoff` the largest relative error
     of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if
     every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no mesh has any;
     `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and `object_of` (N,)
@@ -125,7 +127,7 @@ class Layout:
 
 
 def light_rows(lights: Sequence[Light], origin: NDArray[np.float64], scale: float) -> Rows:
-    """(2L, 4): position from `origin`, times `scale`, and 1, or unit direction toward the light and 0; then its colour."""
+    """(2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then its colour."""
     rows = np.zeros((2 * len(lights), 4))
     for k, light in enumerate(lights):
         if isinstance(light, PointLight):

@@ -16,7 +16,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.camera import Camera
+from raytracer.camera import Camera, radius_of
 from raytracer.errors import SceneError
 from raytracer.lights import Light, PointLight
 from raytracer.materials import Material, Triple
@@ -25,6 +25,8 @@ from raytracer.meshes.shapes import floor
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)
+_LARGEST = 1e33
+"""Radius of a mesh that can be framed: its floor is 400 times as large."""
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 
 
@@ -72,7 +74,9 @@ class Scene:
         if not len(mesh):
             raise SceneError(f"{mesh.name}: a mesh without triangles cannot be framed")
         low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
-        middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+        middle, radius = (low + high) / 2, radius_of(low, high)
+        if radius > _LARGEST:
+            raise SceneError(f"{mesh.name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
         x, y, z = middle.tolist()
         ground = floor(400 * radius, MIRROR_FLOOR).moved((x, float(low[1]) - 1e-4 * radius, z))
         lights = (

@@ -21,8 +21,8 @@ from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest, farthe
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
-"""Of where a ray meets a face, in units of the last place: more than `triangle.BESIDE`, so that the box of a triangle that is met
-is met."""
+"""Of where a ray meets a face, in units of the last place: more than `triangle.BESIDE`, so that
+where a triangle is met so are the boxes that hold it."""
 
 
 class BvhIntersector:

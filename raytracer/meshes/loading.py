@@ -7,6 +7,7 @@ Stage: scene description. Takes a path, gives a `Mesh`, or a SceneError that say
 
 from __future__ import annotations
 
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,13 @@ from numpy.typing import NDArray
 
 from raytracer.errors import SceneError
 from raytracer.materials import Material
+from raytracer.meshes.contents import READABLE
 from raytracer.meshes.mesh import Mesh, joined
 
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+_OPTIONS: dict[str, dict[str, Any]] = {".obj": {"skip_materials": True}}
+_LONGEST = 200
+"""Characters of a reader's own message that are shown."""
 
 
 def load_mesh(path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
@@ -33,28 +38,43 @@ def load_mesh(path: str | PathLike[str], *, material: Material | None = None) ->
         raise FileNotFoundError(f"there is no file {path}")
     if path.suffix.lower() not in FORMATS:
         raise SceneError(f"{path}: meshes are read from {', '.join(FORMATS)}, not from {path.suffix or 'this'}")
-    parts = [_mesh(part, matrix, path.stem) for part, matrix in _parts(path)]
-    parts = [part for part in parts if len(part)]
-    if not parts:
+    try:
+        import trimesh  # noqa: F401 - used below
+    except ImportError as error:
+        raise SceneError("reading meshes needs trimesh: pip install 'shpy-dsl[raytracer]'") from error
+    with path.open("rb") as file:  # a file that cannot be opened is an OSError
+        data = file.read()
+    try:
+        mesh = _read(path, data)
+        # A reader's faults have no common type: whatever it raises, the file is what the user can mend.
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        kind = path.suffix[1:].upper()
+        raise SceneError(f"{path}: not a readable {kind} file ({reason[:_LONGEST]})") from error
+    if not len(mesh):
         raise SceneError(f"{path}: the file holds no triangles")
-    mesh = parts[0] if len(parts) == 1 else joined(parts, path.stem)
-    if mesh.normals is None:
-        mesh = mesh.smoothed()
     return mesh if material is None else mesh.with_material(material)
 
 
-def _parts(path: Path) -> list[tuple[Any, NDArray[np.float64]]]:
+def _read(path: Path, data: bytes) -> Mesh:
+    """All parts of a file as one mesh with normals; it raises whatever a reader raises."""
+    with np.errstate(all="ignore"):
+        parts = [_mesh(part, matrix, path.stem) for part, matrix in _parts(path, data)]
+    parts = [part for part in parts if len(part)]
+    mesh = parts[0] if len(parts) == 1 else joined(parts, path.stem) if parts else Mesh([], [])
+    return mesh if mesh.normals is not None else mesh.smoothed()
+
+
+def _parts(path: Path, data: bytes) -> list[tuple[Any, NDArray[np.float64]]]:
     """The meshes in a file, each with the matrix (4, 4) that puts it into its place."""
-    try:
-        import trimesh
-    except ImportError as error:
-        raise SceneError("reading meshes needs trimesh: pip install 'shpy-dsl[raytracer]'") from error
-    try:
+    import trimesh
+
+    kind = path.suffix.lower()
+    if kind in READABLE:
+        held = BytesIO(READABLE[kind](data))
+        scene = trimesh.load(held, file_type=kind[1:], process=False, force="scene", **_OPTIONS.get(kind, {}))
+    else:
         scene = trimesh.load(path, process=False, force="scene")
-        # A reader's faults have no common type: whatever it raises, the file is what the user can mend.
-    except Exception as error:
-        reason = str(error) or type(error).__name__
-        raise SceneError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
     found = []
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
@@ -68,11 +88,29 @@ def _mesh(part: Any, matrix: NDArray[np.float64], name: str) -> Mesh:
     """One part of the file, moved to its place."""
     # trimesh makes up normals when asked; only those that the file holds are in its cache before that.
     given = "vertex_normals" in part._cache.cache
-    normals = np.asarray(part.vertex_normals) @ np.linalg.inv(matrix[:3, :3]) if given else None
-    coloured = part.visual.kind in ("vertex", "face")
-    colors = _linear(np.asarray(part.visual.vertex_colors)) if coloured else None
-    vertices = np.asarray(part.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
-    return Mesh(vertices, np.asarray(part.faces), normals, colors, name=name)
+    turn, faces = matrix[:3, :3], np.asarray(part.faces)
+    mirrors = bool(np.linalg.det(turn) < 0)
+    if mirrors:
+        faces = faces[:, ::-1]
+    normals = np.asarray(part.vertex_normals) @ _for_normals(turn, mirrors) if given else None
+    colors = None
+    if part.visual.kind == "vertex":
+        colors = _linear(np.asarray(part.visual.vertex_colors))
+    elif part.visual.kind == "face":
+        colors = np.repeat(_linear(np.asarray(part.visual.face_colors))[:, None], 3, axis=1)
+    vertices = np.asarray(part.vertices) @ turn.T + matrix[:3, 3]
+    return Mesh(vertices, faces, normals, colors, name=name)
+
+
+def _for_normals(matrix: NDArray[np.float64], mirrors: bool) -> NDArray[np.float64]:
+    """What rows of normals are multiplied by where places are turned by `matrix`: its cofactors, transposed.
+
+    They are the inverse but for a factor, and there are cofactors where there is no inverse: of a scale (1, 1, 0).
+    """
+    matrix = matrix / (np.abs(matrix).max() or 1)
+    x, y, z = matrix.T
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
+    return np.asarray(-cofactors if mirrors else cofactors)
 
 
 def _linear(bytes_: NDArray[Any]) -> NDArray[np.float64]:

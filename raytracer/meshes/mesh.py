@@ -10,7 +10,7 @@ Stage: scene description. `layout` takes its `corners`, `face_normals`, `normals
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -22,8 +22,18 @@ from raytracer.errors import SceneError
 from raytracer.materials import PLAIN, Material, Triple
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 SMOOTH_BELOW = 45.0
 """Two faces that meet at a smaller angle than this, in degrees, are taken for parts of one curved surface."""
+
+
+FARTHEST = 1e36
+"""The largest coordinate of a vertex: distances between some are still numbers in binary32."""
+_CROWDED = 64
+"""Faces at a place from which on those with nearly the same normal are taken together."""
+_STEPS = 16
+"""Into how many steps components of normals are cut for that."""
+_PAIRS_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +42,8 @@ class Mesh:
 
     `vertices` (V, 3), `faces` (F, 3) vertex numbers, `normals` None (flat) or (V, 3) or, one per corner, (F, 3, 3),
     `colors` None or linear RGB in the same shapes. Kept as float64 and int64; normals and colors always per corner.
-    Raises SceneError for wrong shapes, numbers that are not finite, faces without their vertices.
+    Normals may have any length; they are kept with length 1. Where one is zero, the triangle's own is taken.
+    Raises SceneError for wrong shapes, numbers that are not finite, vertices beyond 1e36, faces without their vertices.
     """
 
     vertices: Any
@@ -44,6 +55,10 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = self._array("vertices", self.vertices).reshape(-1, 3)
+        farthest = float(np.abs(vertices).max(initial=0))
+        if farthest > FARTHEST:
+            reach = f"within {FARTHEST:g} of 0, not at {farthest:.3g}"
+            raise SceneError(f"{self.name}: vertices lie {reach}; scale the mesh")
         faces = np.asarray(self.faces)
         if faces.size == 0:
             faces = np.zeros((0, 3), dtype=np.int64)
@@ -57,6 +72,8 @@ class Mesh:
         for what in ("normals", "colors"):
             if getattr(self, what) is not None:
                 object.__setattr__(self, what, self._at_corners(what, getattr(self, what)))
+        if self.normals is not None:
+            object.__setattr__(self, "normals", _of_unit_length(self.normals, self.face_normals))
 
     def _array(self, what: str, values: ArrayLike) -> Floats:
         array = np.asarray(values, dtype=np.float64)
@@ -105,21 +122,24 @@ class Mesh:
     def smoothed(self, below: float = SMOOTH_BELOW) -> Mesh:
         """With a normal at each corner: the mean of the faces that meet there at less than `below` degrees.
 
-        Faces are weighed by their area; vertices at the same place count as one.
+        Faces are weighed by their area; vertices at the same place count as one. Where more than 64 faces meet, the
+        angles are taken between groups of faces whose normals differ by a few degrees.
         """
         if not len(self):
             return self
         corners = self.corners
         weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         units = _unit(weighted)
-        _, place = np.unique(self.vertices, axis=0, return_inverse=True)
-        one, other = _sharing(place.reshape(-1)[self.faces].reshape(-1))
-        near = np.einsum("ij,ij->i", units[one // 3], units[other // 3]) > np.cos(np.radians(below))
-        sums = np.zeros((self.faces.size, 3))
-        for axis in range(3):
-            values = weighted[other[near] // 3, axis]
-            sums[:, axis] = np.bincount(one[near], weights=values, minlength=self.faces.size)
-        normals = _unit(sums).reshape(-1, 3, 3)
+        place = _places(self.vertices)
+        place = place[self.faces].reshape(-1)
+        group, first = _grouped(place, np.repeat(units, 3, axis=0))
+        held = _added(np.repeat(weighted, 3, axis=0), group, len(first))
+        direction, place = units[first // 3], place[first]
+        sums = np.zeros_like(held)
+        for one, other in _sharing(place):
+            near = np.einsum("ij,ij->i", direction[one], direction[other]) > np.cos(np.radians(below))
+            sums += _added(held[other[near]], one[near], len(sums))
+        normals = _unit(sums)[group].reshape(-1, 3, 3)
         empty = ~normals.any(axis=2, keepdims=True)
         return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))
 
@@ -166,13 +186,60 @@ def _scaled(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.where(largest > 0, largest, 1))
 
 
-def _sharing(place: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All ordered pairs of corners that are at the same place, each corner with itself too."""
+def _of_unit_length(normals: Floats, face_normals: Floats) -> Floats:
+    """Normals (F, 3, 3) divided by their lengths, those of the faces (F, 3) where they are zero.
+
+    What has length 1 already, but for rounding to binary32, stays as it is.
+    """
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    unit = np.where(np.abs(length - 1) <= 1e-6, normals, _unit(normals))
+    return np.where(normals.any(axis=-1, keepdims=True), unit, face_normals[:, None])
+
+
+def _places(vertices: Floats) -> Ints:
+    """A number for each vertex (V, 3), the same for those at the same place."""
+    order = np.lexsort(vertices.T)
+    ordered = vertices[order]
+    number = np.zeros(len(order), np.int64)
+    number[order[1:]] = np.cumsum((ordered[1:] != ordered[:-1]).any(axis=1))
+    return number
+
+
+def _grouped(place: Ints, units: Floats) -> tuple[Ints, Ints]:
+    """The group of each corner, and the first corner of each group: corners at one place with similar normals.
+
+    Where few corners meet, each is a group of its own.
+    """
+    crowded = np.bincount(place)[place] > _CROWDED
+    order = np.arange(len(place))
+    if not crowded.any():
+        return order, order
+    steps = np.rint(units * _STEPS).astype(np.int64) + _STEPS
+    base = 2 * _STEPS + 1
+    key = ((place * base + steps[:, 0]) * base + steps[:, 1]) * base + steps[:, 2]
+    _, first, group = np.unique(np.where(crowded, key, -1 - order), return_index=True, return_inverse=True)
+    return group.reshape(-1), first
+
+
+def _added(vectors: Floats, number: Ints, count: int) -> Floats:
+    """(count, 3): the sums of the vectors (N, 3) that have each number."""
+    columns = [np.bincount(number, weights=vectors[:, axis], minlength=count) for axis in range(3)]
+    return np.stack(columns, axis=1)
+
+
+def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints]]:
+    """All ordered pairs of what is at the same place, each with itself too; about as many at once as fit in memory."""
     order = np.argsort(place, kind="stable")
     counts = np.bincount(place)
     starts = np.cumsum(counts) - counts
     mates = counts[place[order]]
-    one = np.repeat(order, mates)
-    within = np.arange(len(one)) - np.repeat(np.cumsum(mates) - mates, mates)
-    other = order[np.repeat(starts[place[order]], mates) + within]
-    return one, other
+    ends = np.cumsum(mates)
+    begin = 0
+    while begin < len(order):
+        past = ends[begin] - mates[begin] + _PAIRS_AT_ONCE
+        end = max(begin + 1, int(np.searchsorted(ends, past, side="right")))
+        part = slice(begin, end)
+        one = np.repeat(order[part], mates[part])
+        within = np.arange(len(one)) - np.repeat(ends[part] - mates[part] - (ends[begin] - mates[begin]), mates[part])
+        yield one, order[np.repeat(starts[place[order[part]]], mates[part]) + within]
+        begin = end

@@ -60,7 +60,9 @@ def ball(rng):
     points = np.array([[0, s, t * g] for s in (-1, 1) for t in (-1, 1)])
     points = np.concatenate([np.roll(points, k, axis=1) for k in range(3)]) @ turn(rng)
     near = np.linalg.norm(points[:, None] - points, axis=2) < 2.1
-    faces = [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]]
+    faces = [
+        (i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]
+    ]
     return points[np.array(faces)]
 
 
@@ -143,7 +145,9 @@ def known(corners, eye, ray):
     rows = np.arange(len(ray))[:, None, None]
     z = np.argmax(np.abs(ray), axis=1)[:, None, None]
     p = corners[None] - eye[:, None, None]  # (R, N, 3, 3)
-    parts = [np.take_along_axis(p, np.broadcast_to((z[..., None] + k) % 3, (*p.shape[:3], 1)), 3)[..., 0] for k in (1, 2, 0)]
+    parts = [
+        np.take_along_axis(p, np.broadcast_to((z[..., None] + k) % 3, (*p.shape[:3], 1)), 3)[..., 0] for k in (1, 2, 0)
+    ]
     slope = [(ray[rows, (z + k) % 3] / ray[rows, z]) for k in (1, 2)]
     x, y = (part - s * parts[2] for part, s in zip(parts[:2], slope, strict=True))
     scale = np.abs(p).max(axis=(2, 3))

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,25 @@ v 1 0 0
 v 1 1 0
 v 0 1 0
 f 1 2 3 4
+"""
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+property uchar red
+property uchar green
+property uchar blue
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2 255 0 128
 """
 
 
@@ -155,6 +176,15 @@ def test_formats_give_the_same_shape_back(tmp_path, suffix):
         ("broken.ply", b"ply\nnonsense", "not a readable PLY"),
         ("broken.glb", b"\x00\x01\x02", "not a readable GLB"),
         ("shape.xyz", b"1 2 3", r"read from \.obj"),
+        ("zero.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "line 4: a face names vertex 0; numbers begin at 1"),
+        ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "line 4: a face names vertex 7, and there are 3"),
+        ("two.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "line 1: a vertex has three coordinates, not 2"),
+        ("word.obj", b"v 0 0 zero\nf 1 1 1\n", "line 1: a vertex has a coordinate that is no number"),
+        ("letter.obj", b"v 0 0 0\nf a b c\n", "line 2: 'a' in a face is no vertex number"),
+        ("far.obj", b"v 0 0 0\nv 3e38 0 0\nv 0 1 0\nf 1 2 3\n", "within 1e.36 of 0"),
+        ("cut.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 120, "declares 9 triangles and ends within number 3"),
+        ("short.stl", b"\0" * 30, "ends within the header"),
+        ("many.ply", PLY.replace("face 1", "face 1000000000").encode(), "at least 1,000,000,003 lines, not 4"),
         ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "NaN"),
     ],
 )
@@ -174,3 +204,83 @@ def test_missing_file(tmp_path):
 def test_materials_refuse_what_makes_no_sense(wrong):
     with pytest.raises(SceneError):
         Material(**wrong)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        CUBE_OBJ.replace(" ", "\t").encode(),
+        b"\xef\xbb\xbf" + CUBE_OBJ.encode(),
+        ("\ufeff" + CUBE_OBJ).encode("utf-16-le"),
+        b"# caf\xe9\n" + CUBE_OBJ.encode(),
+        CUBE_OBJ.replace("3 4", "3 \\\n4").encode(),
+        CUBE_OBJ.replace("\n", "\r\n").encode(),
+        CUBE_OBJ.replace("1 2 3 4", "-4 -3 -2 -1").encode(),
+    ],
+    ids=["tabs", "byte-order mark", "UTF-16", "Latin-1", "continued", "CRLF", "from the end"],
+)
+def test_an_obj_file_may_be_written_in_many_ways(tmp_path, content):
+    path = tmp_path / "quad.obj"
+    path.write_bytes(content)
+    assert sorted(map(tuple, Mesh.load(path).corners.reshape(-1, 3).tolist()))[0] == (0, 0, 0)
+    assert len(Mesh.load(path)) == 2
+
+
+def test_ply_colours_of_faces_are_kept(tmp_path):
+    path = tmp_path / "faces.ply"
+    path.write_text(PLY)
+    np.testing.assert_allclose(Mesh.load(path).colors, np.broadcast_to([1, 0, 0.21586], (1, 3, 3)), atol=1e-4)
+
+
+@pytest.mark.parametrize("scale", [(0.01, 0.01, 0.01), (1, 1, 0), (0.01, 1, 1), (-1, 1, 1)])
+def test_normals_of_a_scaled_node_have_length_one(tmp_path, scale):
+    import trimesh
+
+    ball = sphere(rings=6, segments=8)
+    scene = trimesh.Scene()
+    made = trimesh.Trimesh(ball.vertices, ball.faces, process=False)
+    made.vertex_normals = ball.vertices
+    scene.add_geometry(made, transform=np.diag([*scale, 1]))
+    path = tmp_path / "ball.glb"
+    path.write_bytes(scene.export(file_type="glb", include_normals=True))
+    mesh = Mesh.load(path)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=-1), 1, atol=1e-6)
+    if 0 not in scale:
+        assert np.einsum("ij,ikj->ik", mesh.face_normals, mesh.normals).min() > 0
+
+
+def test_normals_are_kept_with_length_one():
+    triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    mesh = Mesh(triangle, [[0, 1, 2]], normals=[[0, 0, 1e-20], [0, 3, 4], [0, 0, 0]])
+    np.testing.assert_allclose(mesh.normals[0], [[0, 0, 1], [0, 0.6, 0.8], [0, 0, 1]])
+
+
+def fan(count, height):
+    """Triangles about one vertex."""
+    angle = 2 * np.pi * np.arange(count) / count
+    rim = np.stack([np.cos(angle), np.zeros(count), np.sin(angle)], axis=1)
+    k = np.arange(count)
+    return Mesh(np.concatenate([[[0, height, 0]], rim]), np.stack([0 * k, 1 + (k + 1) % count, 1 + k], axis=1))
+
+
+def test_smoothed_takes_memory_in_proportion_to_the_mesh():
+    """A fan and a cone of 100,000 triangles: less than 400 MB, where pairs of faces would be 160 GB."""
+    for height in (0.0, 1.0):
+        mesh = fan(100_000, height)
+        tracemalloc.start()
+        normals = mesh.smoothed().normals
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert most < 400e6
+        np.testing.assert_allclose(normals[:, 1:], np.repeat(mesh.face_normals[:, None], 2, axis=1), atol=1e-3)
+
+
+@pytest.mark.parametrize("count", [60, 600])
+def test_smoothed_means_the_same_where_many_faces_meet(count):
+    """At the tip of a cone the mean of those within 45 degrees, also where faces are taken in groups."""
+    mesh = fan(count, 2.0)
+    units = mesh.face_normals
+    near = units @ units.T > np.cos(np.radians(45))
+    expected = near @ units
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", mesh.smoothed().normals[:, 0], expected).min() > np.cos(np.radians(4))

@@ -1,16 +1,20 @@
 """Scenes made up at random: all ways through them hit the same, to the bit, and what f64 says, within the bound."""
 
-import os
-
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, seed, settings
-from random_scenes import known, rays, sketches
+from hypothesis import HealthCheck, Phase, given, settings
+from random_scenes import Part, Sketch, known, rays, sketches
 
 from raytracer import Intersector, Mesh
 from raytracer import intersector as queries
 from raytracer.intersector import Hits
-SLOW = int(os.environ.get("SHPY_RANDOM_SCENES", "2000"))
+
+CELLS = 2**12
+"""How many cells from the grid's middle a ray may begin for the grid to give the very hits of the others.
+
+Farther off a rounding of its place is a part of a cell: hits that f64 cannot tell from misses may differ.
+"""
+ALIKE = settings(derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def mesh_of(corners):
@@ -25,12 +29,19 @@ def check(sketch, backend, count=300):
     found = {accel: one.intersect(origins, directions) for accel, one in shoot.items()}
     found["wide"] = by_wide(shoot["bvh"], origins, directions, backend)
     brute = found["brute"]
+    near = np.abs(intersector_eye(shoot["grid"], origins)).max(axis=1) < CELLS * shoot["grid"]._walk.size.min()
     for accel in ("bvh", "wide", "grid"):
         for name, ours, expected in zip(Hits._fields, found[accel], brute, strict=True):
-            if (ours != expected).any():
-                k = int(np.flatnonzero(ours != expected)[0])
-                raise AssertionError(f"{accel} {name} of ray {k}: {ours[k]} for {expected[k]}; {(ours!=expected).sum()}")
-    agree_with_f64(shoot["brute"], mesh, origins, directions, brute)
+            other = np.flatnonzero((ours != expected) & (near | (accel != "grid")))
+            assert not len(other), f"{accel} {name}: rays {other[:5]}: {ours[other[:5]]} for {expected[other[:5]]}"
+    for accel in ("brute", "grid"):
+        agree_with_f64(shoot[accel], origins, directions, found[accel])
+
+
+def intersector_eye(intersector, origins):
+    """The origins as the kernels see them, from the middle of the grid."""
+    walk = intersector._walk
+    return intersector._moved(origins, 0.0, 0.0)[0] - (walk.low + walk.size * walk.shape / 2)
 
 
 def by_wide(intersector, origins, directions, backend):
@@ -42,7 +53,7 @@ def by_wide(intersector, origins, directions, backend):
     return intersector._hits(kernel(eye, ray, near, limit), length)
 
 
-def agree_with_f64(intersector, mesh, origins, directions, hits):
+def agree_with_f64(intersector, origins, directions, hits):
     eye, ray, near, limit, length = queries._checked(origins, directions, 0.0, np.inf)
     eye, near, limit = intersector._moved(eye, near, limit)
     eye, ray = (np.asarray(a, np.float32).astype(float) for a in (eye, ray))
@@ -59,6 +70,34 @@ def agree_with_f64(intersector, mesh, origins, directions, hits):
 
 
 @given(sketches())
-@settings(max_examples=24, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(ALIKE, max_examples=16, phases=[Phase.generate])
 def test_all_ways_through_a_random_scene_hit_the_same(sketch):
+    check(sketch, "numpy")
+
+
+@pytest.mark.slow
+@given(sketches())
+@settings(ALIKE, max_examples=2000)
+def test_all_ways_through_many_random_scenes_hit_the_same(sketch):
+    check(sketch, "numpy", 600)
+
+
+@pytest.mark.slow
+@given(sketches())
+@settings(ALIKE, max_examples=60)
+def test_backends_agree_on_random_scenes(sketch):
+    check(sketch, "opencl")
+
+
+@pytest.mark.parametrize(
+    "sketch",
+    [
+        Sketch((Part("ball", 1e-5, 0.0, 3), Part("slab", 1.0, 0.0, 700)), 1.0, 0.0, 5),
+        Sketch((Part("slab", 1e9, 0.0, 2), Part("ball", 1.0, 1.0, 4)), 1.0, 0.0, 1),
+        Sketch((Part("ball", 1.0, 0.0, 4),), 1e-18, 0.0, 0),
+        Sketch((Part("ball", 1.0, 0.0, 4), Part("soup", 1.0, 1.0, 6)), 1e18, 1e3, 0),
+    ],
+    ids=["tiny", "huge", "small scale", "large scale, far away"],
+)
+def test_known_hard_scenes(sketch):
     check(sketch, "numpy")

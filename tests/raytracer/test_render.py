@@ -120,7 +120,8 @@ def test_features_say_what_is_in_and_out():
     assert full.features["lights"] == 2
     assert full.features["smooth normals"] is True
     assert full.features["materials"] == 4
-    assert set(bare.program.tables) == {"triangles", "boxes", "first", "past", "leaves", "items"}
+    levels = {"levels_of_triangles", "levels_of_leaves"}
+    assert set(bare.program.tables) == {"triangles", "boxes", "first", "past", "leaves", "items", *levels}
     shaded = {"normals", "materials", "material_of", "object_of", "lights"}
     assert set(full.program.tables) == {*bare.program.tables, *shaded}
     assert "pow" not in str(bare.program.ir)
@@ -243,3 +244,62 @@ def test_a_bare_mesh_is_framed():
 def test_cameras_that_see_nothing(wrong):
     with pytest.raises(SceneError):
         Camera(**({"position": (0, 0, 5)} | wrong))
+
+
+@pytest.mark.parametrize("length", [1e-20, 0.01, 100.0, 1e20])
+def test_normals_of_any_length_give_the_same_light(length):
+    """As those of a node that is scaled in a GLB file."""
+    ball = sphere(1.0, rings=12, segments=24)
+    longer = Mesh(ball.vertices, ball.faces, ball.normals * length)
+    one, other = (render(small(meshes=[mesh]), (24, 24), backend="numpy", bounces=0) for mesh in (ball, longer))
+    np.testing.assert_allclose(other.pixels, one.pixels, atol=1e-5)
+
+
+def test_where_a_normal_is_zero_the_triangle_has_its_own():
+    ball = sphere(1.0, rings=12, segments=24)
+    flat = dataclasses.replace(ball, normals=None)
+    zero = Mesh(ball.vertices, ball.faces, np.zeros_like(ball.vertices))
+    one, other = (render(small(meshes=[mesh]), (24, 24), backend="numpy", bounces=0) for mesh in (flat, zero))
+    np.testing.assert_allclose(other.pixels, one.pixels, atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-18, 1e-9, 1e12, 1e18, 1e30])
+def test_extreme_scales_change_no_picture(scale):
+    """A power of two beside the scale: the very pixels, ids and normals, and the depth times the scale."""
+    scale = 2.0 ** round(np.log2(scale))
+    meshes = [sphere(1.0, rings=8, segments=12), box().moved((1.5, 0, 0.5)), floor(9).moved((0, -1, 0))]
+    one, other = (
+        render(Scene([mesh.moved(scale=s) for mesh in meshes]), (32, 24), backend="numpy", bounces=0)
+        for s in (1.0, scale)
+    )
+    assert len(np.unique(one.object_id)) == 4
+    np.testing.assert_array_equal(other.object_id, one.object_id)
+    np.testing.assert_array_equal(other.depth, (one.depth.astype(float) * scale).astype(np.float32))
+    np.testing.assert_allclose(other.pixels, one.pixels, atol=1e-6)
+
+
+def test_depth_beside_a_huge_triangle_is_that_of_the_plane():
+    """Floors of a million million, across and tilted, seen from a height of 2, and a ball of 1 on them."""
+    for tilt in (0, 30):
+        ground = floor(1e12).moved(tilt=tilt)
+        ball = sphere(1.0, rings=8, segments=12).moved((0, 1, 0))
+        camera = Camera((0, 6, 9), (0, 0, 0), fov=50)
+        image = render(Scene([ground, ball], SPOTS, camera), (24, 24), backend="numpy", bounces=0)
+        view = camera.view(24, 24)
+        rows, columns = np.mgrid[:24, :24][..., None] + 0.5
+        rays = view.corner + columns * view.across + rows * view.down
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        normal = ground.face_normals[0]
+        exact = -(view.eye @ normal) / (rays @ normal)
+        seen = image.object_id == 0
+        assert seen.sum() > 100
+        np.testing.assert_allclose(image.depth[seen], exact[seen], rtol=1e-5)
+        assert (image.object_id == 1).sum() > 10
+
+
+def test_a_tiny_ball_is_seen_where_it_is():
+    """Rays that pass far beside triangles of 1e-5 do not meet them, whatever finds triangles."""
+    scene = Scene([sphere(1e-5, rings=8, segments=12)], camera=Camera((0, 0, 8), fov=40))
+    for accel in ("brute", "bvh", "grid"):
+        image = render(scene, (64, 48), backend="numpy", bounces=0, accel=accel)
+        assert (image.object_id >= 0).sum() <= 1
