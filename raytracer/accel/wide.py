@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.meshes.mesh import normals_of
+from raytracer.meshes.mesh import levels_of, normals_of
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]
@@ -47,7 +47,7 @@ class WideBvh:
     The first record is a node, the others nodes and blocks, siblings side by side. A node: the lower sides of its eight
     boxes along x, y and z as floats, the upper sides, the boxes' tags, and the number of its first child's record. A
     box that is not there is inside out. A block: x, y and z of four triangles' first corners, of the second, of the
-    third, their numbers, unit normals and levels (see `triangle.levels_of`); one that is not there has no area and the
+    third, their numbers, unit normals and levels (see `mesh.levels_of`); one that is not there has no area and the
     number -1.
     """
 
@@ -149,9 +149,9 @@ def _blocks(bvh: Bvh, corners: NDArray[np.floating], start: Ints, count: Ints) -
     there = np.arange(HALF) < count[:, None]
     item = np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
     blocks = np.empty((len(start), LEVEL + 1, HALF), np.uint32)
-    normals = normals_of(np.asarray(corners, np.float64))
-    levels = np.einsum("ni,ni->n", normals, corners[:, 0])
-    planes = np.concatenate([normals, levels[:, None]], axis=1)
+    places = np.asarray(corners, np.float64)
+    normals = normals_of(places)
+    planes = np.concatenate([normals, levels_of(places, normals)[:, None]], axis=1)
     for rows, held in ((slice(NUMBERS), np.reshape(corners, (-1, 9))), (slice(NORMALS, LEVEL + 1), planes)):
         kept = held.astype(np.float32)[np.maximum(item, 0)].transpose(0, 2, 1)
         blocks[:, rows].view(np.float32)[:] = np.where(there[:, None], kept, 0)

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.meshes.mesh import levels_of
 from shpy import SH_IF
 
 FAR = 3.0e38
@@ -103,7 +104,9 @@ class Triangles:
 
     def __init__(self, rows: NDArray[Any], name: str = "triangles", numbers: Any = None) -> None:
         self.rows = sh.Table(rows, sh.Attrib4f, name)
-        self.levels = sh.Table(levels_of(rows), sh.Attrib1f, f"levels_of_{name}")
+        parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
+        levels = levels_of(parts[..., :3], parts[..., 3])
+        self.levels = sh.Table(levels, sh.Attrib1f, f"levels_of_{name}")
         self.numbers = numbers
 
     def __getitem__(self, k: Any) -> list[Any]:
@@ -113,12 +116,6 @@ class Triangles:
     def number(self, k: Any) -> Any:
         """The number of the triangle at place `k`."""
         return k if self.numbers is None else self.numbers[k]
-
-
-def levels_of(rows: NDArray[Any]) -> NDArray[np.float64]:
-    """(N,): the scalar product of a point of each triangle's plane and its unit normal; see `layout.triangle_rows`."""
-    parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
-    return np.asarray(np.einsum("ni,ni->n", parts[:, 0, :3], parts[:, :, 3]))
 
 
 class PlaneView:

@@ -173,6 +173,13 @@ def normals_of(corners: Floats) -> Floats:
     return _unit(np.cross(_scaled(one), _scaled(other)))
 
 
+def levels_of(corners: Floats, normals: Floats) -> Floats:
+    """How far the planes of triangles (N, 3, 3) are from 0 along their unit normals (N, 3)."""
+    nearest = corners[np.arange(len(corners)), np.abs(corners).max(axis=2).argmin(axis=1)]
+    x, y, z = (nearest * normals).T  # each sum by itself: what einsum gives depends on how arrays lie in memory
+    return np.asarray(x + y + z)
+
+
 def _unit(vectors: Floats) -> Floats:
     """Each vector divided by its length; zero stays zero."""
     scaled = _scaled(vectors)
