@@ -140,7 +140,8 @@ class Renderer:
         """Give distances in the scene's own units again."""
         assert self.layout is not None
         if self.layout.scale != 1:
-            band.depth[:] = band.depth.astype(np.float64) / self.layout.scale
+            depth = np.asarray(band.depth)
+            depth[:] = depth.astype(np.float64) / self.layout.scale
 
 
 def eye_rays(tracer: Tracer) -> Any:
