@@ -63,7 +63,7 @@ class BackendUnavailable(ShpyError):
 
 
 class LoopLimitExceeded(ShpyError):
-    """A loop ran out of its budget of turns; `result` holds what was computed, `count` how many elements stopped."""
+    """A loop ran out of its budget of iterations; `result` holds what was computed, `count` how many stopped."""
 
     def __init__(
         self, message: str, *, loc: Loc | None = None, cure: str | None = None, result: Any = None, count: int = 0

@@ -78,7 +78,7 @@ class Kernel:
     def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
         """Run on arrays; gives the outputs, zeros where elements were discarded.
 
-        Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of turns.
+        Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of iterations.
         """
         common, outputs, status = self._execute(arrays, named, None, shape)
         return outputs if status is None else self._result(common, outputs, status).outputs
@@ -191,12 +191,12 @@ class Kernel:
             return LoopLimitExceeded(
                 f"the device stopped a loop of {elements} of its own accord",
                 loc=loc,
-                cure="fewer turns, or another backend: what a device allows is its own",
+                cure="fewer iterations, or another backend: what a device allows is its own",
                 result=result,
                 count=count,
             )
         return LoopLimitExceeded(
-            f"this loop took more than {self.options.loop_limit} turns in {elements}",
+            f"this loop took more than {self.options.loop_limit} iterations in {elements}",
             loc=loops[first - Status.FIRST_LOOP],
             cure="a condition that ends it, or compile(loop_limit=N) if it needs more (None: no limit)",
             result=result,

@@ -86,8 +86,8 @@ class Program(Generic[_P, _R]):
     def from_ir(cls, module: Module) -> Program:
         """Make a module runnable: its tables become inputs. Raises VerifyError for a module that breaks a rule.
 
-        Whoever wrote it need not be trusted: a loop that does not show that it takes the turns that it promises has a
-        budget (`loop_limit`), and nothing in a name reaches a target as code.
+        Whoever wrote it need not be trusted: a loop that does not show that it takes the iterations that it promises
+        has a budget (`loop_limit`), and nothing in a name reaches a target as code.
         """
         verify(module)
         return cls(algebra.recorded_from(checked(module)))
@@ -149,8 +149,8 @@ class Program(Generic[_P, _R]):
     ) -> Kernel:
         """Compile for a backend ("numpy", "opencl", "glsl"; None: the default); kernels are kept and given again.
 
-        `precision` is the working float's, `loop_limit` the turns that a loop without a known bound may take. `math`
-        is "strict", the same bits on every backend; "relaxed", the target's own functions within OpenCL's bounds; or
+        `precision` is the working float's, `loop_limit` the iterations of a loop without a known bound. `math` is
+        "strict", the same bits on every backend; "relaxed", the target's own functions within OpenCL's bounds; or
         "fast", whatever is fastest, where NaN and infinity may vanish. `lanes` is how many elements OpenCL runs
         together: 4, 8 or 16; 1; or "auto", as many as a CPU's vectors hold.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
@@ -181,7 +181,7 @@ class Program(Generic[_P, _R]):
         if not ((isinstance(lanes, str) or _is_int(lanes)) and lanes in _LANES):
             refuse("lanes", lanes, 'lanes="auto", 1, 4, 8 or 16')
         if not (loop_limit is None or (_is_int(loop_limit) and 0 < loop_limit < 2**31)):
-            refuse("loop_limit", loop_limit, "a number of turns, or None for no limit")
+            refuse("loop_limit", loop_limit, "a number of iterations, or None for no limit")
         device, loop_limit, lanes = (int(n) if _is_int(n) else n for n in (device, loop_limit, lanes))
         return Options(precision, loop_limit, device, lanes, math)
 

@@ -64,7 +64,7 @@ class Array:
         return made
 
     def _clear(self) -> None:
-        """Zeros: made in a loop, the array is a fresh one each turn (elsewhere its slot is zero from the start)."""
+        """Zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
         from shpy.lang.control import SH_FOR
 
         with SH_FOR(self._length) as i:

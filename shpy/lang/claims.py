@@ -111,7 +111,7 @@ def _check_group(what: str, head: str, members: list[Port], inside: str) -> None
 
 
 def _honest(function: Function) -> Function:
-    """The function without promises of turns that its loops do not show to keep."""
+    """The function without promises of iterations that its loops do not show to keep."""
     constants = {
         s.value.id: s.attr[0]
         for s in walk(function.body)
@@ -136,7 +136,7 @@ def _honest(function: Function) -> Function:
 
 
 def _kept(loop: Loop, before: Region, constants: dict[int, int]) -> bool:
-    """Whether the loop counts a variable from a constant to a constant, and so takes the turns that it promises."""
+    """Whether the loop counts a variable from a constant to a constant, and so keeps its promise of iterations."""
     head = loop.body[: test_length(loop.body)]
     lets = {s.value.id: s for s in (*head, *loop.continuing) if isinstance(s, Let)}
     test = lets.get(head[-1].condition) if head and isinstance(head[-1], If) else None

@@ -287,7 +287,7 @@ class LoopBlock(Block):
 
 
 class SH_WHILE(LoopBlock):
-    """Run the block while `c()`, one bool, holds: a callable, evaluated every turn."""
+    """Run the block while `c()`, one bool, holds: a callable, evaluated in every iteration."""
 
     what = "SH_WHILE"
 
@@ -295,7 +295,9 @@ class SH_WHILE(LoopBlock):
         super().__init__()
         if isinstance(c, Value) or not callable(c):
             raise RecordError(
-                "SH_WHILE takes a callable, which is recorded for every turn", loc=self.loc, cure="SH_WHILE(lambda: …)"
+                "SH_WHILE takes a callable, which is evaluated in every iteration",
+                loc=self.loc,
+                cure="SH_WHILE(lambda: …)",
             )
         self.test = c
 
@@ -354,7 +356,7 @@ def _check_skipped(frame: Frame, block: LoopBlock, loc: Loc | None) -> None:
 class SH_FOR(LoopBlock):
     """Count like range: SH_FOR(stop), SH_FOR(start, stop), SH_FOR(start, stop, step), evaluated once.
 
-    `with SH_FOR(n) as i`: i is a fresh Attrib1i each turn.
+    `with SH_FOR(n) as i`: i is a fresh Attrib1i in each iteration.
     """
 
     what = "SH_FOR"
@@ -376,7 +378,7 @@ class SH_FOR(LoopBlock):
         first, _, by = known
         if first is not None and known[1] is not None and by is not None:
             self.turns = len(range(first, known[1], by))
-        # The last turn's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
+        # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
         simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
         self.first = arithmetic.read(emitter, bounds[0], _INT)
         self.last = arithmetic.read(emitter, bounds[1], _INT)
@@ -385,7 +387,7 @@ class SH_FOR(LoopBlock):
         self.trips = None if simple else self._trips(emitter)
 
     def _trips(self, emitter: FrameEmitter) -> int:
-        """The number of turns as a u: ceil((last - first) / step), 0 if that is not positive."""
+        """The number of iterations as a u: ceil((last - first) / step), 0 if that is not positive."""
         from shpy.lang.library import trip_count
 
         counted = trip_count(*(arithmetic.made("Attrib", _INT, emitter, h) for h in (self.first, self.last, self.step)))

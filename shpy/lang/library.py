@@ -164,7 +164,7 @@ def _trip_count(start: Attrib1i, stop: Attrib1i, step: Attrib1i) -> Any:
 
 
 trip_count = Subroutine(_trip_count, "trip_count")
-"""How often SH_FOR turns: the length of range(start, stop, step); 0 for a step of 0."""
+"""The number of iterations of SH_FOR: the length of range(start, stop, step); 0 for a step of 0."""
 
 
 def _wrapped(i: Any, extent: Any, repeat: Any) -> Any:

@@ -147,7 +147,7 @@ def test_a_loop_beyond_its_limit_is_told_with_its_line_and_its_result(backend: s
 
     line = climb.ir.entry.loc.line + 4
     with pytest.raises(
-        sh.LoopLimitExceeded, match=re.escape(f"{__file__}:{line}: this loop took more than 8 turns")
+        sh.LoopLimitExceeded, match=re.escape(f"{__file__}:{line}: this loop took more than 8 iterations")
     ) as told:
         kernel(climb, backend, loop_limit=8)(X)
     error = told.value

@@ -247,7 +247,7 @@ def test_loop_limit_names_the_loop_and_keeps_the_rest():
             x += 1
         return x
 
-    with pytest.raises(sh.LoopLimitExceeded, match="more than 100 turns in 2 elements") as caught:
+    with pytest.raises(sh.LoopLimitExceeded, match="more than 100 iterations in 2 elements") as caught:
         spin.compile(loop_limit=100)([-1, 1, 2])
     assert caught.value.count == 2
     assert caught.value.loc.file == __file__

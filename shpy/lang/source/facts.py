@@ -65,7 +65,7 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """A place that is read where no assignment inside the loop has reached it: it comes from before, or last turn."""
+    """A place that is read where no assignment inside the loop has reached it: it is older, or the last iteration's."""
 
     place: Place
     node: ast.AST

@@ -7,7 +7,7 @@ as a `RecordError`, and collects the functions that are called, which deserve th
 
 Statements are visited once, in order. At the end of a block, what it assigned is marked as escaped; a use of such a
 place is the mistake "rebound and used after". At the end of a loop, what was read before it was assigned in the body
-and is assigned at the end of it is the mistake "used on the next turn".
+and is assigned at the end of it is the mistake "used in its next iteration".
 """
 
 from __future__ import annotations
@@ -261,7 +261,7 @@ class Flow(Expressions):
 
     @contextmanager
     def inside(self, block: Block) -> Iterator[None]:
-        """A block or loop is open; at its end, its next turn is considered."""
+        """A block or loop is open; at its end, its next iteration is considered."""
         block.start = self.tick()
         self.open.append(block)
         yield
@@ -270,7 +270,7 @@ class Flow(Expressions):
             self._next_turn(block)
 
     def _next_turn(self, block: Block) -> None:
-        """What the body reads from before itself, it reads on the next turn as the body left it."""
+        """What the body reads from before itself, it reads in the next iteration as the body left it."""
         # `x is None` asks Python: metaprogramming that starts with nothing.
         asked = {use.place for use in block.exposed if use.asks_none}
         for use in block.exposed:
