@@ -19,7 +19,7 @@ from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from typing import Any
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
 
@@ -172,8 +172,9 @@ class Machine:
         self._options = ["-cl-std=CL1.2", "-w"]
         if _rounds_correctly(device):
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
-        self._programs: dict[tuple[str, Math], Any] = {}
-        self._from_disk: set[tuple[str, Math]] = set()
+        # Whoever runs a program keeps it: once its last executable is gone, so is the program.
+        self._programs: WeakValueDictionary[tuple[str, Math], Any] = WeakValueDictionary()
+        self._on_disk: WeakSet[Any] = WeakSet()
         self._free: dict[int, list[Any]] = defaultdict(list)
         self._pooled = 0
         self._uploads: list[Any] = []
@@ -192,13 +193,15 @@ class Machine:
 
     def build(self, text: str, math: Math = "strict") -> Any:
         """The program of this text, from memory if it was built before; pyopencl's error if the driver refuses it."""
-        if (text, math) not in self._programs:
+        program = self._programs.get((text, math))
+        if program is None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                self._programs[text, math] = self._kept(text, math) or self.cl.Program(self.context, text).build(
+                program = self._kept(text, math) or self.cl.Program(self.context, text).build(
                     options=self.options(math), cache_dir=False
                 )
-        return self._programs[text, math]
+            self._programs[text, math] = program
+        return program
 
     def _key(self, text: str, math: Math) -> str:
         device = self.device
@@ -215,14 +218,15 @@ class Machine:
             program = self.cl.Program(self.context, [self.device], [binary]).build(self.options(math), cache_dir=False)
         except self.cl.Error:
             return None
-        self._from_disk.add((text, math))
+        self._on_disk.add(program)
         return program
 
     def keep(self, text: str, math: Math) -> None:
         """Keep the program's binary for later processes: once it was launched, so that it holds generated code."""
-        if (text, math) not in self._from_disk:
-            self._from_disk.add((text, math))
-            binary = self._programs[text, math].get_info(self.cl.program_info.BINARIES)[0]
+        program = self.build(text, math)
+        if program not in self._on_disk:
+            self._on_disk.add(program)
+            binary = program.get_info(self.cl.program_info.BINARIES)[0]
             store.save(self._key(text, math), bytes(binary))
 
     def pace(self) -> Pace:

@@ -91,7 +91,7 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         try:
             program = machine.build(kernel.text, options.math)
             compiled = machine.cl.Kernel(program, kernel.name)
-            executable = OpenCLExecutable(machine, kernel, prepared, compiled, machine.pace())
+            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, machine.pace())
             executable.warm_up()
             machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
@@ -118,6 +118,7 @@ class OpenCLExecutable:
     machine: Machine
     kernel: Kernel
     prepared: Prepared
+    program: Any
     compiled: Any
     pace: Pace
     remarks: tuple[str, ...] = ()
