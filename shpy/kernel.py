@@ -60,9 +60,7 @@ class Kernel:
             for oldest in list(_executables)[: max(0, len(_executables) - _KEPT)]:
                 _executables.pop(oldest, None)
         self._executable = found
-        self.source = found.source
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
-        self.notes = found.notes
         devices = backend.devices()
         self.device = devices[options.device or 0]
         self._rank = next(
@@ -74,6 +72,16 @@ class Kernel:
             ),
             None,
         )
+
+    @property
+    def source(self) -> str:
+        """The emitted text. Where the target chooses between two texts by measurement, the one in use."""
+        return self._executable.source
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What there is to know about this target and the way that was chosen."""
+        return self._executable.notes
 
     def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
         """Run on arrays; gives the outputs, zeros where elements were discarded.

@@ -74,15 +74,21 @@ class Call:
 class Executable(Protocol):
     """A compiled module."""
 
-    source: str
-    """The emitted text, as it was given to the target."""
-    notes: tuple[str, ...]
-    """What the user should know: flushed denormals, for example."""
-    loops: tuple[Loc | None, ...]
-    """The k-th limited loop's line: status FIRST_LOOP + k names it."""
+    @property
+    def source(self) -> str:
+        """The emitted text, as it was given to the target."""
 
-    writes_all: bool
-    """Whether every element is written, whatever the data: there is no discard and no loop that could be stopped."""
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know: flushed denormals, for example."""
+
+    @property
+    def loops(self) -> tuple[Loc | None, ...]:
+        """The k-th limited loop's line: status FIRST_LOOP + k names it."""
+
+    @property
+    def writes_all(self) -> bool:
+        """Whether every element is written, whatever the data: no discard, and no loop that could be stopped."""
 
     def run(self, call: Call) -> Array | None:
         """Run it; gives the int32 status of each element, (n,), or None when every element was written."""

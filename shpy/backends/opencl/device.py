@@ -336,6 +336,17 @@ class Machine:
             return 1
         return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
 
+    @property
+    def other_width(self) -> int | None:
+        """The width that may be faster than `lanes`: two registers a value, or half a register for the widest."""
+        if self.lanes == 1:
+            return None
+        return 2 * self.lanes if 2 * self.lanes in WIDTHS else self.lanes // 2
+
+    def width_key(self, program: str) -> str:
+        """The name under which the width of a program's packets on this device is kept."""
+        return self._key(f"width of {program}", "strict")
+
     @cached_property
     def wrong(self) -> frozenset[str]:
         """The operations that this device gets wrong: asked once, and kept on disk."""

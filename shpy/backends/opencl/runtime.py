@@ -12,24 +12,28 @@ bools) are converted on the host.
 from __future__ import annotations
 
 import re
+import time
 import warnings
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, Options
+from shpy.backends.base import Array, Call, Device, Executable, Options
 from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
 from shpy.backends.opencl.spelling import FAST
+from shpy.backends.opencl.widths import Choosing, known_width
 from shpy.backends.pace import Pace
 from shpy.backends.probe import refuse_wrong
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.text import print_module
 from shpy.ir.types import Base, Type
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
@@ -51,17 +55,19 @@ class OpenCLBackend:
         """Every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
         return devices()
 
-    def compile(self, module: Module, options: Options) -> OpenCLExecutable:
+    def compile(self, module: Module, options: Options) -> Executable:
         """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
 
-        `lanes="auto"` is the width of a CPU's vectors, and 1 on a GPU or for a program that no packet can run, which
-        is a ShpyWarning with the cause.
+        `lanes="auto"` is the faster of two widths on a CPU (see `widths`), and 1 on a GPU or for a program that no
+        packet can run, which is a ShpyWarning with the cause.
         """
         machine = machine_of(options.device)
         lanes = machine.lanes if options.lanes == "auto" else options.lanes
         if lanes not in (1, *WIDTHS):
             raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, WIDTHS))}')
         try:
+            if options.lanes == "auto" and (other := machine.other_width):
+                return _choosing(machine, module, options, (lanes, other))
             return _built(machine, module, options, lanes)
         except CompileError as e:
             if options.lanes != "auto" or lanes == 1:
@@ -70,6 +76,17 @@ class OpenCLBackend:
             remark = f"one element at a time, not {lanes}: {e.message}"
             warnings.warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}", ShpyWarning, stacklevel=4)
             return replace(single, remarks=(remark,))
+
+
+def _choosing(machine: Machine, module: Module, options: Options, widths: tuple[int, int]) -> Executable:
+    """The kernel at the width that an earlier trial chose, or one that will try both widths."""
+    key = machine.width_key(f"{print_module(module)}{options}")
+    known = known_width(key, widths)
+    start = time.perf_counter()
+    first = _built(machine, module, options, known or widths[0])
+    if known:
+        return replace(first, remarks=(f"{known} lanes: a trial of {widths[0]} and {widths[1]} chose them",))
+    return Choosing(first, widths[1], partial(_built, machine, module, options), time.perf_counter() - start, key)
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
@@ -127,6 +144,11 @@ class OpenCLExecutable:
     def source(self) -> str:
         """The kernel's text."""
         return self.kernel.text
+
+    @property
+    def lanes(self) -> int:
+        """Elements of a packet."""
+        return self.kernel.lanes
 
     @property
     def notes(self) -> tuple[str, ...]:
