@@ -152,7 +152,9 @@ class Program(Generic[_P, _R]):
         `precision` is the working float's, `loop_limit` the iterations of a loop without a known bound. `math` is
         "strict", the same bits on every backend; "relaxed", the target's own functions within OpenCL's bounds; or
         "fast", whatever is fastest, where NaN and infinity may vanish. `lanes` is how many elements OpenCL runs
-        together: 4, 8 or 16; 1; or "auto", as many as a CPU's vectors hold.
+        together: 4, 8 or 16; 1; or "auto": 1 on a GPU, and on a CPU the width of its vectors or the one beside it,
+        whichever runs faster on the data of the first runs. Strict mode gives the same bits at every width; relaxed
+        and fast mode may not, so a width written out keeps their bits steady from run to run.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
         """
         options = self._options(device, precision, math, lanes, loop_limit)
