@@ -1,7 +1,7 @@
 """Draws expressions of a wanted type from what is in sight.
 
 Stage: test. Only operations with one exact answer, so that every target must give the same bits: those of strict mode.
-A number that only the driver's compiler can derive (`i - i`) is drawn where `derives` allows it.
+A number that only the driver's compiler can derive (`i - i`), or a denormal, is drawn where `derives` allows it.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Expressions:
 
     def const(self, type: Type) -> Const:
         """A constant of a type."""
-        numbers = NUMBERS[type.base] + (EDGES[type.base] if self.chance(20) else ())
+        numbers = NUMBERS[type.base] + (EDGES[type.base] if self.derives and self.chance(30) else ())
         if self.chance(30):
             return Const(type, (self.pick(numbers),) * type.size)
         return Const(type, tuple(self.pick(numbers) for _ in range(type.size)))

@@ -114,7 +114,7 @@ def _last(array: Variable, types: list[Type]) -> Stmt:
 def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     """The syntax of a program over INPUTS; with `endless` its loops may go beyond its `loop_limit`.
 
-    With `derives` it computes with numbers that a driver's compiler can derive.
+    With `derives` it computes with numbers that a driver's compiler can derive, and with denormals.
     """
     shallow = draw(st.integers(0, 9)) > 6
     functions: list[Function] = []
