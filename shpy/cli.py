@@ -17,6 +17,7 @@ import platform
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,8 @@ from shpy.ir.traverse import walk
 DISTRIBUTION = "shpy-dsl"
 _BUNDLES = ("all", "dev")
 """Extras that are made of the others."""
+_LONGEST = 1 << 26
+"""The most characters of an IR text that are read."""
 _WIDTH = 8
 """Columns of a name, so that what is said of it lines up."""
 
@@ -74,8 +77,7 @@ def diff(options: argparse.Namespace) -> int:
     from shpy import testing
 
     try:
-        text = sys.stdin.read() if str(options.ir) == "-" else options.ir.read_text()
-        program = sh.Program.from_ir(sh.parse(text))
+        program = sh.Program.from_ir(sh.parse(_read(options.ir)))
         names = options.backends.split(",") if options.backends else None
         rank = _rank(program)
         shape = (max(1, round(options.count ** (1 / rank))),) * rank
@@ -92,6 +94,15 @@ def diff(options: argparse.Namespace) -> int:
         print(f"shpy diff: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _read(path: Path) -> str:
+    """The text of a file, or of standard input; ShpyError for one that is too long, or has no end as some devices."""
+    with nullcontext(sys.stdin) if str(path) == "-" else path.open() as file:
+        text = file.read(_LONGEST + 1)
+    if len(text) > _LONGEST:
+        raise sh.ShpyError(f"{path} is longer than {_LONGEST} characters", cure="the IR text of one program")
+    return text
 
 
 def _rank(program: sh.Program) -> int:

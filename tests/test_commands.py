@@ -162,6 +162,27 @@ def test_numbers_out_of_range_are_refused_by_name(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
+WORDS = [
+    (["--precision", "f33"], "precision='f33'"),
+    (["--domain", "x=nan:1"], "'x=nan:1' is no range"),
+    (["--domain", "x=0:1e999"], "'x=0:1e999' is no range"),
+    (["--domain", "x=-1.7e308:1.7e308"], "is no range"),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), WORDS)
+def test_accuracy_refuses_words_that_mean_nothing(words, said, tmp_path, capsys):
+    (tmp_path / "p.py").write_text("import shpy as sh\n@sh.program\ndef f(x: sh.Attrib1f):\n    return sh.sqrt(x)\n")
+    assert cli.main(["accuracy", f"{tmp_path / 'p.py'}:f", "--backends", "numpy", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_an_endless_text_is_refused(monkeypatch, capsys):
+    monkeypatch.setattr(cli, "_LONGEST", 1000)
+    assert cli.main(["diff", "/dev/zero"]) == 2
+    assert "/dev/zero is longer than 1000 characters" in capsys.readouterr().err
+
+
 def test_whole_numbers_are_read():
     assert [whole(0, 9)(text) for text in ("0", "+7", "09")] == [0, 7, 9]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import math
 import runpy
 import sys
 import traceback
@@ -165,7 +166,10 @@ def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
         name, _, spoken = words.partition("=")
         parts = spoken.split(":")
         try:
-            domain[name] = (float(parts[0]), float(parts[1]), *parts[2:])
+            low, high = float(parts[0]), float(parts[1])
+            if not math.isfinite(high - low):
+                raise ValueError("a range has ends")
+            domain[name] = (low, high, *parts[2:])
         except (ValueError, IndexError):
             raise ShpyError(f"{words!r} is no range", cure="x=1e-3:1e3:log") from None
     for name, layout in program._recorded.inputs.items():

@@ -22,7 +22,7 @@ from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
 from shpy.accuracy.units import relative, ulps
 from shpy.backends.registry import backends as listed
-from shpy.errors import BackendUnavailable, CompileError
+from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
 from shpy.program import Program
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
@@ -31,6 +31,7 @@ from shpy.testing.runs import Run, run
 __all__ = ["Variant", "error_of", "measure", "variants"]
 
 Array = NDArray[Any]
+_PRECISIONS = ("f16", "f32", "f64")
 _MODES = ("strict", "relaxed", "fast")
 
 
@@ -55,7 +56,12 @@ class Variant:
 def variants(
     backends: Iterable[str] | str | None, math: Iterable[str] | str | None, precision: Iterable[str] | str | None
 ) -> list[Variant]:
-    """Every combination; None for each backend that is available, each mode that there is, and f32."""
+    """Every combination; None for each backend that is available, each mode that there is, and f32.
+
+    Raises ShpyTypeError for a precision that is none.
+    """
+    for unknown in set(_several(precision, ())) - set(_PRECISIONS):
+        raise ShpyTypeError(f"precision={unknown!r}", cure=" or ".join(map(repr, _PRECISIONS)))
     modes: list[str | None] = list(_several(math, _MODES))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]
