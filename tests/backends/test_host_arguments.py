@@ -185,7 +185,7 @@ def test_a_wrong_argument_is_named_before_anything_runs(backend, name, monkeypat
 
 
 SHAPES = ["33", b"ab", "x", (2.9,), True, (True,), 1.5, (None,), -1, (-1, 2), (10**30,), (2,) * 33, (1,) * 65, {2: 1},
-          range(3), np.array(3), np.array([2.0]), object(), [[2]], "", ("3",), np.array([[2]]), 1j]  # fmt: skip
+          range(3), np.array(3), np.array([2.0]), object, [[2]], "", ("3",), np.array([[2]]), 1j]  # fmt: skip
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=shown)
