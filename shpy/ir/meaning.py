@@ -62,9 +62,16 @@ def fract(x: Array) -> Array:
     return np.asarray(x - np.floor(x))
 
 
+def floor_div(x: Array, y: Array) -> Array:
+    """floor(x / y); -1 where the quotient is negative and too small for a number: flushing it changes nothing."""
+    quotient = np.floor(x / y)
+    below = (quotient == 0) & (x != 0) & ((x < 0) != (y < 0)) & ~np.isinf(y)
+    return np.where(below, np.asarray(-1, quotient.dtype), quotient)
+
+
 def mod(x: Array, y: Array) -> Array:
     """x - y * floor(x / y): the sign of the divisor."""
-    return np.asarray(x - y * np.floor(x / y))
+    return np.asarray(x - y * floor_div(x, y))
 
 
 def rsqrt(x: Array) -> Array:

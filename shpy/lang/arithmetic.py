@@ -162,7 +162,7 @@ def binary(op: str, a: Any, b: Any, what: str) -> Any:
     if op in ("floordiv", "floormod") and base_of((left, right), what) not in (Base.I, Base.U):
         if op == "floormod":
             return elementwise("mod", (left, right), what)
-        return elementwise("floor", (elementwise("div", (left, right), what),), what)
+        return _floor_quotient(left, right, what)
     if op == "pow":
         return _power(left, right, what)
     if op in ("shl", "shr"):
@@ -171,6 +171,19 @@ def binary(op: str, a: Any, b: Any, what: str) -> Any:
         kind = sum_kind(op, getattr(left, "kind", "Attrib"), getattr(right, "kind", "Attrib"))
         return elementwise(op, (left, right), what, kind=kind)
     return elementwise(op, (left, right), what)
+
+
+def _floor_quotient(left: Operand, right: Operand, what: str) -> Any:
+    """`floor(x / y)`; -1 where the quotient is negative and so small that it is flushed to zero."""
+
+    def compare(op: str, a: Any, b: Any) -> Any:
+        return elementwise(op, (a, b), what)
+
+    quotient = elementwise("floor", (elementwise("div", (left, right), what),), what)
+    below = compare("and", compare("eq", quotient, 0), compare("ne", left, 0))
+    opposite = compare("ne", compare("lt", left, 0), compare("lt", right, 0))
+    finite = elementwise("not", (elementwise("isinf", (right,), what, floats=True),), what)
+    return select(compare("and", compare("and", below, opposite), finite), -1, quotient)
 
 
 def _power(left: Operand, right: Operand, what: str) -> Any:

@@ -46,7 +46,10 @@ def _step(edge: Term, x: Term) -> Term:
 
 
 def _mod(x: Term, y: Term) -> Term:
-    return x - y * (x / y).op("floor")
+    quotient = (x / y).op("floor").named("quotient")
+    # A negative quotient that is flushed to zero, or too small for a number, is -1 all the same.
+    below = quotient.op("eq", 0) & x.op("ne", 0) & (x < 0).op("ne", y < 0) & y.op("isinf").op("not")
+    return x - y * where(below, y.constant(-1), quotient)
 
 
 def _mix(a: Term, b: Term, t: Term) -> Term:

@@ -177,7 +177,8 @@ float sh_fma(precise float a, precise float b, precise float c) {
     odd = rest.y != 0.0 && (odd & 1u) == 0u ? (outward ? odd + 1u : odd - 1u) : odd;
     precise float sum = high.x + uintBitsToFloat(odd);
     bool huge = max(e.x, e.y) < 128 && e.z == 128;
-    precise float plain = huge ? c : a * b + c;
+    bool alone = c == 0.0 && a != 0.0 && b != 0.0;  // a product that is flushed to zero keeps its sign
+    precise float plain = huge ? c : alone ? a * b : a * b + c;
     bool simple = a == 0.0 || b == 0.0 || c == 0.0 || max(e.x, max(e.y, e.z)) == 128 || min(e.x, min(e.y, e.z)) == -127;
     return simple ? plain : above > 55 ? c : sh_ldexp(sum, scale);
 }

@@ -46,6 +46,19 @@ def mod_and_floor_division_of_floats(x: sh.Attrib1f, y: sh.Attrib1f):
     return x % y, x // y
 
 
+@case(x=f(-0.0152, 0.0152, 1e-30, -1e-30, -2e-38, -0.0, -1, 1e-30),
+      y=f(3.4e38, -3.4e38, 3e38, -3e38, 3, 3.4e38, INF, -3e38),
+      expected=(f(3.4e38, -3.4e38, 1e-30, -1e-30, 3, 0, NAN, -3e38), f(-1, -1, 0, 0, -1, -0.0, -0.0, -1)))  # fmt: skip
+def quotients_that_are_flushed_have_a_sign(x: sh.Attrib1f, y: sh.Attrib1f):
+    return x % y, x // y
+
+
+@case(a=f(1e-30, 1e-30, -1e-30, 0, 1e-30), b=f(-1e-30, 1e-30, -1e-30, -1, -1), c=f(0, -0.0, 0, 0, 0),
+      expected=f(-0.0, 0, 0, 0, -1e-30))  # fmt: skip
+def fma_keeps_the_sign_of_what_is_flushed(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.fma(a, b, c)
+
+
 @case(a=np.array([-7, 7, -7, 7, 6, I_MIN, I_MIN, I_MAX, 5, 0, I_MIN]),
       b=np.array([2, -2, -2, 2, 3, -1, 2, I_MIN, 0, 0, 0]),
       expected=(np.array([-4, -4, 3, 3, 2, I_MIN, -(2**30), -1, 0, 0, 0]),

@@ -273,7 +273,7 @@ class Evaluator:
     def apply(op: str, args: list[Any]) -> Any:
         """The value of an operation of the table."""
         if op == "floordiv" and args[0].dtype.kind == "f":
-            return np.floor(args[0] / args[1])
+            return meaning.floor_div(*args)[()]
         if op == "floormod" and args[0].dtype.kind == "f":
             op = "mod"
         return exact(op)(*args)[()]
