@@ -13,6 +13,7 @@ import shpy as sh
 from shpy.backends import probe
 from shpy.backends.base import Array, Options
 from shpy.backends.glsl.context import open_context
+from shpy.backends.opencl import device, trial
 from shpy.backends.opencl.device import machine_of
 from shpy.backends.registry import backend as backend_named
 from shpy.ir import ops
@@ -129,3 +130,25 @@ def test_what_cannot_be_mended_is_refused(backend: str, wrong: Any) -> None:
     assert error.value.loc.file == __file__
     assert "floor" in compiled(spread, backend, math="relaxed").notes[0]
     assert compiled(quotient, backend).notes
+
+
+def test_a_trial_that_fails_is_silent_and_one_that_ends_the_process_costs_no_other(capfd):
+    good = trial.Trial("int", "a[0] *= 2;", (3,), (6,))
+    wrong = trial.Trial("int", "a[0] *= 2;", (3,), (7,))
+    broken = trial.Trial("int", "a[0] = no_such_function(a[0]);", (3,), (3,))
+    deadly = trial.Trial("int", "not a type", (3,), ("ends the process",))
+    place = machine_of(None)._place()
+    tried = {"first": good, "broken": broken, "deadly": deadly, "wrong": wrong, "last": good}
+    assert trial.works(place, [], tried) == {"first", "last"}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
+    machine = machine_of(None)
+    monkeypatch.delitem(vars(machine), "abilities", raising=False)
+    asked = machine.abilities
+    assert asked.shuffle
+    monkeypatch.delitem(vars(machine), "abilities")
+    monkeypatch.setattr(device, "works", None)  # not to be called again
+    assert machine.abilities == asked

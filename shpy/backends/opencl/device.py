@@ -10,12 +10,12 @@ Stage: run. Everything of pyopencl that the runtime touches is here; it is impor
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
 import warnings
 from collections import defaultdict
-from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from typing import Any
@@ -28,6 +28,7 @@ from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
 from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.trial import Trial, works
 from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, PROBED, hard_inputs, notes_of, wrong_operations
@@ -40,19 +41,31 @@ LOCAL_SIZE = 64
 PACKETS = 16
 """Packets of a group: each is as much work as many elements."""
 
-_PROBES = {
-    "reduce": ("int8", "a[0].x = __builtin_reduce_or(a[0]);"),
-    "elementwise": (
+_ROUNDED = (1.5, -0.5, 2.0, 2.5, -3.0, 0.0, 7.75, 1e9)
+_TRIALS = {
+    "reduce": Trial("int8", "a[0].x = __builtin_reduce_or(a[0]);", (1, 2, 4, 8, 16, 32, 64, 0), (127, 2, 4)),
+    "elementwise": Trial(
         "float8",
         f"float8 x = a[0]; a[0] = {' + '.join(f'__builtin_elementwise_{name}(x)' for name in ELEMENTWISE.values())};",
+        _ROUNDED,
+        tuple(math.floor(x) + math.ceil(x) + math.trunc(x) + round(x) for x in _ROUNDED),
     ),
-    "shuffle": ("int8", "a[0] = __builtin_shufflevector(a[0], a[1], 0, 8, 1, 9, 2, 10, 3, 11);"),
-    **{f"signs{n}": (f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};") for n, text in SIGNS.items()},
+    "shuffle": Trial(
+        "int8",
+        "a[0] = __builtin_shufflevector(a[0], a[1], 0, 8, 1, 9, 2, 10, 3, 11);",
+        tuple(range(16)),
+        (0, 8, 1, 9, 2, 10, 3, 11),
+    ),
+    **{
+        f"signs{n}": Trial(f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};", (0, -1, *[0] * (n - 2)), (2, -1))
+        for n, text in SIGNS.items()
+    },
 }
-"""What a compiler may have besides OpenCL C: the type of `a`, and statements that need it."""
+"""What a compiler may have besides OpenCL C."""
 _EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
-__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *r, __global intWIDE *n) {
+__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *nan,
+                    __global floatWIDE *r, __global intWIDE *n) {
     size_t i = get_global_id(0), all = get_global_size(0);
     floatWIDE x = a[i], y = b[i];
     r[i] = x + y;
@@ -62,6 +75,7 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
     r[4 * all + i] = sqrt(x);
     r[5 * all + i] = floor(x);
     n[i] = convert_intWIDE_sat(x);
+    n[all + i] = convert_intWIDE_sat(nan[i]) | as_intWIDE(convert_uintWIDE_sat(nan[i]));
 }
 """
 _CPU_SECONDS = 0.5
@@ -367,29 +381,33 @@ class Machine:
         lanes = self.lanes
         text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         with self.lock:
-            a, b = (self.upload(array) for array in hard_inputs())
-            results, ints = np.empty((6, COUNT), np.float32), np.empty(COUNT, np.int32)
+            given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32))
+            inputs = [self.upload(array) for array in given]
+            results, ints = np.empty((6, COUNT), np.float32), np.empty((2, COUNT), np.int32)
             outputs = [self.take(array.nbytes) for array in (results, ints)]
             kernel = self.cl.Kernel(self.build(text), "probe")
-            kernel.set_args(a, b, *outputs)
+            kernel.set_args(*inputs, *outputs)
             self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // lanes,), None)
             self.download(results, outputs[0])
             self.download(ints, outputs[1])
             self.queue.finish()
-            self.give_back([a, b, *outputs])
-        return wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints})
+            self.give_back([*inputs, *outputs])
+        wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
+        return wrong | {"convert"} if ints[1].any() else wrong
 
     @cached_property
     def abilities(self) -> Abilities:
-        """What the compiler has besides OpenCL C; one that has all of it is asked but once."""
-        has = set(_PROBES) if self._compiles(_PROBES) else {name for name in _PROBES if self._compiles([name])}
-        signs = frozenset(n for n in SIGNS if f"signs{n}" in has)
-        return Abilities("reduce" in has, "elementwise" in has, "shuffle" in has, signs)
+        """What the compiler has besides OpenCL C: tried once for each version of the driver, and kept on disk."""
+        key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), "strict")
+        kept = store.load(key)
+        known = None if kept is None else frozenset(kept.decode(errors="replace").split())
+        if known is None or not known <= _TRIALS.keys():
+            known = works(self._place(), self.options("strict"), _TRIALS)
+            store.save(key, " ".join(sorted(known)).encode())
+        signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
+        return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs)
 
-    def _compiles(self, probes: Iterable[str]) -> bool:
-        texts = [f"__kernel void {p}(__global {_PROBES[p][0]} *a) {{\n    {_PROBES[p][1]}\n}}\n" for p in probes]
-        try:
-            self.build("\n".join(texts))
-        except self.cl.Error:
-            return False
-        return True
+    def _place(self) -> tuple[int, int]:
+        """The indices of the platform and of its device, as the driver lists them."""
+        platform = self.device.platform
+        return self.cl.get_platforms().index(platform), platform.get_devices().index(self.device)

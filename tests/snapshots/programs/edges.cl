@@ -16,7 +16,8 @@ uint sh_bits(float x) {
 }
 
 float mod1(float x, float y) {
-    return x - y * floor(x / y);
+    float quotient = floor(x / y);
+    return x - y * (quotient == 0.0f && x != 0.0f && (x < 0.0f) != (y < 0.0f) && !isinf(y) ? -1.0f : quotient);
 }
 
 __kernel void edges(  // snapshot_programs.py:160

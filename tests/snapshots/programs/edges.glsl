@@ -47,6 +47,10 @@ uint sh_bits(precise float x) {
     return nan ? 0x7fc00000u : floatBitsToUint(x);
 }
 
+bool sh_isinf(precise float x) {
+    return (floatBitsToUint(x) & 0x7fffffffu) == 0x7f800000u;
+}
+
 float sh_sign(precise float x) {
     precise bool above = x > 0.0;
     precise bool below = x < 0.0;
@@ -54,7 +58,8 @@ float sh_sign(precise float x) {
 }
 
 float mod1(precise float x, precise float y) {
-    precise float result = x - y * floor(x / y);
+    precise float quotient = floor(x / y);
+    precise float result = x - y * (quotient == 0.0 && x != 0.0 && (x < 0.0) != (y < 0.0) && !sh_isinf(y) ? -1.0 : quotient);
     return result;
 }
 

@@ -64,28 +64,28 @@ vec3 mix3(precise vec3 a, precise vec3 b, precise vec3 t) {
     return result;
 }
 
-vec3 sample_image(precise vec2 uv) {  // library.py:175
-    int t = image_shape.x;  // library.py:176
+vec3 sample_image(precise vec2 uv) {  // library.py:182
+    int t = image_shape.x;  // library.py:183
     int t2 = image_shape.y;
-    precise bool t3 = (image_mode & 1) != 0;  // library.py:178
+    precise bool t3 = (image_mode & 1) != 0;  // library.py:185
     precise bool t4 = (image_mode & 2) != 0;
-    precise vec2 size = vec2(float(t2) + zero, float(t) + zero);  // library.py:180
-    precise vec2 inside = t4 ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0));  // library.py:187
-    precise vec2 place = inside * size;  // library.py:189
-    precise float shift = t3 ? 0.5 : zero;  // library.py:198
-    precise vec2 t5 = place - shift;  // library.py:199
+    precise vec2 size = vec2(float(t2) + zero, float(t) + zero);  // library.py:187
+    precise vec2 inside = t4 ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0));  // library.py:194
+    precise vec2 place = inside * size;  // library.py:196
+    precise float shift = t3 ? 0.5 : zero;  // library.py:205
+    precise vec2 t5 = place - shift;  // library.py:206
     precise vec2 corner = floor(t5);
-    precise vec2 t_6 = t5 - corner;  // library.py:200
-    precise vec2 t_7 = t3 ? t_6 : vec2(zero);  // library.py:202
-    ivec2 cell = sh_int(corner);  // library.py:203
-    ivec2 t8 = cell + ivec2(1, 0);  // library.py:204
+    precise vec2 t_6 = t5 - corner;  // library.py:207
+    precise vec2 t_7 = t3 ? t_6 : vec2(zero);  // library.py:209
+    ivec2 cell = sh_int(corner);  // library.py:210
+    ivec2 t8 = cell + ivec2(1, 0);  // library.py:211
     precise vec3 top = mix3(image_at(ivec2(t4 ? sh_floormod(cell.y, t) : cell.y, t4 ? sh_floormod(cell.x, t2) : cell.x)), image_at(ivec2(t4 ? sh_floormod(t8.y, t) : t8.y, t4 ? sh_floormod(t8.x, t2) : t8.x)), vec3(t_7.x));
-    ivec2 t9 = cell + ivec2(0, 1);  // library.py:205
+    ivec2 t9 = cell + ivec2(0, 1);  // library.py:212
     ivec2 t10 = cell + 1;
-    int column = t10.x;  // library.py:192
-    int row = t10.y;  // library.py:193
-    precise vec3 bottom = mix3(image_at(ivec2(t4 ? sh_floormod(t9.y, t) : t9.y, t4 ? sh_floormod(t9.x, t2) : t9.x)), image_at(ivec2(t4 ? sh_floormod(row, t) : row, t4 ? sh_floormod(column, t2) : column)), vec3(t_7.x));  // library.py:205
-    precise vec3 result = mix3(top, bottom, vec3(t_7.y));  // library.py:206
+    int column = t10.x;  // library.py:199
+    int row = t10.y;  // library.py:200
+    precise vec3 bottom = mix3(image_at(ivec2(t4 ? sh_floormod(t9.y, t) : t9.y, t4 ? sh_floormod(t9.x, t2) : t9.x)), image_at(ivec2(t4 ? sh_floormod(row, t) : row, t4 ? sh_floormod(column, t2) : column)), vec3(t_7.x));  // library.py:212
+    precise vec3 result = mix3(top, bottom, vec3(t_7.y));  // library.py:213
     return result;
 }
 

@@ -1,0 +1,101 @@
+"""Which extras of a driver's compiler work: each is built, run and compared, where it can harm nobody.
+
+Stage: compile. A driver may print errors of a build to the terminal, refuse a kernel that it has built, or end the
+process. So the trials run in a process of their own, whose outcome is kept on disk for each device and version of its
+driver. This file is what that process runs; it needs pyopencl and numpy alone.
+
+    works((0, 0), [], {"double": Trial("int", "a[0] *= 2;", (3,), (6,))})        # {"double"}
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+__all__ = ["Trial", "works"]
+
+_SECONDS = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Statements on `__global T *a`, which holds `given` numbers of 32 bits before and `wanted` ones after them."""
+
+    type: str
+    statements: str
+    given: tuple[float, ...]
+    wanted: tuple[float, ...]
+
+    def text(self, name: str) -> str:
+        """The kernel."""
+        return f"__kernel void try_{name}(__global {self.type} *a) {{\n    {self.statements}\n}}\n"
+
+
+def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial]) -> frozenset[str]:
+    """The names of the trials that succeed on this device of this platform, in a process of their own.
+
+    A trial that ends the process has failed, and the others go on in another one.
+    """
+    left = dict(trials)
+    found: set[str] = set()
+    while left:
+        asked = {name: {**asdict(trial), "text": trial.text(name)} for name, trial in left.items()}
+        task = json.dumps({"place": place, "options": options, "trials": asked})
+        try:
+            done = subprocess.run(
+                [sys.executable, "-P", __file__],
+                input=task,
+                capture_output=True,
+                text=True,
+                timeout=_SECONDS,
+                check=False,
+            ).stdout
+        except (OSError, subprocess.TimeoutExpired):
+            return frozenset(found)
+        told = [line.split() for line in done.splitlines() if line.startswith("trial ")]
+        found |= {name for _, name, outcome in told if outcome == "works"}
+        begun = {name for _, name, _ in told}
+        if not begun:
+            return frozenset(found)
+        left = {name: trial for name, trial in left.items() if name not in begun}
+    return frozenset(found)
+
+
+def _main() -> None:
+    task = json.load(sys.stdin)
+    import pyopencl as cl
+
+    platform, device = task["place"]
+    chosen = cl.get_platforms()[platform].get_devices()[device]
+    context = cl.Context([chosen])
+    for name, trial in task["trials"].items():
+        print("trial", name, "begun", flush=True)
+        if _succeeds(cl, context, name, trial, task["options"]):
+            print("trial", name, "works", flush=True)
+
+
+def _succeeds(cl: Any, context: Any, name: str, trial: Mapping[str, Any], options: list[str]) -> bool:
+    import numpy as np
+
+    dtype = np.float32 if trial["type"].startswith("float") else np.int32
+    array = np.array(trial["given"], dtype)
+    try:
+        flags = cl.mem_flags
+        buffer = cl.Buffer(context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=array)
+        program = cl.Program(context, trial["text"]).build(options, cache_dir=False)
+        queue = cl.CommandQueue(context)
+        cl.Kernel(program, f"try_{name}")(queue, (1,), (1,), buffer)
+        cl.enqueue_copy(queue, array, buffer)
+        queue.finish()
+    except cl.Error:
+        return False
+    wanted = np.array(trial["wanted"], dtype)
+    return bool(np.array_equal(array[: len(wanted)], wanted))
+
+
+if __name__ == "__main__":
+    _main()
