@@ -59,6 +59,12 @@ def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
     case.check(case.run(width), width)
 
 
+@each(operations.ROWS)
+def test_one_lane_does_each_operation(case: Case) -> None:
+    """A GPU runs one lane."""
+    case.check(case.run("opencl-1"), "opencl-1")
+
+
 @each([c for c in CASES if c.expected is not None])
 def test_interpreter_gives_what_is_expected(case: Case) -> None:
     outputs = case.reference.outputs

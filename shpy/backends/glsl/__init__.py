@@ -95,6 +95,7 @@ class GlslBackend:
                 loops_stop=not steady,
                 limited=options.loop_limit is not None,
                 exact=exact,
+                precise=limits.keeps_order,
             )
             programs.append(runtime.build(printer.shader(), module.entry.loc, steady=steady))
         sources = [p.shader.source for p in programs]
@@ -121,7 +122,9 @@ def _notes(context: Context) -> tuple[str, ...]:
     if not limits.keeps_denormals:
         notes.append("this device flushes denormals to zero")
     if not limits.keeps_order:
-        notes.append("this device lacks GL_ARB_gpu_shader5: its compiler may reorder and contract arithmetic")
+        notes.append(
+            "this device lacks GL_ARB_gpu_shader5: bit operations keep arithmetic in order instead, which takes time"
+        )
     return tuple(notes)
 
 

@@ -2,6 +2,15 @@
 // Read by prologue.py, which emits what a program uses and adds the vector forms. Parameters are precise, for what is
 // computed where they are handed over must be as well: a driver may take `sh_isnan(a - a)` for `sh_isnan(0.0)`.
 
+// The same number, which the driver cannot join with others: where it does not know `precise`.
+float sh_keep(precise float x) {
+    return uintBitsToFloat(floatBitsToUint(x) ^ sh_nothing);
+}
+
+bool sh_keep(precise bool x) {
+    return (uint(x) ^ sh_nothing) != 0u;
+}
+
 bool sh_and(precise bool a, precise bool b) {
     return a && b;
 }

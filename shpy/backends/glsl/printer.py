@@ -20,6 +20,7 @@ from shpy.backends.glsl.shader import (
     FIRST,
     GRID_SHAPE,
     LAST,
+    NOTHING,
     RUNNING,
     WIDTH,
     InputTexture,
@@ -58,12 +59,14 @@ class Printer(Spelling):
         loops_stop: bool = False,
         limited: bool = True,
         exact: bool = True,
+        precise: bool = True,
     ) -> None:
         """What to mind: loops that the device stops of its own accord.
 
-        `limited` says that loops without a known bound have a limit of ours, `exact` that operations keep their order.
+        `limited` says that loops without a known bound have a limit of ours, `exact` that operations keep their order,
+        `precise` that the device has the qualifier.
         """
-        super().__init__(module, exact=exact)
+        super().__init__(module, exact=exact, precise=precise)
         self.loops_stop = loops_stop
         self.limited = limited
         self.sheltered = sheltered_functions(module)
@@ -86,7 +89,7 @@ class Printer(Spelling):
         functions = [self._function(f) for f in self.module.functions]
         inputs, declarations, main = self._main()
         body = "\n".join([*self.readers.values(), *self.grids.values(), *functions, main])
-        interface = "".join(f"{line}\n" for line in [*self._uniforms(body), *declarations])
+        interface = "".join(f"{line}\n" for line in [*self._uniforms(body, self.prologue.text()), *declarations])
         prologue = f"{text}\n" if (text := self.prologue.text()) else ""
         return Shader(
             "\n".join(part for part in (_HEAD, interface, prologue, body) if part),
@@ -96,8 +99,9 @@ class Printer(Spelling):
             tuple(o.type for o in self.module.entry.outputs),
         )
 
-    def _uniforms(self, text: str) -> list[str]:
+    def _uniforms(self, text: str, prologue: str) -> list[str]:
         """The declarations of params, of tables, and of what the runtime sets where the text needs it."""
+        text += prologue
         lines = [f"uniform {spelled(p.type)} {self.params[p.name].text};" for p in self.module.params]
         for table in self.module.tables:
             names = self.tables[table.name]
@@ -105,6 +109,7 @@ class Printer(Spelling):
             lines.append(f"uniform {spelled(vec(Base.I, table.rank))} {names.shape};")
         ours = {
             self.zero_name: f"float {self.zero_name} = {_ZERO};  // 0.0, but the driver must not know",
+            NOTHING: f"uint {NOTHING} = uint(min(int(gl_FragCoord.x), 0));  // 0u, but the driver must not know",
             RUNNING: f"uniform bool {RUNNING};  // true, but the driver must not know",
             LAST: f"uniform ivec2 {LAST};",
             FIRST: f"uniform int {FIRST};",

@@ -64,9 +64,20 @@ class Helper:
 
 
 @cache
-def helpers() -> tuple[Helper, ...]:
-    """Every function of the prologue, in the order of the file; functions stand below those that they call."""
-    text = (resources.files(__package__) / "edges.glsl").read_text()
+def helpers(precise: bool = True) -> tuple[Helper, ...]:
+    """Every function of the prologue, in the order of the file; functions stand below those that they call.
+
+    Where a device has no `precise`, those of kept.glsl take the place of their namesakes.
+    """
+    found = _read("edges.glsl")
+    if precise:
+        return found
+    others = {(h.name, h.types): h for h in _read("kept.glsl")}
+    return tuple(others.get((h.name, h.types), h) for h in found)
+
+
+def _read(file: str) -> tuple[Helper, ...]:
+    text = (resources.files(__package__) / file).read_text()
     found = []
     for paragraph in text.split("\n\n"):
         head = _HEAD.search(paragraph)
@@ -81,17 +92,21 @@ def helpers() -> tuple[Helper, ...]:
 
 
 class Prologue:
-    """The functions that one shader uses. `exact`: what is handed to them keeps its order of operations."""
+    """The functions that one shader uses.
 
-    def __init__(self, *, exact: bool = True) -> None:
+    `exact`: what is handed to them keeps its order of operations; `precise`: the device has the qualifier for that.
+    """
+
+    def __init__(self, *, exact: bool = True, precise: bool = True) -> None:
         self._exact = exact
+        self._helpers = helpers(precise or not exact)
         self._used: set[Helper] = set()
         self._sized: set[tuple[Helper, int]] = set()
 
     def use(self, name: str, types: tuple[Type, ...]) -> str:
         """Ask for the function of this name that takes these types; gives the name."""
         scalars = tuple(SCALARS[t.base] for t in types)
-        helper = next(h for h in helpers() if h.name == name and h.types == scalars)
+        helper = next(h for h in self._helpers if h.name == name and h.types == scalars)
         self._used.add(helper)
         size = max(t.size for t in types)
         if size > 1:
@@ -105,9 +120,9 @@ class Prologue:
         while pending:
             wanted |= pending
             called = frozenset().union(*(h.calls for h in pending))
-            pending = {h for h in helpers() if h.name in called} - wanted
+            pending = {h for h in self._helpers if h.name in called} - wanted
         parts = []
-        for helper in helpers():
+        for helper in self._helpers:
             if helper in wanted:
                 parts.append(helper.text)
                 parts += [helper.sized(size) for size in (2, 3, 4) if (helper, size) in self._sized]

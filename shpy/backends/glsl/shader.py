@@ -12,6 +12,9 @@ from shpy.ir.types import Type
 RUNNING = "sh_running"
 """A bool that is always true."""
 
+NOTHING = "sh_nothing"
+"""A `uint` that is always 0."""
+
 LAST = "sh_last"
 """The last cell of a draw: `ivec2`. A cell is a pixel, the place of one element."""
 

@@ -37,6 +37,7 @@ FAST: Final = TRANSCENDENTALS | GEOMETRIC | {"rsqrt"}
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _WRITTEN_OUT: Final = 16
+_ARITHMETIC: Final = frozenset({"add", "sub", "mul", "div"})
 
 # The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {
@@ -71,11 +72,12 @@ class Spelling(CLike):
     target: Target = "glsl"
     inputs_are_variables = True
 
-    def __init__(self, module: Module, *, exact: bool = True) -> None:
-        """`exact` says that operations keep their order."""
+    def __init__(self, module: Module, *, exact: bool = True, precise: bool = True) -> None:
+        """`exact` says that operations keep their order; without `precise`, by hiding each result from the driver."""
         super().__init__(module)
         self.exact = exact
-        self.prologue = Prologue(exact=exact)
+        self.kept_apart = exact and not precise
+        self.prologue = Prologue(exact=exact, precise=precise)
         self.globals.reserve("main")
         self.zero_name = self.globals.take("zero")
 
@@ -159,6 +161,25 @@ class Spelling(CLike):
         return ex.call("notEqual", e, Expr(f"{spelled(source)}({zero})"))
 
     # Operations
+
+    def operation(self, let: Let) -> Expr:
+        """The expression of one Let; where nothing is `precise`, `sh_keep(a + b)` keeps it apart from others."""
+        made = super().operation(let)
+        if not self.kept_apart or not let.args or not self.types[let.args[0]].is_float:
+            return made
+        type = let.value.type
+        if let.op in _ARITHMETIC or let.op in COMPARISONS:
+            return ex.call(self.prologue.use("sh_keep", (type,)), made)
+        return made
+
+    def args(self, let: Let) -> list[Expr]:
+        """The arguments; of `x - x` and `x / x` one is hidden, where nothing is `precise`."""
+        found = super().args(let)
+        if self.kept_apart and let.op in ("sub", "div") and let.args[0] == let.args[1]:
+            type = self.types[let.args[0]]
+            if type.is_float:
+                found[1] = ex.call(self.prologue.use("sh_keep", (type,)), found[1])
+        return found
 
     def function(self, op: str, types: tuple[Type, ...]) -> str:
         """GLSL's function, or one of the prologue."""

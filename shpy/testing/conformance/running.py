@@ -31,7 +31,7 @@ from shpy.testing.reference import Interpreted, Reference
 
 TARGETS = ("numpy", "opencl", "glsl")
 BACKENDS = ("interpreter", "prepared", *TARGETS)
-PACKETS = {"opencl-4": 4, "opencl-16": 16}
+PACKETS = {"opencl-1": 1, "opencl-4": 4, "opencl-16": 16}
 TILES = {"numpy-5": 5}
 """Other widths, with lanes that are left over: as many elements together in OpenCL and in a tile of numpy."""
 WIDTHS = (*TILES, *PACKETS)

@@ -1,0 +1,31 @@
+"""GLSL on a device without GL_ARB_gpu_shader5, which has no `precise`, in a process of its own: Mesa asks once."""
+
+import os
+import subprocess
+import sys
+
+LIST = """
+from shpy.backends.glsl.context import open_context
+from shpy.testing.conformance.cases import all_cases
+assert not open_context(0).limits.keeps_order
+ran = 0
+for case in all_cases():
+    if "glsl" not in case.refused and case.name.split("-")[0] in NAMES:
+        case.check(case.run("glsl"), "glsl")
+        ran += 1
+print(ran)
+"""
+NAMES = """add sub mul div fma mad mod half mix length normalize smoothstep lt eq ne isnan isinf sin exp pow refract
+arithmetic_with_zero_is_not_folded signed_zeros_and_infinities comparisons_with_nan denormals_are_kept
+fma_rounds_once_and_mad_twice mod_and_floor_division_of_floats a_counter_times_infinity mix_at_its_ends
+a_variable_that_is_counted_down products_of_constants an_int_less_itself mandelbrot noises""".split()
+
+
+def test_the_conformance_list_without_precise():
+    environment = {**os.environ, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader5"}
+    done = subprocess.run(
+        [sys.executable, "-c", LIST.replace("NAMES", repr(NAMES))], env=environment, capture_output=True, text=True,
+        timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) >= 30
