@@ -29,3 +29,28 @@ def test_the_conformance_list_without_precise():
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) >= 30
+
+
+SOFTPIPE = """
+from shpy.testing.conformance.data import CASES
+case = next(c for c in CASES if c.name == "an_array_as_a_stack")
+try:
+    case.run("glsl")
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+
+
+def test_stores_that_softpipe_gets_wrong_are_refused():
+    environment = {**os.environ, "EGL_PLATFORM": "surfaceless", "LIBGL_ALWAYS_SOFTWARE": "1"}
+    found = []
+    for driver in ("softpipe", "llvmpipe"):
+        command = [sys.executable, "-c", SOFTPIPE]
+        done = subprocess.run(
+            command, env={**environment, "GALLIUM_DRIVER": driver}, capture_output=True, text=True, timeout=100
+        )
+        assert done.returncode == 0, done.stderr
+        found.append(done.stdout)
+    assert "CompileError" in found[0]
+    assert "stores at an index that varies" in found[0]
+    assert found[1] == ""

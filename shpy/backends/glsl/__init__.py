@@ -20,8 +20,8 @@ from shpy.backends.glsl.runtime import Program, Runtime, unsupported
 from shpy.backends.glsl.spelling import FAST, NATIVE
 from shpy.backends.probe import notes_of, refuse_wrong
 from shpy.errors import BackendUnavailable, CompileError
-from shpy.ir.nodes import Loc, Module, Value, Variable
-from shpy.ir.traverse import defined, variables_of
+from shpy.ir.nodes import Let, Loc, Module, Store, Value, Variable
+from shpy.ir.traverse import defined, variables_of, walk
 from shpy.ir.types import Base
 from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
@@ -78,6 +78,8 @@ class GlslBackend:
         limits = runtime.context.limits
         prepared = prepare(module, options, replace(TARGET, wrong=limits.wrong & CORRECTABLE))
         _refuse(prepared.module)
+        if not limits.stores_apart:
+            _refuse_stores(prepared.module)
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")
         exact = options.math != "fast"
@@ -138,6 +140,18 @@ def _refuse(module: Module) -> None:
     for table in module.tables:
         if table.type.base in (Base.D, Base.H):
             raise unsupported(table.type, module.entry.loc)
+
+
+def _refuse_stores(module: Module) -> None:
+    """CompileError for a store at an index that varies: softpipe takes the index of another element."""
+    for function in module.functions:
+        constants = {s.value.id for s in walk(function.body) if isinstance(s, Let) and s.op == "const"}
+        for s in walk(function.body):
+            if isinstance(s, Store) and s.index is not None and s.index not in constants:
+                message = "this device gets stores at an index that varies wrong"
+                raise CompileError(
+                    message, loc=s.loc or function.loc, cure='compile this program on "numpy" or "opencl"'
+                )
 
 
 backend = GlslBackend()

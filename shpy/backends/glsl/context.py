@@ -54,6 +54,17 @@ void main() {
 }
 """
 
+# Neighbouring fragments store at different indices of their arrays.
+_STORES = """\
+#version 330 core
+layout(location = 0) out vec4 found;
+void main() {
+    float a[3] = float[3](0.0, 0.0, 0.0);
+    a[clamp(int(gl_FragCoord.x) - 2, 0, 2)] = 5.0;
+    found = vec4(a[1]);
+}
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -65,6 +76,8 @@ class Limits:
     wrong: frozenset[str] = frozenset()
     keeps_denormals: bool = True
     keeps_order: bool = True
+    stores_apart: bool = True
+    """Whether each element's store at an index of its own goes there."""
 
 
 def _moderngl() -> Any:
@@ -161,6 +174,13 @@ class Context:
         check(self.gl, "link a program")
         return program
 
+    def _stores_apart(self) -> bool:
+        target = self.gl.framebuffer([self.gl.texture((8, 1), 4, dtype="f4")])
+        target.use()
+        self.gl.vertex_array(self.program(_STORES), []).render(self.moderngl.TRIANGLES, 3)
+        found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(-1, 4)[:, 0]
+        return bool(found.tolist() == [0, 0, 0, 5, 0, 0, 0, 0])
+
     def _probe(self) -> Limits:
         gl = self.gl
         size = (32, COUNT // 32)
@@ -178,6 +198,7 @@ class Context:
         wrong = wrong_operations(results)
         if not np.array_equal(found[:, 6], np.trunc(np.minimum(pairs[:, 0], np.float32(2**24 - 1)))):
             wrong |= {"convert"}
+        stores_apart = self._stores_apart()
         self.resting.use()
         check(gl, "probe the device")
         return Limits(
@@ -186,6 +207,7 @@ class Context:
             textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
             wrong=wrong,
             keeps_denormals=bool(found[0, 7] != 0),
+            stores_apart=stores_apart,
             keeps_order="GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400,
         )
 
