@@ -138,8 +138,10 @@ class Statements(Operations):
         outer, pending = self.names, set(self.pending)
         self.names = outer.scope() if scope else outer
         self.indent += 1
-        yield
-        self.indent -= 1
+        try:
+            yield
+        finally:
+            self.indent -= 1
         self.names = outer
         self.pending = {v: None for v in self.pending if v in pending}
 

@@ -43,9 +43,12 @@ from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
 from shpy.passes.returns import returns_outside_loops
 from shpy.passes.rewriter import falls_through
+from shpy.passes.size import check_growth
 
 __all__ = ["inline_calls"]
 
+_MOST_STATEMENTS = 50_000
+"""A function that would become larger is refused: numpy and OpenCL's compiler take about a minute for so many."""
 _DEEPEST_GUARD = 8
 """How many Returns in a row may each put the rest of the body one region deeper."""
 
@@ -57,6 +60,8 @@ def inline_calls(module: Module, chosen: Callable[[Function], bool] = lambda fun
     """
     inlined: dict[str, Function] = {}
     gone: set[str] = set()
+    stay = {f.name for f in module.functions if f.pure or not chosen(f)}
+    check_growth(module, _MOST_STATEMENTS, "functions that take arrays are copied to where they are called", stay)
     for function in module.functions:
         made = _Inliner(function, inlined, gone).run() if gone else function
         inlined[function.name] = made

@@ -2,9 +2,10 @@
 
 Stage: improve. Every pass is a function Module -> Module in a file of its own; this one puts them in order:
 
-    precision -> half -> lower -> inline -> by value -> exits -> optimise -> unused functions
+    precision -> half -> lower -> share -> inline -> by value -> exits -> optimise -> unused functions
 
-`inline` and `by value` are for targets that run packets of elements; `vectorize`, also theirs, comes after that.
+`share` is for targets whose compilers inline everything, and for large programs only. `inline` and `by value` are for
+targets that run packets of elements; `vectorize`, also theirs, comes after that.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from shpy.passes.lower import lower
 from shpy.passes.modes import Math
 from shpy.passes.precision import Precision, set_precision
 from shpy.passes.promote import promote
+from shpy.passes.share import WORTH_SHARING, share_calls
+from shpy.passes.size import inlined_sizes
 
 __all__ = ["Prepared", "Target", "optimise", "prepare", "with_strict_functions"]
 
@@ -42,7 +45,7 @@ class Target:
     that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
     it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for angles
     only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
-    `vectorize`, whose functions take values only.
+    `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Target:
     bounded: frozenset[str] = frozenset()
     loop_flags: bool = False
     vector: bool = False
+    inlines: bool = False
 
     def does(self, math: Math) -> frozenset[str]:
         """What it does itself in this mode."""
@@ -96,6 +100,8 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     plain = lower_half(set_precision(module, options.precision))
     lowered = lower(plain, target.does(options.math), corrected, bounded)
+    if target.inlines and inlined_sizes(lowered)[lowered.entry.name] >= WORTH_SHARING:
+        lowered = share_calls(remove_unused_functions(optimise(lowered)))
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     ending, status, loops = make_exits_explicit(

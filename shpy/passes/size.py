@@ -1,18 +1,28 @@
-"""How much a module does: its operations counted, for reports.
+"""How much a module does, and how much text and code it becomes where a compiler copies functions to their calls.
 
 Stage: improve; it changes nothing. A loop's body counts once.
 
-    count_ops(module)    ->   {"mul": 12, "add": 9, "load": 3, "if": 2, "loop": 1, "store": 4, ...}
+    count_ops(module)        ->   {"mul": 12, "add": 9, "load": 3, "if": 2, "loop": 1, "store": 4, ...}
+    inlined_sizes(module)    ->   {"f0": 4, "f1": 10, "f2": 22, ..., "main": 3_221_225_470}
+    kept_apart(module)       ->   {"f3", "f5", ...}
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Container, Iterator
 
-from shpy.ir.nodes import Let, Module
+from shpy.errors import CompileError
+from shpy.ir.nodes import Call, Function, Let, Module, Stmt
 from shpy.ir.traverse import walk
 
-__all__ = ["count_ops"]
+__all__ = ["callee_of", "calls_of", "check_growth", "count_ops", "inlined_sizes", "kept_apart"]
+
+WORTH_KEEPING = 20_000
+"""Statements of a whole program, all calls inlined, from which on functions are kept apart: PoCL compiles so many in
+one to three seconds, and four times as many in sixteen."""
+_SMALL = 30
+"""A function of fewer statements is always inlined: a call costs as much."""
 
 
 def count_ops(module: Module) -> dict[str, int]:
@@ -22,3 +32,82 @@ def count_ops(module: Module) -> dict[str, int]:
         for s in walk(function.body):
             counted[s.op if isinstance(s, Let) else type(s).__name__.lower()] += 1
     return dict(counted.most_common())
+
+
+def callee_of(statement: Stmt) -> str | None:
+    """The function that a statement calls, as an expression or as a statement."""
+    if isinstance(statement, Let):
+        return str(statement.attr) if statement.op == "call" else None
+    return statement.function if isinstance(statement, Call) else None
+
+
+def calls_of(function: Function) -> Iterator[str]:
+    """The functions that it calls, once for each call in its text."""
+    for statement in walk(function.body):
+        callee = callee_of(statement)
+        if callee is not None:
+            yield callee
+
+
+def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
+    """The statements of each function, with those that it calls in place, but for calls of functions `apart`.
+
+    The time is that of one walk, also where the number is exponential.
+    """
+    sizes: dict[str, int] = {}
+    for function in module.functions:
+        own = sum(1 for _ in walk(function.body))
+        sizes[function.name] = own + sum(sizes[name] for name in calls_of(function) if name not in apart)
+    return sizes
+
+
+def kept_apart(module: Module) -> frozenset[str]:
+    """The functions that a compiler must not inline, so that its work stays in proportion to the text.
+
+    None, unless the whole program would have WORTH_KEEPING statements; else all that have more than one call and are
+    not small.
+    """
+    if inlined_sizes(module)[module.entry.name] < WORTH_KEEPING:
+        return frozenset()
+    calls = Counter(name for function in module.functions for name in calls_of(function))
+    sizes: dict[str, int] = {}
+    apart: set[str] = set()
+    for f in module.functions:
+        own = sum(1 for _ in walk(f.body))
+        sizes[f.name] = own + sum(sizes[name] for name in calls_of(f) if name not in apart)
+        if calls[f.name] > 1 and sizes[f.name] >= _SMALL:
+            apart.add(f.name)
+    return frozenset(apart)
+
+
+def check_growth(module: Module, most: int, why: str, apart: Container[str] = ()) -> None:
+    """Raise CompileError if a function, with all calls but those of `apart` in place, has more statements than `most`.
+
+    `why` says who copies functions to their calls. What is large without any call is not refused.
+    """
+    own = {f.name: sum(1 for _ in walk(f.body)) for f in module.functions}
+    total = max(inlined_sizes(module, apart).values())
+    if total <= most or 2 * sum(own.values()) > most:
+        return
+    copies = dict.fromkeys(own, 0)
+    copies[module.entry.name] = 1
+    for function in reversed(module.functions):
+        for name in calls_of(function):
+            copies[name] += copies[function.name]
+    worst = sorted((n for n in own if n != module.entry.name), key=lambda n: own[n] * copies[n], reverse=True)
+    listed = ", ".join(f"{shortened(name)} {spoken(copies[name])} times" for name in worst[:3])
+    raise CompileError(
+        f"{why}, and this program would become {spoken(total)} statements: it calls {listed}",
+        loc=module.entry.loc,
+        cure="loops (SH_FOR) around the calls, or fewer calls of calls",
+    )
+
+
+def shortened(name: str, most: int = 60) -> str:
+    """A name that fits a message."""
+    return name if len(name) <= most else f"{name[:most]}…"
+
+
+def spoken(number: int) -> str:
+    """A count: exact as far as one reads it."""
+    return f"{number:,}" if number < 10**12 else f"{number:.1e}" if number < 10**300 else "more than 1e300"

@@ -27,11 +27,15 @@ from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Target, prepare
+from shpy.passes.size import check_growth
 from shpy.passes.specialise import select_outputs
 
 __all__ = ["GlslBackend", "GlslExecutable", "backend"]
 
-TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True)
+TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, inlines=True)
+_MOST_STATEMENTS = 50_000
+"""All calls inlined, as Mesa does it: llvmpipe takes about a minute and 1 GB for so many, and worse than twice as much
+for twice as many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +84,7 @@ class GlslBackend:
         _refuse(prepared.module)
         if not limits.stores_apart:
             _refuse_stores(prepared.module)
+        check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")
         exact = options.math != "fast"

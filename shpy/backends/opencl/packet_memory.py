@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from shpy.backends.opencl.packet_types import rows_of
-from shpy.backends.opencl.prologue import SCALARS
+from shpy.backends.opencl.prologue import NOINLINE, SCALARS
 from shpy.ir.types import Base, Type
 
-__all__ = ["HEX", "INLINE", "NOINLINE", "QUAD", "PacketMemory", "spelled_wide", "struct_text"]
+__all__ = ["HEX", "INLINE", "QUAD", "PacketMemory", "spelled_wide", "struct_text"]
 
 QUAD: Final = 4
 """Numbers that are loaded, stored and sorted together; the columns of a packet that is a block."""
@@ -30,8 +30,6 @@ _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
 INLINE: Final = "__attribute__((always_inline))"
 """Before functions that take a packet, which is many registers, or an array that is to be registers."""
-NOINLINE: Final = "__attribute__((noinline))"
-"""Before functions that are rarely called, or large."""
 
 Pick = tuple[str, int]
 """A vector's name, and a place in each group of four of its numbers."""

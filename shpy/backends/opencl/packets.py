@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from shpy.backends.expressions import Expr
-from shpy.backends.opencl.packet_memory import NOINLINE, QUAD, spelled_wide
+from shpy.backends.opencl.packet_memory import QUAD, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packet_spelling import PacketSpelling
 from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of, rows_of, widen
@@ -117,8 +117,9 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
 
     # Functions and the kernel
 
-    def _function(self, function: Function, name: str, prefix: str = "") -> None:
-        super()._function(function, name, NOINLINE + " " if _is_large(function) else prefix)
+    def stands_apart(self, function: Function) -> bool:
+        """Whether the compiler is told not to inline the function."""
+        return super().stands_apart(function) or _is_large(function)
 
     def _kernel(self, entry: Function) -> None:
         name = self.function_names[entry.name]

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
 from shpy.backends.layout import access_count
-from shpy.backends.opencl.prologue import spelled
+from shpy.backends.opencl.prologue import NOINLINE, spelled
 from shpy.backends.opencl.spelling import Spelling, as_bool
 from shpy.backends.statements import Line, text_of
 from shpy.ir.nodes import Call, Function, Let, Loc, Module, Return, Store, Table, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.modes import Math
+from shpy.passes.size import kept_apart
 
 _INDEX, _SHAPE = "grid_index", "grid_shape"
 _WIDTH = 110
@@ -83,6 +84,7 @@ class OpenCLPrinter(Spelling):
         self.needs: dict[str, Needs] = {}
         self.inputs: tuple[int, ...] = ()
         self.arrays: dict[int, str] = {}
+        self.apart = kept_apart(module)
         for function in module.functions:
             self.needs[function.name] = self._needs(function)
 
@@ -180,8 +182,9 @@ class OpenCLPrinter(Spelling):
         """`&x`."""
         return f"&{name}"
 
-    def _function(self, function: Function, name: str, prefix: str = "") -> None:
+    def _function(self, function: Function, name: str) -> None:
         self.begin(function)
+        prefix = f"{NOINLINE} " if self.stands_apart(function) else ""
         single = len(function.outputs) == 1
         declarations = [self._parameter(port) for port in function.inputs]
         if not single:
@@ -196,6 +199,10 @@ class OpenCLPrinter(Spelling):
                     self.emit(f"{self.slots[output.id].text} = {self.zero(output.type).text};")
             self.body(function, returns=single)
         self.emit("}")
+
+    def stands_apart(self, function: Function) -> bool:
+        """Whether the compiler is told not to inline the function."""
+        return function.name in self.apart
 
     def _parameter(self, port: Value | Variable) -> str:
         default = "a" if isinstance(port, Value) else "v"

@@ -22,6 +22,9 @@ from typing import Final
 
 from shpy.ir.types import Base, Type, vec
 
+NOINLINE: Final = "__attribute__((noinline))"
+"""Before functions that are rarely called, large, or called so often that copies of them would take long to compile."""
+
 SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """OpenCL's name of one component."""
 

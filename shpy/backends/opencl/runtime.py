@@ -37,11 +37,14 @@ from shpy.ir.text import print_module
 from shpy.ir.types import Base, Type
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.size import check_growth
 
 TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
 PACKET_TARGET: Final = replace(TARGET, vector=True)
 _MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """What a component is in a buffer."""
+_MOST_STATEMENTS: Final = 1 << 26
+"""All calls followed: PoCL needs 20 seconds for so many, and twice the time for twice as many, inlined or not."""
 _WIDE: Final = 32
 """Images of fewer columns are run as lists: too many lanes would hold no element."""
 
@@ -92,6 +95,7 @@ def _choosing(machine: Machine, module: Module, options: Options, widths: tuple[
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     target = TARGET if lanes == 1 else PACKET_TARGET
     prepared = prepare(module, options, replace(target, wrong=machine.wrong & CORRECTABLE))
+    check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math == "strict":
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     if lanes == 1:

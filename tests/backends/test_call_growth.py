@@ -1,0 +1,167 @@
+"""Programs whose calls multiply: the text stays in proportion, or a clear error says what would grow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.ir.interpreter import Interpreter
+from shpy.ir.verifier import verify
+from shpy.passes.pipeline import optimise
+from shpy.passes.share import share_calls
+from shpy.passes.size import inlined_sizes, kept_apart
+
+HALVE = " %1: f = const 0x1p-1\n %2: f = mul %0, %1\n store $0 = %2\n"
+BRANCH = " %3: b = gt %0, %1\n if %3 {\n  %4: f = add %2, %1\n  store $0 = %4\n }\n"
+AT_ONE = " %9: i = const 1\n"
+KINDS = {
+    "pure": ("pure function f0(%0: f) -> ($0: f) {\n" + HALVE, ""),
+    "value": ("function f0(%0: f) -> ($0: f) {\n" + HALVE + BRANCH, ""),
+    "reference": ("function f0($0: f) -> () {\n %0: f = load $0\n" + HALVE + BRANCH, ""),
+    "array": (
+        "function f0($0: f[2]) -> () {\n" + AT_ONE + " %0: f = load $0[%9]\n" + HALVE.replace("$0", "$0[%9]"), "[2]"
+    ),
+    "discard": ("function f0(%0: f) -> ($0: f) {\n" + HALVE + BRANCH.replace("store $0 = %4", "discard"), ""),
+}  # fmt: skip
+
+
+def chain(levels: int, kind: str) -> sh.Program:
+    """A program of `levels` functions, each calling the one before twice."""
+    first, array = KINDS[kind]
+    lines = ["module chain\ninput x: Attrib1f\noutput y: Attrib1f\n", first + "}"]
+    top = f"f{levels - 1}"
+    for k in range(1, levels):
+        if kind in ("reference", "array"):
+            lines.append(f"function f{k}($0: f{array}) -> () {{\n call f{k - 1}($0)\n call f{k - 1}($0)\n}}")
+        elif kind == "pure":
+            head = f"pure function f{k}(%0: f) -> ($0: f) {{"
+            lines.append(f"{head}\n %1: f = call f{k - 1}(%0)\n %2: f = call f{k - 1}(%1)\n store $0 = %2\n}}")
+        else:
+            head = f"function f{k}(%0: f) -> ($0: f) {{"
+            lines.append(f"{head}\n call f{k - 1}(%0) -> %1: f\n call f{k - 1}(%1) -> %2: f\n store $0 = %2\n}}")
+    if kind in ("reference", "array"):
+        at = "[%9]" if array else ""
+        lines.append(
+            f"function main(%0: f) -> ($0: f) {{\n var $1: f{array}\n{AT_ONE} store $1{at} = %0\n"
+            f" call {top}($1)\n %1: f = load $1{at}\n store $0 = %1\n}}"
+        )
+    elif kind == "pure":
+        lines.append(f"function main(%0: f) -> ($0: f) {{\n %1: f = call {top}(%0)\n store $0 = %1\n}}")
+    else:
+        lines.append(f"function main(%0: f) -> ($0: f) {{\n call {top}(%0) -> %1: f\n store $0 = %1\n}}")
+    return sh.Program.from_ir(sh.parse("\n".join(lines) + "\n"))
+
+
+def halved(x: float, times: int, branch: bool) -> float:
+    for _ in range(times):
+        x = x * 0.5 + (0.5 if branch and x > 0.5 else 0)
+    return x
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("target", ["numpy", "opencl-1", "opencl-8", "glsl"])
+def test_a_short_chain_gives_its_numbers(kind, target):
+    backend, _, lanes = target.partition("-")
+    kernel = chain(6, kind).compile(backend, lanes=int(lanes or 0) or "auto")
+    x = np.float32([0.375, 3])
+    expected = [halved(v, 32, kind in ("value", "reference")) for v in x]
+    if kind == "discard":
+        expected[1] = 0
+    np.testing.assert_array_equal(kernel(x).y, np.float32(expected))
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k != "array"])
+@pytest.mark.parametrize("levels", [30, 60])
+def test_numpys_text_is_as_long_as_the_program(kind, levels):
+    assert len(chain(levels, kind).compile("numpy").source) < 4000 * levels
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_opencl_keeps_functions_apart_where_they_would_multiply(lanes):
+    source = chain(16, "value").compile("opencl", lanes=lanes).source
+    assert "__attribute__((noinline)) " in source
+    assert max(len(line) - len(line.lstrip()) for line in source.splitlines()) <= 16
+
+
+@pytest.mark.parametrize(
+    ("target", "kind"), [("opencl-1", "value"), ("opencl-8", "discard"), ("opencl-8", "array"), ("numpy", "array"),
+                     ("glsl", "value"), ("glsl", "pure"), ("glsl", "array")],
+)  # fmt: skip
+@pytest.mark.parametrize("levels", [40, 300])
+def test_what_a_driver_cannot_take_is_refused_by_name(target, kind, levels):
+    backend, _, lanes = target.partition("-")
+    program = chain(levels, kind)
+    with pytest.raises(sh.CompileError, match=r"it calls f\d+ .* times") as error:
+        program.compile(backend, lanes=int(lanes or 0) or "auto")
+    assert len(str(error.value)) < 500
+
+
+def test_small_programs_keep_nothing_apart():
+    small, large = (chain(levels, "value").ir for levels in (8, 20))
+    assert not kept_apart(small)
+    assert len(kept_apart(large)) > 3
+    assert inlined_sizes(large, kept_apart(large))["main"] < 100 < 2**20 < inlined_sizes(large)["main"]
+
+
+def unrolled(calls: int) -> sh.Program:
+    """Two functions in turn, one of whose arguments depends on what came before, and a value that is used later."""
+
+    @sh.program
+    def waves(v: sh.Point3f) -> sh.Attrib3f:
+        y = sh.Attrib1f(0.25)
+        first = sh.Attrib1f(v.x)
+        for k in range(calls):
+            t = sh.noise(v * (1.0 + k))
+            y += sh.noise(v + y) * t
+            if k == 3:
+                first = t
+        return sh.Attrib3f(y, first, t)
+
+    return waves
+
+
+def test_unrolled_calls_share_code_on_opengl_and_give_the_same_bits():
+    program = unrolled(40)
+    kernel = program.compile("glsl")
+    assert 2 <= kernel.source.count("= noise3_(") <= 12
+    x = np.random.default_rng(4).uniform(-9, 9, (50, 3)).astype(np.float32)
+    np.testing.assert_array_equal(kernel(x), program.compile("numpy")(x))
+
+
+def test_few_calls_stay_where_they_are():
+    assert unrolled(4).compile("glsl").source.count("noise3_(") == 9
+
+
+def test_sharing_keeps_the_meaning():
+    """Alternating functions, a reference, calls in branches: the interpreter agrees before and after."""
+
+    @sh.subroutine
+    def bend(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+        t = sh.Attrib1f(x * y)
+        with sh.SH_IF(t > 1):
+            t -= y
+        for k in range(60):
+            t += x * (0.5**k)
+        x += t
+        return t - y
+
+    @sh.program
+    def p(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib2f:
+        y = sh.Attrib1f(x)
+        with sh.SH_FOR(0, n) as i:
+            for k in range(30):
+                y -= bend(y, x + k) * 0.125
+                with sh.SH_IF(y > 2):
+                    y -= bend(x, y)
+                    y -= bend(x, y)
+                y += sh.noise(sh.Attrib3f(x, y, k)) + i
+        return sh.Attrib2f(x, y)
+
+    module = optimise(p.ir)
+    shared = share_calls(module)
+    verify(shared)
+    assert inlined_sizes(shared)["p"] < inlined_sizes(module)["p"] / 2
+    for x, n in ((0.3, 1), (-1.7, 2), (2.5, 2)):
+        given = np.float32(x), np.int32(n)
+        assert repr(Interpreter(shared).run_element(given)) == repr(Interpreter(module).run_element(given))
