@@ -48,7 +48,7 @@ from shpy.passes.size import check_growth
 __all__ = ["inline_calls"]
 
 _MOST_STATEMENTS = 50_000
-"""A function that would become larger is refused: numpy and OpenCL's compiler take about a minute for so many."""
+"""A function that would become larger is refused: text and compile time would grow without bound."""
 _DEEPEST_GUARD = 8
 """How many Returns in a row may each put the rest of the body one region deeper."""
 

@@ -86,12 +86,14 @@ class Options(Protocol):
 class Prepared:
     """A module to print. With `status`, its entry's last output is an i that says how the element ended.
 
-    `loops[k]` is the line of the loop that status FIRST_LOOP + k names.
+    `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `shared`: calls stand in loops that the
+    program does not have.
     """
 
     module: Module
     status: bool
     loops: tuple[Loc | None, ...]
+    shared: bool = False
 
 
 def prepare(module: Module, options: Options, target: Target) -> Prepared:
@@ -100,14 +102,17 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     plain = lower_half(set_precision(module, options.precision))
     lowered = lower(plain, target.does(options.math), corrected, bounded)
+    shared = False
     if target.inlines and inlined_sizes(lowered)[lowered.entry.name] >= WORTH_SHARING:
-        lowered = share_calls(remove_unused_functions(optimise(lowered)))
+        before = remove_unused_functions(optimise(lowered))
+        lowered = share_calls(before)
+        shared = lowered is not before
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     ending, status, loops = make_exits_explicit(
         lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector
     )
-    return Prepared(remove_unused_functions(optimise(ending)), status, loops)
+    return Prepared(remove_unused_functions(optimise(ending)), status, loops, shared)
 
 
 def with_strict_functions(module: Module, precision: Precision) -> Module:

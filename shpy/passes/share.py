@@ -1,4 +1,4 @@
-"""Calls of one large function that follow each other become turns of a loop, so that its code is there once.
+"""Calls of one large function that follow each other become iterations of a loop, so that its code is there once.
 
 Stage: improve, before `exits`, for targets whose compilers copy every function to each of its calls: there the time to
 compile a hundred unrolled calls is that of a hundred functions.
@@ -49,12 +49,11 @@ from shpy.passes.size import callee_of, inlined_sizes
 __all__ = ["WORTH_SHARING", "share_calls"]
 
 WORTH_SHARING = 8_000
-"""Statements of a whole program, all calls inlined, from which on calls share code: llvmpipe compiles so many in one to
-two seconds, and three times as many in ten."""
+"""Statements of a whole program, all calls inlined, from which on calls share code."""
 _LARGE = 60
 """A function of fewer statements is copied."""
 _FEWEST_TURNS = 10
-"""Many short loops take llvmpipe longer to compile than few."""
+"""A loop of fewer iterations saves too little code."""
 _MOST_TURNS = 32
 """Each turn asks for its number once for every part of its loop: with more, that takes longer than the calls."""
 _MOST_CALLS = 8

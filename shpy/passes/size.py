@@ -19,8 +19,7 @@ from shpy.ir.traverse import walk
 __all__ = ["callee_of", "calls_of", "check_growth", "count_ops", "inlined_sizes", "kept_apart"]
 
 WORTH_KEEPING = 20_000
-"""Statements of a whole program, all calls inlined, from which on functions are kept apart: PoCL compiles so many in
-one to three seconds, and four times as many in sixteen."""
+"""Statements of a whole program, all calls inlined, from which on functions are kept apart."""
 _SMALL = 30
 """A function of fewer statements is always inlined: a call costs as much."""
 

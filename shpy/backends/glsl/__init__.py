@@ -11,6 +11,7 @@ may take as many gets flags that tell (`passes/exits.py`), and its status is DEV
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 
 from shpy.backends.base import Array, Call, Device, Options
@@ -19,7 +20,7 @@ from shpy.backends.glsl.printer import Printer
 from shpy.backends.glsl.runtime import Program, Runtime, unsupported
 from shpy.backends.glsl.spelling import FAST, NATIVE
 from shpy.backends.probe import notes_of, refuse_wrong
-from shpy.errors import BackendUnavailable, CompileError
+from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
 from shpy.ir.nodes import Let, Loc, Module, Store, Value, Variable
 from shpy.ir.traverse import defined, variables_of, walk
 from shpy.ir.types import Base
@@ -33,9 +34,12 @@ from shpy.passes.specialise import select_outputs
 __all__ = ["GlslBackend", "GlslExecutable", "backend"]
 
 TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, inlines=True)
+_SHARED = (
+    "its calls stand in loops, which take longer to run, because OpenGL's compilers copy each function to each call "
+    "and would take many times as long to compile it"
+)
 _MOST_STATEMENTS = 50_000
-"""All calls inlined, as Mesa does it: llvmpipe takes about a minute and 1 GB for so many, and worse than twice as much
-for twice as many."""
+"""All calls inlined, as Mesa does it: time and memory of its compiler grow faster than the number of statements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +111,9 @@ class GlslBackend:
             programs.append(runtime.build(printer.shader(), module.entry.loc, steady=steady))
         sources = [p.shader.source for p in programs]
         text, notes = "\n".join(sources), _notes(runtime.context)
+        if prepared.shared:
+            notes = (*notes, _SHARED)
+            warnings.warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}", ShpyWarning, stacklevel=4)
         return GlslExecutable(text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups)
 
     def _runtime(self, device: int) -> Runtime:

@@ -44,7 +44,7 @@ PACKET_TARGET: Final = replace(TARGET, vector=True)
 _MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """What a component is in a buffer."""
 _MOST_STATEMENTS: Final = 1 << 26
-"""All calls followed: PoCL needs 20 seconds for so many, and twice the time for twice as many, inlined or not."""
+"""All calls followed: PoCL follows every path of calls, inlined or not, so its time doubles with each level."""
 _WIDE: Final = 32
 """Images of fewer columns are run as lists: too many lanes would hold no element."""
 
