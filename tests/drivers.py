@@ -42,17 +42,14 @@ class Driver:
         """The environment that selects it; None where it is not installed."""
         if not self.private:
             return self.environment
-        found = sorted((PRIVATE / self.private).glob("lvp_icd*.json" if self.target == "glsl" else "*.icd"))
+        folder = PRIVATE / self.private
+        found = sorted(folder.glob("lvp_icd*.json" if self.target == "glsl" else "*.icd"))
         if not found:
             return None
-        if self.target == "glsl":
-            return {**self.environment, "VK_ICD_FILENAMES": str(found[0])}
-        libraries = [str(PRIVATE / self.private), os.environ.get("LD_LIBRARY_PATH", "")]
-        return {
-            **self.environment,
-            "OCL_ICD_VENDORS": str(found[0].parent),
-            "LD_LIBRARY_PATH": ":".join(filter(None, libraries)),
-        }
+        libraries = sorted({str(library.parent) for library in folder.rglob("*.so*")})
+        which = ("VK_ICD_FILENAMES", found[0]) if self.target == "glsl" else ("OCL_ICD_VENDORS", folder)
+        paths = ":".join(filter(None, [*libraries, os.environ.get("LD_LIBRARY_PATH", "")]))
+        return {**self.environment, which[0]: str(which[1]), "LD_LIBRARY_PATH": paths}
 
 
 MESA_PACKAGES = "apt install libegl1 libgl1-mesa-dri"
