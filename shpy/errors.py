@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from shpy.ir.nodes import Loc
 
 
+_LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
+_WORD, _LINE = 80, 1000
+
+
+def shorten(text: str) -> str:
+    """The text for a message: words above 240 characters are cut to 80, lines to 1,000, whatever names it quotes."""
+    text = _LONG_WORD.sub(lambda word: f"{word[0][: _WORD - 20]}…{word[0][-20:]}", text)
+    if len(text) <= _LINE:
+        return text
+    half = _LINE // 2
+    lines = text.split("\n")
+    return "\n".join(line if len(line) <= _LINE else f"{line[:half]} … {line[-half:]}" for line in lines)
+
+
 class ShpyError(Exception):
     """Base of every error that shpy raises.
 
-    `message` is the sentence, `loc` the user's `file:line` where one is known, `cure` what to write instead.
+    `message` is the sentence, `loc` the user's `file:line` where one is known, `cure` what to write instead. Words and
+    lines of any length, which a name may bring, are cut.
     """
 
     _cure_follows = "write instead"
 
     def __init__(self, message: str, *, loc: Loc | None = None, cure: str | None = None) -> None:
-        self.message = message
+        self.message = shorten(message)
         self.loc = loc
         self.cure = cure
-        text = f"{loc}: {message}" if loc is not None else message
-        super().__init__(f"{text}\n  {self._cure_follows}: {cure}" if cure else text)
+        text = f"{loc}: {self.message}" if loc is not None else self.message
+        super().__init__(shorten(f"{text}\n  {self._cure_follows}: {cure}" if cure else text))
 
 
 class ShpyWarning(UserWarning):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 import unicodedata
 from types import SimpleNamespace
 
@@ -159,6 +160,14 @@ LIES = {
     "an array of one element's own has at most 4096 elements, not 9999999999999": text(
         "  var $a.1: f[9999999999999]\n  store $y.0 = %x.0"
     ),
+    "a table has at most 2,147,483,647 elements, not 999,999,999,999,999,999": text(
+        "  %1: i = table_size t\n  store $y.0 = %x.0", "table t: f[999999999999999999]\n"
+    ),
+    "the structure of this input is nested more than 64 deep": text(
+        ports=f'input "a{".a" * 500}": Attrib1f\noutput y: Attrib1f\n'
+    ),
+    "line 2: a line has at most 1,048,576 characters, not 10,000,008": f"module m\nfile 1 {'a' * 10_000_000} \n",
+    "line 16777217: a text has at most 16,777,216 characters": "\n" * 20_000_000,
     "an array has at least one element": text("  var $a.1: f[-3]\n  store $y.0 = %x.0"),
     "a table is not empty": text(head="table t: f[0]\n"),
     "regions are nested more than 64 deep": wrapped("  if %1 {\n", "  }\n", 20_000, "  store $y.0 = %x.0\n"),
@@ -181,6 +190,37 @@ def test_a_text_that_lies_is_refused_at_once(said):
         sh.Program.from_ir(sh.parse(LIES[said]))
     assert said in str(error.value)
     assert time.monotonic() - start < 20
+
+
+@pytest.mark.parametrize(
+    "long",
+    [
+        f"module {'a' * 500_000} a",
+        f"module m\nfile 1 {'a' * 500_000}",
+        text().replace("input x", f"input {'a' * 500_000}").replace("Attrib1f", "Banana"),
+        text(f'  %1: f = "{"a b" * 100_000}" %x.0'),
+        text(f"  %1: f = call {'a' * 500_000}(%x.0)"),
+    ],
+    ids=["module", "file", "input", "operation", "function"],
+)
+def test_an_error_is_not_as_long_as_the_text(long):
+    with pytest.raises(sh.ShpyError) as error:
+        sh.Program.from_ir(sh.parse(long))
+    assert len(str(error.value)) < 5_000
+
+
+@pytest.mark.parametrize("blank", ["\n", " \n", "# a comment\n"], ids=["empty", "blank", "comment"])
+def test_blank_lines_take_little_memory(blank):
+    """They took 300 bytes each."""
+    short = str(sh.parse(text()))
+    tracemalloc.start()
+    try:
+        module = sh.parse(text().replace("function", blank * 30_000 + "function"))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert str(module) == short
+    assert peak < 3_000_000
 
 
 LYING_LOOP = text(

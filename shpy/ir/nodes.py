@@ -22,6 +22,10 @@ from shpy.ir.types import Type
 MAX_REGION_DEPTH = 64
 MAX_LOOP_DEPTH = 12
 MAX_ARRAY = 4096
+MAX_PART_DEPTH = 64
+"""How deep structures of inputs and outputs are nested."""
+MAX_TABLE = 2**31 - 1
+"""Elements of a table, which an `i` counts."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from functools import cache
+from io import StringIO
+from itertools import islice
 from typing import Any, NoReturn
 
 from lark import Lark, Token
@@ -24,7 +26,7 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 from lark.lexer import PatternRE, PatternStr, TerminalDef
 from lark.visitors import Transformer_NonRecursive, v_args
 
-from shpy.errors import ParseError
+from shpy.errors import ParseError, shorten
 from shpy.ir.constants import encode
 from shpy.ir.nodes import (
     Break,
@@ -69,9 +71,14 @@ _END = r"(?!\w)"
 _STATEMENTS = frozenset({"STORE", "IF", "LOOP", "EXIT"})
 
 
+_MOST, _MOST_IN_LINE = 2**24, 2**20
+"""The most characters of a text and of a line: reading them takes memory a thousand times and more."""
+
+
 def parse(text: str) -> Module:
     """The module that the text says; ParseError with line, column and what was expected."""
     source = text if text.endswith("\n") else text + "\n"
+    _check_size(source)
     try:
         tree = _grammar().parse(source)
         module: Module = _Reader(source).transform(tree)
@@ -80,6 +87,16 @@ def parse(text: str) -> Module:
     except VisitError as error:
         raise error.orig_exc from None
     return module
+
+
+def _check_size(source: str) -> None:
+    if len(source) > _MOST:
+        line = source.count("\n", 0, _MOST) + 1
+        raise ParseError(f"line {line}: a text has at most {_MOST:,} characters, and this one has {len(source):,}")
+    if len(source) > _MOST_IN_LINE:
+        for line, row in enumerate(StringIO(source, newline="\n"), 1):
+            if len(row) > _MOST_IN_LINE:
+                raise ParseError(f"line {line}: a line has at most {_MOST_IN_LINE:,} characters, not {len(row) - 1:,}")
 
 
 @cache
@@ -97,8 +114,7 @@ def _whole_words(terminal: TerminalDef) -> None:
 
 
 def _fail(source: str, line: int, column: int, message: str) -> NoReturn:
-    rows = source.split("\n")
-    row = rows[line - 1] if 0 < line <= len(rows) else ""
+    row = next(islice(StringIO(source, newline="\n"), max(line - 1, 0), None), "").rstrip("\n")
     start = max(0, column - 100)
     shown = row[start : start + 120].replace("\t", " ")
     pointer = " " * (column - 1 - start) + "^"
@@ -113,7 +129,7 @@ def _explain(source: str, error: UnexpectedInput) -> NoReturn:
     else:
         wanted = set(error.allowed or ()) if isinstance(error, UnexpectedCharacters) else set()
         there = re.compile(r"\w+|.", re.DOTALL).match(source, error.pos_in_stream or 0)
-        found, at_end = repr(there[0] if there else ""), False
+        found, at_end = repr(shorten(there[0]) if there else ""), False
     if at_end:
         body = source.rstrip("\n")
         line, column = body.count("\n") + 1, len(body) - body.rfind("\n")
@@ -125,7 +141,7 @@ def _explain(source: str, error: UnexpectedInput) -> NoReturn:
 def _found(token: Token) -> str:
     if token.type in ("$END", "_NL"):
         return _SPOKEN[token.type]
-    return repr(str(token))
+    return repr(shorten(token))
 
 
 def _wanted(terminals: set[str]) -> str:

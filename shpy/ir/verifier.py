@@ -13,15 +13,18 @@ Stage: verify. It takes a module, as recorded, parsed or rewritten by a pass, an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import NoReturn
 
-from shpy.errors import VerifyError
+from shpy.errors import VerifyError, shorten
 from shpy.ir.nodes import (
     EXITS,
     MAX_ARRAY,
     MAX_LOOP_DEPTH,
+    MAX_PART_DEPTH,
     MAX_REGION_DEPTH,
+    MAX_TABLE,
     Break,
     Call,
     Continue,
@@ -85,10 +88,11 @@ def _listing(listed: list[Line], anchor: Anchor) -> str:
         if n != last + 1 and listed[n - 1].text:
             shown.append(f"    {'  ' * listed[n].depth}...")
         last = n
-        if listed[n].text:
-            shown.append(f"    {listed[n]}")
+        text = shorten(listed[n].text)
+        if text:
+            shown.append(f"    {'  ' * listed[n].depth}{text}")
         if n == marked:
-            shown.append(f"    {'  ' * listed[n].depth}{'^' * len(listed[n].text)}")
+            shown.append(f"    {'  ' * listed[n].depth}{'^' * min(len(text), 120)}")
     return "\n".join(shown)
 
 
@@ -135,6 +139,10 @@ class _Module:
             twice = _repeated(declared)
             if twice:
                 raise _Finding(f"two {word}s are called {quote(twice[1])}", (word, twice[0]))
+            deep = next((n for n, name in enumerate(declared) if name.count(".") >= MAX_PART_DEPTH), None)
+            if deep is not None and word in ("input", "output"):
+                told = f"the structure of this {word} is nested more than {MAX_PART_DEPTH} deep"
+                raise _Finding(told, (word, deep), cure="fewer dots in its name")
 
     def check_params(self) -> None:
         for i, param in enumerate(self.module.params):
@@ -152,6 +160,10 @@ class _Module:
                 raise _Finding(f"a table of rank {table.rank} has {table.rank} extents", ("table", i))
             if table.size is not None and min(table.size) < 1:
                 raise _Finding("a table is not empty", ("table", i))
+            if table.size is not None and math.prod(table.size) > MAX_TABLE:
+                raise _Finding(
+                    f"a table has at most {MAX_TABLE:,} elements, not {math.prod(table.size):,}", ("table", i)
+                )
             self.scope.tables[table.name] = table
 
     def check_entry(self) -> None:

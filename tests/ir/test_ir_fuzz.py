@@ -40,17 +40,39 @@ WORDS = [
     "nan",
 ]
 
+LARGE = [
+    "9" * 19,
+    "9" * 20,
+    "9" * 5_000,
+    "-" + "9" * 19,
+    "2147483648",
+    f"0x1.{'f' * 5_000}p+0",
+    "1e99999",
+    "a" * 20_000,
+    "%" + "a" * 20_000 + ".0",
+    '"a' + ".a" * 500 + '"',
+    '"' + "a b" * 5_000 + '"',
+    '"' + "\\a" * 5_000 + '"',
+    '"a[' + "9" * 500 + ']"',
+    "\n" * 20_000,
+    "\n# \n" * 5_000,
+    " " * 20_000,
+    "(" * 5_000,
+    "if %0 {\n" * 500,
+]
+"""Numbers, names and blanks of a size that nobody expects."""
+
 
 @st.composite
 def broken(draw):
-    """A text with a few tokens or lines left out, doubled, exchanged or replaced."""
+    """A text with a few tokens or lines left out, doubled, exchanged, replaced, or made very large."""
     text = draw(st.sampled_from(TEXTS))
     pieces = TOKEN.findall(text) if draw(st.booleans()) else text.splitlines(True)
     for _ in range(draw(st.integers(1, 4))):
         if not pieces:
             break
         at = draw(st.integers(0, len(pieces) - 1))
-        how = draw(st.integers(0, 4))
+        how = draw(st.integers(0, 5))
         if how == 0:
             del pieces[at]
         elif how == 1:
@@ -60,6 +82,8 @@ def broken(draw):
             pieces[at], pieces[other] = pieces[other], pieces[at]
         elif how == 3:
             pieces[at] = draw(st.sampled_from(TOKENS) | st.sampled_from(WORDS))
+        elif how == 4:
+            pieces[at] = draw(st.sampled_from(LARGE))
         else:
             pieces[at] = draw(st.text(max_size=4))
     return "".join(pieces)
@@ -75,7 +99,8 @@ def check(text: str) -> bool:
         count = 1 if re.search("any_lane|all_lanes", text) else 3
         inputs = sh.testing.inputs(program, count)
         rank = program.compile("numpy", loop_limit=40)._rank
-    except sh.ShpyError:
+    except sh.ShpyError as error:
+        assert len(str(error)) < 20_000
         return False
     shape = (count,) if rank is None else (1,) * (rank - 1) + (count,)
     backends = ["interpreter", "numpy"]
