@@ -89,6 +89,12 @@ def broken(draw):
     return "".join(pieces)
 
 
+def refused_briefly(error: sh.ShpyError) -> bool:
+    """False, for an error of a readable size."""
+    assert len(str(error)) < 20_000
+    return False
+
+
 def check(text: str) -> bool:
     """Whether the text is a program; then it runs, and the interpreter gives what numpy gives."""
     try:
@@ -100,8 +106,7 @@ def check(text: str) -> bool:
         inputs = sh.testing.inputs(program, count)
         rank = program.compile("numpy", loop_limit=40)._rank
     except sh.ShpyError as error:
-        assert len(str(error)) < 20_000
-        return False
+        return refused_briefly(error)
     shape = (count,) if rank is None else (1,) * (rank - 1) + (count,)
     backends = ["interpreter", "numpy"]
     sh.testing.assert_equivalent(program, *inputs, backends=backends, loop_limit=40, shape=shape, ulp=16)
