@@ -192,6 +192,16 @@ def doubles(name: str) -> Array:
     return np.asarray(10.0 ** (6 * rng.uniform(-1, 1, 250)) * np.sign(u))
 
 
+def check_bound_of_doubles(name: str, results: Array, arrays: tuple[Array, ...]) -> None:
+    bound = OPS[name].double.ulp
+    with mp.workprec(160):
+        for given, found in zip(zip(*arrays, strict=True), results, strict=True):
+            exact = REFERENCES[name](*(mp.mpf(float(a)) for a in given))
+            place = mp.power(2, max(int(mp.floor(mp.log(abs(exact), 2))), -1022) - 52)
+            off = abs(mp.mpf(float(found)) - exact) / place
+            assert off <= bound, f"{given}: {found} is {float(off)} ULP off"
+
+
 @pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
 def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> None:
     x = doubles(name)
@@ -200,13 +210,20 @@ def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> No
     for lanes in (1, 8):
         found = program(name).compile("opencl", precision="f64", lanes=lanes)(*arrays)
         assert found.tobytes() == expected.tobytes()
-    bound = OPS[name].double.ulp
-    with mp.workprec(160):
-        for given, found in zip(zip(*arrays, strict=True), expected, strict=True):
-            exact = REFERENCES[name](*(mp.mpf(float(a)) for a in given))
-            place = mp.power(2, max(int(mp.floor(mp.log(abs(exact), 2))), -1022) - 52)
-            off = abs(mp.mpf(float(found)) - exact) / place
-            assert off <= bound, f"{given}: {found} is {float(off)} ULP off"
+    check_bound_of_doubles(name, expected, arrays)
+
+
+def test_strict_pow_of_doubles_keeps_its_bound_near_the_ends_of_the_range() -> None:
+    """An error of the logarithm is multiplied by 1000 there: bases on both sides of 1 and about changes of centre."""
+    rng = np.random.default_rng(8)
+    near_one = 1 + rng.choice([-1.0, 1.0], 200) * 2.0 ** rng.uniform(-50, -3, 200)
+    changes = rng.choice([2**-0.5, 0.890625, 1.125, 2**0.5], 200) * (1 + rng.normal(size=200) * 1e-2)
+    x = np.concatenate([[float.fromhex("0x1.1f6e28b342805p+0")], near_one, rng.uniform(0.875, 1.14, 200), changes])
+    y = rng.choice([-1.0, 1.0], len(x)) * rng.uniform(900, 1020, len(x)) / np.log2(x)
+    y[0] = float.fromhex("-0x1.6e9ed913cb617p+12")
+    found = program("pow").compile("numpy", precision="f64")(x, y)
+    check_bound_of_doubles("pow", found, (x, y))
+    assert program("pow").compile("opencl", precision="f64")(x, y).tobytes() == found.tobytes()
 
 
 def test_each_mode_is_a_kernel_of_its_own() -> None:

@@ -19,6 +19,8 @@ from shpy.passes.strict.coefficients import (
     LOG2_ABOVE,
     LOG2_BELOW,
     POWER_LOG,
+    POWER_LOG_TAIL,
+    TWO_BY_3_LN2,
     TWO_BY_LN2,
 )
 from shpy.passes.strict.exponential import two_to_the
@@ -182,12 +184,33 @@ def _log2_in_two(a: Term) -> Pair:
     d, d_low = two_sum(m, c)
     s = (n / d).named("s")
     s_low = ((exact_quotient_rest(n, d, s) - s * d_low) / d).named("s_low")
+    if a.type.base is Base.D:
+        return _log2_of_double(whole, fraction, s, s_low)
     z = (s * s).named("z")
     scale, scale_low = constants(a, TWO_BY_LN2)
     main, lost = two_product(s, s.constant(scale))
     rest = ((s_low + s * (z * polynomial(z, POWER_LOG))) * scale).named("rest")
     high, low = two_sum(whole, main)
     return fast_two_sum(high, low + (lost + (s * scale_low + fraction) + rest))
+
+
+def _log2_of_double(whole: Term, fraction: Term, s: Term, s_low: Term) -> Pair:
+    """whole + fraction + 2 / ln 2 times atanh(s + s_low), in two parts.
+
+    A power multiplies it by up to 1100 / log2(x), so its relative error has to be below 2**-64. Near x = 1 the cube of
+    s makes up a thousandth of it, too much for one rounding: the cube has two parts as well, all after it one.
+    """
+    (scale, scale_low), (third, third_low) = constants(s, TWO_BY_LN2), constants(s, TWO_BY_3_LN2)
+    z, z_low = two_product(s, s)
+    cube, cube_low = two_product(s, z)
+    main, main_lost = two_product(s, s.constant(scale))
+    minor, minor_lost = two_product(cube, s.constant(third))
+    tail = (s_low + z * s_low + cube * z * polynomial(z, POWER_LOG_TAIL)) * scale
+    minor_rest = cube * third_low + (cube_low + s * z_low) * third
+    rest = (s * scale_low + fraction) + (minor_rest + tail.named("tail"))
+    high, low = two_sum(whole, main)
+    high, lost = fast_two_sum(high, minor)
+    return fast_two_sum(high, (low + lost) + (main_lost + (minor_lost + rest.named("rest"))))
 
 
 def pow_(x: Term, y: Term) -> Term:
