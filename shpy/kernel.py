@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from shpy import host
 from shpy.backends.base import Backend, Call, Executable, Options
 from shpy.backends.dump import dump
+from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Let, Status
@@ -53,7 +54,7 @@ class Kernel:
         dump("ir", recorded.module.name, lambda: str(recorded.module))
         found = _executables.get(key)
         if found is None:
-            with uncollected():
+            with uncollected(), announced(recorded.module, backend.name):
                 found = backend.compile(recorded.module, options)
             _executables[key] = found
             # Other threads compile meanwhile: the names are listed at once, and each may be gone already.

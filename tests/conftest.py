@@ -12,6 +12,9 @@ settings.load_profile("fixed")
 # To have a driver write out each of thousands of kernels takes longer than to compile them; test_store.py has its own.
 os.environ.setdefault("SHPY_CACHE_DIR", "")
 
+# A slow machine is no news here; test_slow.py looks at the line.
+os.environ.setdefault("SHPY_QUIET", "1")
+
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
 

@@ -1,0 +1,90 @@
+"""Says that a compilation takes long, and what makes it long, while it lasts.
+
+Stage: emit. Takes a module that is being compiled; prints one line to standard error, or nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from shpy.ir.nodes import Call, Let, Module, Stmt
+from shpy.ir.traverse import walk
+
+__all__ = ["PATIENCE", "announced", "describe"]
+
+PATIENCE = 5.0
+"""Seconds after which a compilation is announced."""
+
+
+@contextmanager
+def announced(module: Module, backend: str) -> Iterator[None]:
+    """Around a compilation: one that takes longer than `PATIENCE` says so once, unless SHPY_QUIET is set."""
+    if os.environ.get("SHPY_QUIET"):
+        yield
+        return
+    said = threading.Event()
+    started = time.monotonic()
+
+    def announce() -> None:
+        said.set()
+        _write(f"shpy: compiling {describe(module, backend)} …")
+
+    timer = threading.Timer(PATIENCE, announce)
+    timer.daemon = True  # a process that ends does not wait for it
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        seconds = time.monotonic() - started
+        # Some drivers compile with Python's lock held, and no thread can speak meanwhile.
+        if seconds > PATIENCE and not said.is_set():
+            _write(f"shpy: compiled {describe(module, backend)} in {seconds:.0f} s")
+
+
+def _write(line: str) -> None:
+    with suppress(AttributeError, OSError, ValueError):  # there is no standard error, or it is closed
+        sys.stderr.write(f"{line} (SHPY_QUIET=1 omits this line)\n")
+        sys.stderr.flush()
+
+
+def describe(module: Module, backend: str) -> str:
+    """`shade for glsl (12,345 operations; 100 calls of noise3 with 11,000 of them)`.
+
+    Operations count as often as their function is called, and calls of a function that calls others count theirs too.
+    """
+    own: dict[str, int] = {}
+    called: dict[str, Counter[str]] = {}
+    whole: dict[str, int] = {}
+    for function in module.functions:  # each after those that it calls
+        names = [_called(s) for s in walk(function.body)]
+        called[function.name] = Counter(name for name in names if name is not None)
+        own[function.name] = names.count(None)
+        whole[function.name] = own[function.name] + sum(whole[n] * k for n, k in called[function.name].items())
+    times: Counter[str] = Counter({module.entry.name: 1})
+    for function in reversed(module.functions):
+        for name, count in called[function.name].items():
+            times[name] += count * times[function.name]
+    del times[module.entry.name]
+    told = f"{whole[module.entry.name]:,} operations"
+    # The deepest function that most of the work lies in: its callers do nothing but call it.
+    largest = max(times, key=lambda name: times[name] * own[name], default=None)
+    if largest is not None:
+        share = times[largest] * own[largest]
+        told += f"; {times[largest]:,} call{'s' * (times[largest] != 1)} of {largest} with {share:,} of them"
+    return f"{module.name} for {backend} ({told})"
+
+
+def _called(statement: Stmt) -> str | None:
+    """The function that a statement calls."""
+    match statement:
+        case Call(name) | Let(_, "call", _, str(name)):
+            return name
+    return None
