@@ -42,7 +42,7 @@ STUDIES = (
         "modes": functions.modes,
     }
 )
-"""What is measured of ours alone, mostly."""
+"""Studies of shpy, most of them without a peer."""
 
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:

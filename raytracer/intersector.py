@@ -123,7 +123,7 @@ class Intersector:
         return eye, near, limit
 
     def _hits(self, found: Any, length: Floats) -> Hits:
-        """What a kernel found, in lengths of the directions."""
+        """The outputs of a kernel; distances are in lengths of the directions."""
         t, triangle, uv = found
         distance = np.full_like(t, np.inf)
         np.divide(t, length * self._scale, out=distance, where=triangle >= 0, casting="same_kind")

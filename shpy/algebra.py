@@ -133,7 +133,7 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
 
 
 def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
-    """Whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
+    """Return whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
     wanted = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
     parts = _named_parts(f.output)
     fed = [name if name in wanted else None for name, _ in parts]
@@ -196,14 +196,14 @@ def _leaf_types(layout: InputType) -> list[Any]:
 
 
 def _alike(a: Layout, b: Layout) -> bool:
-    """Whether two layouts hold the same types in the same way, kinds aside."""
+    """Return whether two layouts hold the same types in the same way, kinds aside."""
     same_form = isinstance(a, Group) == isinstance(b, Group) and isinstance(a, Rows) == isinstance(b, Rows)
     names = not (isinstance(a, Group) and isinstance(b, Group)) or a.names == b.names
     return same_form and names and _leaf_types(a) == _leaf_types(b)
 
 
 def _fits(given: Layout, wanted: Layout) -> bool:
-    """Whether a call takes it: the same structure, numbers that widen, a scalar for a vector."""
+    """Return whether a call takes it: the same structure, numbers that widen, a scalar for a vector."""
     if isinstance(given, Leaf) and isinstance(wanted, Leaf):
         old, new = given.cls.type, wanted.cls.type
         return old.size in (1, new.size) and widens(old.base, new.base)

@@ -1,4 +1,4 @@
-"""What commands share: how they end, and how they read numbers.
+"""The common part of all commands: their end, and their reading of numbers.
 
 Stage: above all others; `import shpy as sh` brings it as `sh.command`. A command that ends by Ctrl-C, by a closed pipe,
 by a full disk or for want of memory says so in at most one line.

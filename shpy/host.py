@@ -40,7 +40,7 @@ def dtypes_at(precision: str) -> dict[Base, Any]:
 
 
 def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, NDArray[Any]]:
-    """What each Param and dependent uniform is now, as a kernel of this precision and mode takes it."""
+    """Return the value of each Param and dependent uniform for a kernel of this precision and mode."""
     dtypes = dtypes_at(precision)
     return {name: np.asarray(p.at(precision, math), dtypes[p.base]) for name, p in params.items()}
 
@@ -302,7 +302,7 @@ def _check_apart(given: Sequence[tuple[str, NDArray[Any]]]) -> None:
 
 
 def _overlaps_itself(array: NDArray[Any]) -> bool:
-    """Whether two elements may share memory; no array does that slicing and transposing make of a whole one."""
+    """Return whether two elements may share memory; no array does that slicing and transposing make of a whole one."""
     reach = array.itemsize
     for stride, extent in sorted((abs(s), n) for s, n in zip(array.strides, array.shape, strict=True) if n > 1):
         if stride < reach:

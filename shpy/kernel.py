@@ -81,7 +81,7 @@ class Kernel:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What there is to know about this target and the way that was chosen."""
+        """Facts about this target and about the way that was chosen."""
         return self._executable.notes
 
     def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:

@@ -32,7 +32,7 @@ def start(name: str, module: str) -> int:
 
 
 def _is_usual() -> bool:
-    """Whether Ctrl-C raises KeyboardInterrupt: it is ignored in what a shell runs in the background."""
+    """Return whether Ctrl-C raises KeyboardInterrupt: it is ignored in what a shell runs in the background."""
     return signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

@@ -102,7 +102,7 @@ def run_here(target: str, skip: set[str], every: int) -> None:
 
 @dataclass
 class Report:
-    """What became of the list on one driver."""
+    """The results of the conformance list on one driver."""
 
     device: str = ""
     version: str = ""

@@ -39,7 +39,7 @@ BESIDE = 10 * 2.0**-24
 GROWTH = 2.0**-80
 """By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more."""
 PLANE = 64.0
-"""How many times the error bound of a distance from the corners may be that of one from the plane."""
+"""Factor by which the error bound of the distance from the corners must exceed that of the distance from the plane."""
 
 
 class Hit:
@@ -135,7 +135,7 @@ class PlaneView:
         return sh.cond(self.is_better(t, large), self.height / self.slope, t)
 
     def is_better(self, t: Any, large: Any) -> Any:
-        """Whether the distance to the plane, which is about `t`, is known far better than to a rounding of `large`."""
+        """Return whether the distance to the plane, about `t`, is known far better than to a rounding of `large`."""
         return PLANE * (self.size + abs(t)) < large * abs(self.slope)
 
 
@@ -177,7 +177,7 @@ class TriangleTest:
                 hit.id[:] = number
 
     def surely_ahead(self, plane: PlaneView, normal: Any, corner: Any) -> Any:
-        """Whether a plane lies ahead, whatever was rounded on the way: as one of its corners or as its level says.
+        """Return whether a plane lies ahead in spite of rounding, as one of its corners or its level says.
 
         Both products have five roundings at most: of the corner's difference from the eye, or of the level and of the
         difference from it; of the normal, of the product and of two sums. Of the slope, where no factor is larger
@@ -193,7 +193,7 @@ class TriangleTest:
 
 
 def meets(enter: Any, leave: Any, near: Any) -> Any:
-    """Whether a ray that enters a triangle's box here and leaves it there meets it beyond `near`, or nearly so."""
+    """Return whether a ray meets a triangle's box, which it enters and leaves here, beyond `near` or close to it."""
     enter = higher(near, enter)
     return enter - BESIDE * abs(enter) <= leave
 

@@ -18,7 +18,7 @@ _TOGETHER = frozenset({"opencl"})
 
 
 class Walk(Protocol):
-    """What finds a ray's hit among `triangles`."""
+    """The walk that finds a ray's hit among `triangles`."""
 
     triangles: Triangles
 

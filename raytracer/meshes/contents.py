@@ -1,4 +1,4 @@
-"""What a mesh file holds, compared with what it declares, before a library reads it.
+"""Checks of a mesh file's contents against its header, made before a library reads the file.
 
 Stage: scene description. Takes a file's bytes, gives bytes that trimesh reads as they are meant: texts in ASCII,
 without a byte-order mark, tabs and continued lines. Raises SceneError, without the file's name, for what trimesh would

@@ -103,7 +103,7 @@ def _mesh(part: Any, matrix: NDArray[np.float64], name: str) -> Mesh:
 
 
 def _for_normals(matrix: NDArray[np.float64], mirrors: bool) -> NDArray[np.float64]:
-    """What rows of normals are multiplied by where places are turned by `matrix`: its cofactors, transposed.
+    """Return the matrix for rows of normals where `matrix` transforms the places: its cofactors, transposed.
 
     They are the inverse but for a factor, and there are cofactors where there is no inverse: of a scale (1, 1, 0).
     """

@@ -80,7 +80,7 @@ class Executable(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know: flushed denormals, for example."""
+        """Facts for the user: flushed denormals, for example."""
 
     @property
     def loops(self) -> tuple[Loc | None, ...]:
@@ -88,7 +88,7 @@ class Executable(Protocol):
 
     @property
     def writes_all(self) -> bool:
-        """Whether every element is written, whatever the data: no discard, and no loop that could be stopped."""
+        """Return whether every element is written, whatever the data: no discard, and no loop that could be stopped."""
 
     def run(self, call: Call) -> Array | None:
         """Run it; gives the int32 status of each element, (n,), or None when every element was written."""

@@ -30,7 +30,7 @@ SHORT: Final = 10
 
 
 class Pace:
-    """How many elements of one kernel take about `seconds`.
+    """The number of elements of one kernel that take about `seconds`.
 
     `steady` unless data may make elements of the next call dearer by any factor: each call then begins small.
     """

@@ -201,7 +201,7 @@ def _modified(folder: int, name: str) -> float:
 
 
 def _is_ours(folder: int, name: str) -> bool:
-    """Whether a file begins as we write it; that of a killed writer may end within the magic."""
+    """Return whether a file begins as we write it; that of a killed writer may end within the magic."""
     start = _read(folder, name, len(_MAGIC))
     return start is not None and (start == _MAGIC or (name.startswith(".") and _MAGIC.startswith(start)))
 

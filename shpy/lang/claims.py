@@ -136,7 +136,7 @@ def _honest(function: Function) -> Function:
 
 
 def _kept(loop: Loop, before: Region, constants: dict[int, int]) -> bool:
-    """Whether the loop counts a variable from a constant to a constant, and so keeps its promise of iterations."""
+    """Return whether the loop counts a variable from constant to constant, and so keeps its promised iterations."""
     head = loop.body[: test_length(loop.body)]
     lets = {s.value.id: s for s in (*head, *loop.continuing) if isinstance(s, Let)}
     test = lets.get(head[-1].condition) if head and isinstance(head[-1], If) else None

@@ -89,7 +89,7 @@ def common_base(strong: Iterable[Base], weak: Iterable[str], what: str) -> Base:
 
 
 def widens(old: Base, new: Base) -> bool:
-    """Whether a number of `old` becomes one of `new` without a conversion that is written out."""
+    """Return whether a number of `old` becomes one of `new` without a conversion that is written out."""
     try:
         return common_base([old, new], [], "") is new
     except ShpyTypeError:

@@ -80,7 +80,7 @@ class CompoundArgument(CompoundTable):
 
 
 def is_compound(type_: Any) -> bool:
-    """Whether elements are structs or matrices; ShpyTypeError for what is no type of the language."""
+    """Return whether elements are structs or matrices; ShpyTypeError for what is no type of the language."""
     try:
         layout = layout_of(type_, "an element")
     except ShpyTypeError:
@@ -89,12 +89,12 @@ def is_compound(type_: Any) -> bool:
 
 
 def argument(name: str, type_: TableType) -> Table:
-    """What stands for a table that a run is given, while its program is recorded."""
+    """The stand-in for a table argument while its program is recorded."""
     return CompoundArgument(name, type_) if is_compound(type_.cls) else TableArgument(name, type_)
 
 
 def fits(table: Table, type_: TableType) -> bool:
-    """Whether a table can be an argument of this type: kinds aside, the same elements and rank."""
+    """Return whether a table can be an argument of this type: kinds aside, the same elements and rank."""
     return table.rank == type_.rank and _types(table.type) == _types(type_.cls)
 
 

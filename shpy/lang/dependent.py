@@ -43,7 +43,7 @@ def evaluate_with(evaluator: Evaluator) -> None:
 
 @dataclass(slots=True, eq=False)
 class Expression:
-    """What a dependent uniform is computed from, and what the evaluator keeps of it."""
+    """The expression of a dependent uniform, and the results that the evaluator keeps."""
 
     root: Node
     name: str | None
@@ -83,7 +83,7 @@ class Dependent:
 
     @property
     def value(self) -> Any:
-        """What it is now, at f32 in strict mode: a numpy scalar or array of shape (size,). It cannot be set."""
+        """The present value at f32 in strict mode: a numpy scalar or array of shape (size,). It cannot be set."""
         return self._now()[()]
 
     @value.setter
@@ -91,7 +91,7 @@ class Dependent:
         self._refuse("cannot be set")
 
     def at(self, precision: str, math: str) -> NDArray[Any]:
-        """What it is now in a kernel of this precision and mode."""
+        """Return the present value in a kernel of this precision and mode."""
         return _evaluators[0](self, precision, math)
 
     def _now(self) -> NDArray[Any]:
@@ -153,6 +153,6 @@ def record_expression(frame: Frame, root: Node) -> int:
 
 
 def first_value(uniform: Any) -> list[Any]:
-    """What a uniform is now, component by component: its value in the text of a program that is recorded now."""
+    """Return a uniform's present components: its value in the text of a program that is recorded now."""
     numbers: list[Any] = np.atleast_1d(np.asarray(uniform.at("f32", "strict"))).tolist()
     return numbers

@@ -68,7 +68,7 @@ _TWO = frozenset("dot cross distance reflect refract mix clamp min max mod pow a
 
 
 def module_cure(name: str, known: Iterable[str]) -> str | None:
-    """What to write for `sh.name`; `known` are the names that there are."""
+    """Return the cure for `sh.name`; `known` are the names of shpy."""
     if name in _PLAIN:
         return _PLAIN[name]
     if name in OTHER_NAMES:
@@ -85,7 +85,7 @@ def module_cure(name: str, known: Iterable[str]) -> str | None:
 
 
 def value_cure(name: str, called: str, functions: Iterable[str]) -> str | None:
-    """What to write for `v.name`, where v is `called` so; `functions` are those of shpy."""
+    """Return the cure for `v.name`, where the value's type is `called`; `functions` are those of shpy."""
     if name in _OF_VALUES:
         return _OF_VALUES[name].format(called)
     function = OTHER_NAMES.get(name) or _SHADING.get(name, name).partition("(")[0]

@@ -123,7 +123,7 @@ class _Names:
         return statement
 
     def _uniform(self, value: Value, uniform: Any) -> Stmt | list[Stmt]:
-        """What gives the value of a uniform: a constant, the uniform itself, or what it is computed from."""
+        """Return the source of a uniform's value: a constant, the uniform itself, or its expression."""
         if id(uniform) in self.constants:
             return Let(value, "const", (), self.constants[id(uniform)])
         if isinstance(uniform, Dependent) and any(id(source) in self.constants for source in uniform.sources):

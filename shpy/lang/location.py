@@ -24,12 +24,12 @@ _LIBRARY_SHOWN = "shpy/lang/library.py"
 _CONFORMANCE = os.path.join(_HOUSE, "testing", "conformance", "")
 """Programs of the conformance list are programs like those of any user."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
-"""What numpy's own functions ask of a value, the user's line asked."""
+"""Frames of numpy count as the user's line that called numpy."""
 _inside: dict[str, bool] = {}
 
 
 class _Recording(threading.local):
-    """What holds in this thread's recording alone: other threads record meanwhile."""
+    """State of this thread's recording alone: other threads record meanwhile."""
 
     def __init__(self) -> None:
         self.library = 0
@@ -70,7 +70,7 @@ def user_frame() -> FrameType | None:
 
 
 def _look_inside(file: str) -> bool:
-    """Whether a file is shpy's or numpy's, remembered."""
+    """Return whether a file is shpy's or numpy's, remembered."""
     path = os.path.abspath(file)
     ours = _inside[file] = path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_CONFORMANCE)
     return ours

@@ -30,7 +30,7 @@ from shpy.lang.signature import loc_of
 
 
 def is_method(function: Any) -> bool:
-    """Whether a function is one of a class's body whose first parameter, without annotation or default, is `self`."""
+    """Return whether a function of a class's body has a first parameter `self` without annotation or default."""
     if not inspect.isfunction(function):
         return False
     *_, place, _ = ["", "<locals>", *function.__qualname__.split(".")]

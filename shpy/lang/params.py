@@ -32,7 +32,7 @@ from shpy.lang.values import CLASSES, Value
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What pages and viewers show of a Param; `range` also bounds its value."""
+    """Metadata of a Param for pages and viewers; `range` also bounds its value."""
 
     range: tuple[float, float] | None = None
     step: float | None = None
@@ -96,12 +96,12 @@ class Param:
 
     @property
     def title(self) -> str | None:
-        """What a viewer calls it, or None."""
+        """The title in a viewer, or None."""
         return self._about.title
 
     @property
     def description(self) -> str | None:
-        """What a viewer says about it, or None."""
+        """The description in a viewer, or None."""
         return self._about.description
 
 
@@ -180,17 +180,17 @@ class _ValueParam(Param):
 
     @property
     def exact(self) -> Any:
-        """What the uniform is now as binary64, a float or a tuple of them: a kernel rounds it to its own precision."""
+        """The present value as binary64, a float or a tuple of floats: a kernel rounds it to its own precision."""
         numbers = decode(self.type, self._const)  # type: ignore[attr-defined]
         return numbers if len(numbers) > 1 else numbers[0]
 
     def at(self, precision: str, math: str) -> Any:
-        """What a kernel takes: the exact value, which is the same for all precisions and modes."""
+        """Return the exact value for a kernel: it is the same for all precisions and modes."""
         return self.exact
 
     @property
     def value(self) -> Any:
-        """What the uniform is now: a numpy scalar or array of shape (size,)."""
+        """The present value: a numpy scalar or array of shape (size,)."""
         held = to_array(self.type, self._const)  # type: ignore[attr-defined]
         return held[()] if held.ndim == 0 else held
 
@@ -267,7 +267,7 @@ class _CompoundParam(Param):
 
     @property
     def value(self) -> Any:
-        """What the uniform is now: an array (N, N), or a named tuple of the fields' values."""
+        """The present value: an array (N, N), or a named tuple of the fields' values."""
         return build_arrays(self._layout, (leaf.value for leaf in self._leaves))
 
     @value.setter

@@ -108,7 +108,7 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
 
 
 def _store_instead(place: Place, old: Any, new: Any) -> str:
-    """What to write: a store, and before the block something to store into where there is none."""
+    """Return the cure: a store, and a declaration before the block where there is nothing to store into."""
     if old is None:
         return f"make `{place}` a value before the block, `{place}[:] = …` inside it"
     if not isinstance(old, _NUMBERS):
@@ -126,7 +126,7 @@ def _store_instead(place: Place, old: Any, new: Any) -> str:
 
 @lru_cache(maxsize=1024)
 def _has_text(code: CodeType, file: str) -> bool:
-    """Whether the check of the source has seen the function; code alone does not tell one file from another."""
+    """Return whether the check of the source has seen the function; code alone does not tell one file from another."""
     return definition(code) is not None
 
 
@@ -148,7 +148,7 @@ def _is_value(x: Any) -> bool:
 
 
 def _matters(x: Any) -> bool:
-    """Whether what a place holds as a block opens can be mistaken for what it holds afterwards.
+    """Return whether what a place holds as a block opens can be mistaken for what it holds afterwards.
 
     A value of a block that is closed cannot: to use it is an error in any case.
     """
@@ -253,7 +253,7 @@ def _line_of_store(code: CodeType, start: int, end: int, place: Place) -> int:
 
 
 def _returns(code: CodeType, offset: int) -> bool:
-    """Whether the block is left by Python's `return`: what it gives back is on the stack already."""
+    """Return whether the block is left by Python's `return`: what it gives back is on the stack already."""
     names = [i.opname for i in _instructions(code)[_after(_instructions(code), offset) :]]
     text = " ".join(names[:64])
     return re.match(r"POP_TOP (SWAP |(LOAD_CONST ){3}(PRECALL )?CALL POP_TOP )*RETURN_VALUE", text) is not None

@@ -105,7 +105,7 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
 
 
 def _is_type(annotation: Any, name: str) -> bool:
-    """Whether an annotation makes an input."""
+    """Return whether an annotation makes an input."""
     try:
         input_type(annotation, name)
     except ShpyTypeError:

@@ -124,7 +124,7 @@ class Returns:
 
 
 def _spoken(frame: FrameType) -> tuple[str, str]:
-    """What to call the function that runs in `frame`, and how to let SH_RETURN end that function."""
+    """Return the name of the function that runs in `frame`, and the cure that lets SH_RETURN end it."""
     code = frame.f_code
     if code.co_name == "<lambda>":
         return f"the lambda of line {code.co_firstlineno}", "a def decorated with @sh.subroutine"

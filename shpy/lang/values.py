@@ -344,7 +344,7 @@ class Value(Operators):
         return self._now()[()]
 
     def _now(self) -> NDArray[Any]:
-        """What a constant or uniform is now, of shape () or (size,)."""
+        """Return the present value of a constant or uniform, of shape () or (size,)."""
         return to_array(self.type, self._const)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:

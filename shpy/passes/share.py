@@ -13,7 +13,7 @@ compile a hundred unrolled calls is that of a hundred functions.
                               |     continuing: store $k = $k + 1
                               |   }
 
-What stands between two calls is done in the turn of the second one. Where several functions alternate, a turn has a
+What stands between two calls is done in the iteration of the second one. Where several functions alternate, an iteration has a
 call of each. A value that is used beyond the part that makes it goes there in a variable.
 """
 
@@ -55,7 +55,7 @@ _LARGE = 60
 _FEWEST_TURNS = 10
 """A loop of fewer iterations saves too little code."""
 _MOST_TURNS = 32
-"""Each turn asks for its number once for every part of its loop: with more, that takes longer than the calls."""
+"""Each iteration compares its number once for every part of its loop: with more, that takes longer than the calls."""
 _MOST_CALLS = 8
 """Calls of a turn."""
 
@@ -84,7 +84,7 @@ def share_calls(module: Module) -> Module:
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Calls of a region that become turns: their places, `period` of them a turn."""
+    """Calls of a region that become iterations: their places, `period` of them in each."""
 
     calls: tuple[int, ...]
     period: int
@@ -139,7 +139,7 @@ class _Sharing(Rewriter):
         super().statement(statement)
 
     def _runs(self, region: Region) -> Iterator[_Run]:
-        """The longest periodic runs of calls, first to last, in parts of so many turns as a loop may have."""
+        """Find the longest periodic runs of calls, first to last, in parts that fit a loop."""
         places: list[int] = []
         for at, s in enumerate(region):
             if places and _leaves(s):
@@ -178,7 +178,7 @@ class _Sharing(Rewriter):
             first += best
 
     def _key(self, s: Stmt) -> tuple[object, ...]:
-        """What two calls have in common to be one: the function, and the variables that it gets by reference."""
+        """Return the key that calls of one loop share: the function, and the variables passed by reference."""
         if isinstance(s, Call):
             ports = self.functions[s.function].inputs
             return s.function, *(a for a, p in zip(s.args, ports, strict=True) if isinstance(p, Variable))
@@ -225,7 +225,7 @@ class _Sharing(Rewriter):
 
 
 class _Turns:
-    """The turns of one run: the parts between its calls, and the variables that connect them."""
+    """The iterations of one run: the parts between its calls, and the variables that connect them."""
 
     def __init__(self, work: _Sharing, region: Region, run: _Run) -> None:
         self.work = work
@@ -282,7 +282,7 @@ class _Turns:
         return users
 
     def part(self, number: int, turn: int) -> None:
-        """What comes before the calls of this place in a turn, one for each turn; and the call."""
+        """Emit the statements before this place's call, one branch for each iteration, and the call."""
         work = self.work
         for n in range(number, len(self.calls), self.run.period):
             is_turn = work.make("eq", turn, work.const(_INDEX, n // self.run.period), type=vec(Base.B))
@@ -324,7 +324,7 @@ class _Turns:
                 yield place, argument
 
     def _differs(self, number: int, place: int) -> bool:
-        """Whether an argument is not one value, made before the loop, in all turns."""
+        """Return whether an argument is not one value, made before the loop, in all iterations."""
         given = {dict(self._values(call))[place] for call in self.calls[number :: self.run.period]}
         return len(given) > 1 or bool(given & self.inside)
 
@@ -358,7 +358,7 @@ class _Turns:
 
 
 def _leaves(s: Stmt, in_loop: bool = False) -> bool:
-    """Whether a statement may leave the region around it, other than by a Discard."""
+    """Return whether a statement may leave the region around it, other than by a Discard."""
     if isinstance(s, Return) or (isinstance(s, (Break, Continue)) and not in_loop):
         return True
     return any(_leaves(t, in_loop or isinstance(s, Loop)) for region in regions_of(s) for t in region)

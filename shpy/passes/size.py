@@ -1,4 +1,4 @@
-"""How much a module does, and how much text and code it becomes where a compiler copies functions to their calls.
+"""The size of a module, and of the code that it becomes where a compiler copies functions to their calls.
 
 Stage: improve; it changes nothing. A loop's body counts once.
 

@@ -1,4 +1,4 @@
-"""What tests of backends run programs with: the names of shpy.testing.conformance.running."""
+"""The names of shpy.testing.conformance.running, with which tests of backends run programs."""
 
 from shpy.testing.conformance.running import (
     BACKENDS,

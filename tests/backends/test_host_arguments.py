@@ -1,4 +1,4 @@
-"""What the host may pass: any array that numpy can make means its numbers, anything else is a clear error."""
+"""Host arguments: any array that numpy can make means its numbers, anything else is a clear error."""
 
 import math
 

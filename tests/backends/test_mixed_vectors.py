@@ -22,7 +22,7 @@ LEAST = -(2**31)
 
 
 def outputs(program: sh.Program, backend: str, lanes: int | None, *arrays: Any) -> list[Any]:
-    """What the program gives, at the width that is asked for: a fall back to another would warn."""
+    """Return the program's result at the requested width: a fall back to another width would warn."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", sh.ShpyWarning)
         found = program.compile(backend, lanes=lanes or "auto")(*arrays)

@@ -60,7 +60,7 @@ def use(times=1):
 
 
 def state_of(folder):
-    """What a stranger's folder holds: mode, and the content of each file."""
+    """Return the state of a stranger's folder: its mode, and the content of each file."""
     return stat.S_IMODE(folder.stat().st_mode), {e.name: e.read_bytes() for e in folder.iterdir()}
 
 

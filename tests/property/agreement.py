@@ -88,7 +88,7 @@ class Expected:
 
 
 class Narrowed(Expected):
-    """What a program must compute at another precision: what the interpreter of its IR does."""
+    """Return the reference results at another precision, from the interpreter of the program's IR."""
 
     def __init__(self, program: Tree, inputs: list[Array], precision: Precision) -> None:
         with np.errstate(over="ignore"):

@@ -128,7 +128,7 @@ def rays(sketch, corners, count):
 
 
 class Known(NamedTuple):
-    """What is known of rays (R,) and triangles (N,): each (R, N).
+    """Facts about rays (R,) and triangles (N,): each has shape (R, N).
 
     `sure` and `never`: met, or not, beyond doubt; `t` the distance and `doubt` how far an answer in f32 may be off.
     """
@@ -172,7 +172,7 @@ def known(corners, eye, ray):
 
 
 def clear_outside(x, y, scale):
-    """Whether all of a triangle, seen at (x, y), lies beside the ray: farther from it than is in doubt."""
+    """Return whether all of a triangle, seen at (x, y), lies beside the ray: farther from it than is in doubt."""
     least = np.full(x.shape[:2], np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         ex, ey = x[..., j] - x[..., i], y[..., j] - y[..., i]

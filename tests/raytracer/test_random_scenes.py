@@ -10,7 +10,7 @@ from raytracer import intersector as queries
 from raytracer.intersector import Hits
 
 CELLS = 2**12
-"""How many cells from the grid's middle a ray may begin for the grid to give the very hits of the others.
+"""Cells from the grid's middle within which a ray must begin for the grid to give the hits of the others.
 
 Farther off a rounding of its place is a part of a cell: hits that f64 cannot tell from misses may differ.
 """

@@ -1,4 +1,4 @@
-"""What can be a program, and what its inputs may be: defaults, methods of classes, partials and lambdas."""
+"""Functions that can be programs, and their inputs: defaults, methods of classes, partials and lambdas."""
 
 import copy
 import dataclasses

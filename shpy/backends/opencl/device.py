@@ -61,7 +61,7 @@ _TRIALS = {
         for n, text in SIGNS.items()
     },
 }
-"""What a compiler may have besides OpenCL C."""
+"""Functions that a compiler may have besides OpenCL C."""
 _EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
 __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *nan,
@@ -79,7 +79,7 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
 }
 """
 _CPU_SECONDS = 0.5
-"""What a dispatch should take on a CPU, where nothing but Ctrl-C waits for its end; long ones leave cores idle less."""
+"""Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
 _POOLED_BYTES = 1 << 28
 """Buffers that are kept for the next run, in bytes a device."""
 _WORTH_LENDING = 1 << 16
@@ -397,7 +397,7 @@ class Machine:
 
     @cached_property
     def abilities(self) -> Abilities:
-        """What the compiler has besides OpenCL C: tried once for each version of the driver, and kept on disk."""
+        """The functions that the compiler has besides OpenCL C, tried once for each driver version and kept on disk."""
         key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), "strict")
         kept = store.load(key)
         known = None if kept is None else frozenset(kept.decode(errors="replace").split())

@@ -118,7 +118,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
     # Functions and the kernel
 
     def stands_apart(self, function: Function) -> bool:
-        """Whether the compiler is told not to inline the function."""
+        """Return whether the compiler is told not to inline the function."""
         return super().stands_apart(function) or _is_large(function)
 
     def _kernel(self, entry: Function) -> None:

@@ -201,7 +201,7 @@ class OpenCLPrinter(Spelling):
         self.emit("}")
 
     def stands_apart(self, function: Function) -> bool:
-        """Whether the compiler is told not to inline the function."""
+        """Return whether the compiler is told not to inline the function."""
         return function.name in self.apart
 
     def _parameter(self, port: Value | Variable) -> str:

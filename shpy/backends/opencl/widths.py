@@ -85,7 +85,7 @@ class Choosing:
 
     @property
     def writes_all(self) -> bool:
-        """Whether no element has a status."""
+        """Return whether no element has a status."""
         return self._current.writes_all
 
     def run(self, call: Call) -> Array | None:

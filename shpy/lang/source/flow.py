@@ -270,7 +270,7 @@ class Flow(Expressions):
             self._next_turn(block)
 
     def _next_turn(self, block: Block) -> None:
-        """What the body reads from before itself, it reads in the next iteration as the body left it."""
+        """The next iteration reads the names as the body left them."""
         # `x is None` asks Python: metaprogramming that starts with nothing.
         asked = {use.place for use in block.exposed if use.asks_none}
         for use in block.exposed:

@@ -107,7 +107,7 @@ class Case:
 
     @functools.cached_property
     def watch(self) -> DenormalWatch:
-        """What finds denormals in this program."""
+        """The watch that finds denormals in this program."""
         return DenormalWatch(self.program.ir, Options(**self.options))
 
     def denormal(self, element: int) -> bool:

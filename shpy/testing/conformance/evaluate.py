@@ -88,7 +88,7 @@ class Evaluator:
 
     @staticmethod
     def zeros(array: Variable) -> Any:
-        """What an array holds at first."""
+        """Return the initial contents of an array."""
         tail = (array.type.size,) if array.type.size > 1 else ()
         return np.zeros((array.length or 0, *tail), DTYPES[array.type.base])
 

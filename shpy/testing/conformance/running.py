@@ -99,7 +99,7 @@ def differs(found: Array, expected: Array, ulp: float = 0, absolute: float = 0) 
 
 @functools.cache
 def flushes_denormals(backend: str) -> bool:
-    """Whether the backend's device turns denormals into zeros: asked by running one product."""
+    """Return whether the backend's device turns denormals into zeros: asked by running one product."""
     scaled: sh.Program = sh.program(_scale)
     denormal = kernel(scaled, backend)(np.float32(1e-38), np.float32(0.125))
     if denormal == 0:

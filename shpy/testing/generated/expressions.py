@@ -154,7 +154,7 @@ class Expressions:
         return self.choice(type, depth)
 
     def geometry(self, type: Type, depth: int) -> Expr:
-        """What takes whole vectors."""
+        """Draw an operation on whole vectors."""
         if type.size > 1:
             op = self.pick(TO_VECTOR)
             count = OPS[op].signature.count("T") - 1

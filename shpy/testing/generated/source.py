@@ -116,7 +116,7 @@ def text(e: Expr) -> str:
 
 
 def _place(name: str, picked: tuple[int, ...] | None, op: str | None) -> str:
-    """What a store stands before: `x[:]`, `x.xy`, `m[0]`, `m[0, 1]`."""
+    """Return the target of a store: `x[:]`, `x.xy`, `m[0]`, `m[0, 1]`."""
     if name.endswith("]"):
         return name if picked is None else f"{name[:-1]}, {', '.join(map(str, picked))}]"
     if picked is not None:

@@ -94,7 +94,7 @@ class Statements(Expressions):
         return Assign(name, self.given(type), None, op)
 
     def given(self, type: Type) -> Expr:
-        """What is stored: an expression of this type, or a scalar that is repeated."""
+        """Draw the value of a store: an expression of this type, or a scalar that is repeated."""
         return Splat(type, self.expr(type.scalar)) if type.size > 1 and self.chance(20) else self.expr(type)
 
     def declare(self) -> Stmt:

@@ -56,7 +56,7 @@ _PARTS: dict[Base, tuple[Expr, ...]] = {
 
 
 def _start(type: Type) -> Expr:
-    """What a variable of a type starts with: numbers that differ from element to element."""
+    """Draw the initial value of a variable: numbers that differ from element to element."""
     size = type.size
     match type.base, size:
         case Base.B, _:
