@@ -13,8 +13,8 @@ compile a hundred unrolled calls is that of a hundred functions.
                               |     continuing: store $k = $k + 1
                               |   }
 
-What stands between two calls is done in the iteration of the second one. Where several functions alternate, an iteration has a
-call of each. A value that is used beyond the part that makes it goes there in a variable.
+The statements between two calls run in the iteration of the second call. Where several functions alternate, an
+iteration has a call of each. A value that is used beyond the part that makes it goes there in a variable.
 """
 
 from __future__ import annotations
