@@ -42,15 +42,15 @@ def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.abs(middle) <= size, 0.0, np.round(middle / step) * step)
 
 
-LEAST, MOST = 0, 30
-"""Exponents of 2 between which the largest coordinate lies in a kernel: neither its cube nor that of a far smaller one
-is out of range."""
+LEAST, MOST = 20, 30
+"""Exponents of 2 between which the largest coordinate lies in a kernel: its cube does not overflow, and the cube of a
+coordinate that is 10**18 times smaller does not vanish."""
 
 
 def scale_of(corners: NDArray[np.float64]) -> float:
-    """By which power of two the kernels' coordinates are multiplied: 1, but for very large and very small scenes.
+    """By which power of two the kernels' coordinates are multiplied, so that no product of theirs leaves f32's range.
 
-    `corners` are relative to `origin_of`. So products of coordinates neither overflow nor vanish.
+    `corners` are relative to `origin_of`.
     """
     _, exponent = np.frexp(np.abs(corners).max())
     return float(2.0 ** (np.clip(exponent, LEAST, MOST) - exponent)) if corners.any() else 1.0

@@ -10,19 +10,58 @@ hundreds of thousands of new nodes take a third of the time, and more than in pr
 from __future__ import annotations
 
 import gc
+import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 __all__ = ["uncollected"]
 
 
+class _Pause:
+    """How many blocks pause the collector at the moment, in all threads, and whether it was on before the first."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.threads: list[int] = []
+        self.was_on = False
+
+    def enter(self) -> None:
+        """The first block turns the collector off."""
+        with self.lock:
+            if not self.threads:
+                self.was_on = gc.isenabled()
+                gc.disable()
+            self.threads.append(threading.get_ident())
+
+    def leave(self) -> None:
+        """The last block leaves the collector as the first one found it."""
+        with self.lock:
+            self.threads.remove(threading.get_ident())
+            self._restore()
+
+    def forget_other_threads(self) -> None:
+        """In the child of a fork only the forking thread goes on: the blocks of others never end there."""
+        self.lock = threading.RLock()
+        if self.threads:
+            self.threads = [thread for thread in self.threads if thread == threading.get_ident()]
+            self._restore()
+
+    def _restore(self) -> None:
+        if self.was_on and not self.threads:
+            gc.enable()
+
+
+_PAUSE = _Pause()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_PAUSE.forget_other_threads)
+
+
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """The block runs without the collector, which is left as it was found."""
-    was_on = gc.isenabled()
-    gc.disable()
+    """The block runs without the collector. The last such block of all threads to end leaves it as it was found."""
+    _PAUSE.enter()
     try:
         yield
     finally:
-        if was_on:
-            gc.enable()
+        _PAUSE.leave()

@@ -113,6 +113,41 @@ def test_a_child_may_use_what_its_parent_has_not(tmp_path, backend):
     assert done.stdout == "[2.0, 4.0] 0\n", done.stderr
 
 
+def test_a_child_collects_garbage_though_a_thread_of_its_parent_compiled(tmp_path):
+    """But not where the forking thread itself compiles: until that ends, in parent and child."""
+    done = run(
+        tmp_path,
+        """
+        import gc
+        from shpy.ir.collector import uncollected
+
+        inside, stop = threading.Event(), threading.Event()
+
+        def work():
+            with uncollected():
+                inside.set()
+                stop.wait()
+
+        def after_a_block():
+            with uncollected():
+                pass
+            return gc.isenabled()
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        inside.wait()
+        found = [gc.isenabled(), forked(gc.isenabled), forked(after_a_block)]
+        with uncollected():
+            found += [forked(gc.isenabled), forked(after_a_block)]
+        stop.set()
+        thread.join()
+        print(json.dumps([*found, gc.isenabled()]))
+        """,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == [False, ["True", 0], ["True", 0], ["False", 0], ["False", 0], True]
+
+
 INTERRUPTED = """
 def interrupt(kernel, *inputs):
     def send():

@@ -96,8 +96,10 @@ def test_backends_agree_on_random_scenes(sketch):
         Sketch((Part("slab", 1e9, 0.0, 2), Part("ball", 1.0, 1.0, 4)), 1.0, 0.0, 1),
         Sketch((Part("ball", 1.0, 0.0, 4),), 1e-18, 0.0, 0),
         Sketch((Part("ball", 1.0, 0.0, 4), Part("soup", 1.0, 1.0, 6)), 1e18, 1e3, 0),
+        Sketch((Part("soup", 0.001, 1.0, 3), Part("ball", 1e10, 1.0, 7)), 1e-18, 0.0, 6),
+        Sketch((Part("soup", 1e-6, 1.0, 3), Part("ball", 1e12, 1.0, 7)), 1e-12, 0.0, 6),
     ],
-    ids=["tiny", "huge", "small scale", "large scale, far away"],
+    ids=["tiny", "huge", "small scale", "large scale, far away", "small scale, tiny", "tinier"],
 )
 def test_known_hard_scenes(sketch):
     check(sketch, "numpy")
