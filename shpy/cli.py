@@ -6,6 +6,7 @@ Stage: above all others. Takes the words of the command line, prints, gives the 
     shpy doctor                                   # status 0 where numpy works, which needs nothing else
     shpy doctor --all                             # status 0 only where every backend works
     shpy diff a.ir --backends numpy,opencl        # status 1 with the first statement at which two of them part
+    shpy certify                                  # status 1 where a device gives other bits than the package ships
     shpy accuracy module:program                  # errors in ULP on every backend
     shpy tradeoff module:program --error 2ulp -o t.png
 """
@@ -26,6 +27,7 @@ import numpy as np
 
 import shpy as sh
 from shpy.accuracy.commands import add_commands
+from shpy.backends.registry import NAMES
 from shpy.command import MOST, real, run, whole
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
@@ -52,6 +54,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     command.add_argument("--all", action="store_true", help="exit with status 1 unless every backend works")
     command.set_defaults(run=lambda options: doctor(every=options.all))
     _add_diff(commands)
+    _add_certify(commands)
     add_commands(commands)
     options = parser.parse_args(arguments)
     status: int = options.run(options)
@@ -70,6 +73,34 @@ def _add_diff(commands: Any) -> None:
     command.add_argument("--precision", default="f32", help="the working precision (default: f32)")
     command.add_argument("--math", default="strict", help="strict, relaxed or fast (default: strict)")
     command.set_defaults(run=diff)
+
+
+def _add_certify(commands: Any) -> None:
+    command = commands.add_parser(
+        "certify",
+        help="whether the devices of this machine give the bits that the package ships",
+        description="Run programs whose results are known, print a report, and write it as JSON for an issue.",
+    )
+    command.add_argument("--backend", choices=NAMES, help="the backend to check (default: each that is available)")
+    command.add_argument("--device", type=whole(0), help="the number of its device, as shpy doctor counts (default: 0)")
+    command.add_argument("--lanes", type=int, choices=(1, 4, 8, 16), help="opencl: lanes that run together")
+    command.add_argument(
+        "--section", help="of conformance,functions,accuracy,examples,pictures, with commas between them (default: all)"
+    )
+    command.add_argument(
+        "--full", action="store_true", help="all checks, and all 2**32 inputs of each function of one argument: hours"
+    )
+    command.add_argument(
+        "-o", "--output", type=Path, default=Path("certificate.json"), help="(default: certificate.json)"
+    )
+    command.set_defaults(run=certify)
+
+
+def certify(options: argparse.Namespace) -> int:
+    """Check the devices; 0 where they give the same bits, 1 where one does not, 2 for options that do not fit."""
+    from shpy.testing.certify.command import certify
+
+    return certify(options)
 
 
 def diff(options: argparse.Namespace) -> int:

@@ -79,13 +79,13 @@ class Case:
             made[name] = self.inputs[name] if name in self.inputs else made_up(type_, n)
         return made
 
-    def run(self, backend: str) -> Outcome:
-        """Run it there."""
+    def run(self, backend: str, **more: Any) -> Outcome:
+        """Run it there; `more` are options of compiling beside its own, such as the device."""
         if self.meaning is not None and backend in INTERPRETED:
             thinned = {name: array[::THIN] for name, array in self.arrays.items()}
             result = kernel(self.program, backend, **self.options).run(**thinned)
             return Outcome(flat_leaves(result.outputs), result.written)
-        compiled = kernel(self.program, backend, **self.options)
+        compiled = kernel(self.program, backend, **{**self.options, **more})
         out = None
         if self.outs:
             blank = compiled.run(**self.arrays, shape=self.shape).outputs
@@ -126,23 +126,39 @@ class Case:
 
     def check(self, found: Outcome, who: str) -> None:
         """Fail unless a target's outcome is the reference's."""
+        wrong = self.difference(found, who)
+        if wrong is not None:
+            raise AssertionError(wrong)
+
+    def difference(self, found: Outcome, who: str, **more: Any) -> str | None:
+        """How a target's outcome differs from the reference's, None where it does not; `more` as for `run`.
+
+        Elements that meet a denormal on their way may differ on a device that flushes denormals.
+        """
         wanted = self.reference
         if self.meaning is not None and who in INTERPRETED:
             wanted = Outcome([a[::THIN] for a in wanted.outputs], wanted.written[::THIN])
-        assert (found.stopped, found.line) == (wanted.stopped, wanted.line)
-        np.testing.assert_array_equal(found.written, wanted.written, f"{self.name} on {who}: written")
-        assert len(found.outputs) == len(wanted.outputs)
+        if (found.stopped, found.line) != (wanted.stopped, wanted.line):
+            return (
+                f"{self.name} on {who}: {found.stopped} elements stopped in a loop at line {found.line}, "
+                f"not {wanted.stopped} at line {wanted.line}"
+            )
+        if not np.array_equal(found.written, wanted.written):
+            return f"{self.name} on {who}: written {found.written}, not {wanted.written}"
+        shapes = [[(a.dtype, a.shape) for a in outcome.outputs] for outcome in (found, wanted)]
+        if shapes[0] != shapes[1]:
+            return f"{self.name} on {who}: outputs of {shapes[0]}, not {shapes[1]}"
         for n, (a, b) in enumerate(zip(found.outputs, wanted.outputs, strict=True)):
-            assert (a.dtype, a.shape) == (b.dtype, b.shape)
             wrong = differs(a, b)
             rank = wanted.written.ndim
             elements = wrong.any(axis=tuple(range(rank, wrong.ndim))).ravel()
             for k in np.flatnonzero(elements):
-                if flushes_denormals(who) and self.denormal(int(k)):
+                if flushes_denormals(who, **more) and self.denormal(int(k)):
                     continue
                 given = {name: element(array, int(k), wanted.written.shape) for name, array in self.arrays.items()}
                 x, y = (element(v, int(k), wanted.written.shape) for v in (a, b))
-                raise AssertionError(f"{self.name} on {who}, output {n}, for {given}: {x!r}, not {y!r}")
+                return f"{self.name} on {who}, output {n}, for {given}: {x!r}, not {y!r}"
+        return None
 
 
 def element(array: Any, k: int, shape: tuple[int, ...]) -> Any:

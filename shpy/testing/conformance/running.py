@@ -98,10 +98,10 @@ def differs(found: Array, expected: Array, ulp: float = 0, absolute: float = 0) 
 
 
 @functools.cache
-def flushes_denormals(backend: str) -> bool:
+def flushes_denormals(backend: str, **options: Any) -> bool:
     """Return whether the backend's device turns denormals into zeros: asked by running one product."""
     scaled: sh.Program = sh.program(_scale)
-    denormal = kernel(scaled, backend)(np.float32(1e-38), np.float32(0.125))
+    denormal = kernel(scaled, backend, **options)(np.float32(1e-38), np.float32(0.125))
     if denormal == 0:
         notes = " ".join(note for device in backend_named(backend.partition("-")[0]).devices() for note in device.notes)
         assert "denormals" in notes, f"{backend} flushes denormals and does not say so"

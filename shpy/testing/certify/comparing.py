@@ -1,0 +1,93 @@
+"""Compares a run with the golden hash, and names the inputs that differ with the help of numpy on this machine.
+
+Stage: test. Takes a program and its arrays, gives a `Finding`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from shpy.program import Program
+from shpy.testing.arrays import Array, differing, flat_leaves
+from shpy.testing.certify.findings import SHOWN, Finding, Target
+from shpy.testing.certify.golden import digest
+from shpy.testing.denormals import meets_denormals
+from shpy.testing.observers import Setting
+
+__all__ = ["Work", "compare", "compare_arrays"]
+
+
+@dataclass(frozen=True)
+class Work:
+    """A program and what it runs on."""
+
+    program: Program
+    arrays: tuple[Array, ...] = ()
+    named: Mapping[str, Any] = field(default_factory=dict)
+    shape: tuple[int, ...] | None = None
+
+    def run(self, target: Target) -> list[Array]:
+        """Run it on a target; gives the leaves of its outputs."""
+        return flat_leaves(target.compile(self.program)(*self.arrays, **self.named, shape=self.shape))
+
+    def denormal(self) -> Array:
+        """The elements, (n,), that meet a denormal on their way."""
+        return meets_denormals(Setting(self.program, self.arrays, self.named, self.shape, {}))
+
+    def given(self, element: int) -> str:
+        """The inputs of an element, in words."""
+        if not self.arrays:
+            return f"element {element}"
+        return ", ".join(repr(a[element].tolist()) for a in self.arrays)
+
+    @property
+    def count(self) -> int:
+        """The number of elements: `arrays` are (n, ...) where there is no shape."""
+        return int(np.prod(self.shape)) if self.shape else len(self.arrays[0])
+
+
+def compare(work: Work, target: Target, wanted: str | None) -> tuple[Finding, list[Array]]:
+    """Run it; the same bits as the golden hash `wanted` stands for, or else the inputs that differ from numpy here."""
+    found = work.run(target)
+    given = digest(found)
+    if given == wanted:
+        return Finding("same", hash=given), found
+    if target.backend == "numpy":
+        return Finding("differs", _strange(given, wanted), given), found
+    here = work.run(Target("numpy"))
+    if digest(here) != wanted:
+        return Finding("differs", f"numpy on this machine differs too: {_strange(digest(here), wanted)}", given), found
+    return compare_arrays(work, target, found, here), found
+
+
+def _strange(given: str, wanted: str | None) -> str:
+    return f"the hash is {given}, and the package ships {wanted or 'none'}"
+
+
+def compare_arrays(work: Work, target: Target, found: list[Array], wanted: list[Array]) -> Finding:
+    """The same bits as numpy gives here, the same but for denormals, or the first inputs that differ."""
+    rows = [[leaf.reshape(work.count, -1) for leaf in leaves] for leaves in (found, wanted)]
+    wrong = np.zeros(work.count, np.bool_)
+    for a, b in zip(*rows, strict=True):
+        wrong |= differing(a, b).any(axis=1)
+    if wrong.any() and target.flushes:
+        wrong &= ~work.denormal()
+        if not wrong.any():
+            return Finding("denormals", hash=digest(found))
+    elements = np.flatnonzero(wrong)
+    if not len(elements):
+        return Finding("same", hash=digest(found))
+    shown = [f"{len(elements):,} of {work.count:,} elements differ"]
+    for k in map(int, elements[:SHOWN]):
+        a, b = ([leaf[k].tolist() for leaf in leaves] for leaves in rows)
+        shown.append(f"for {work.given(k)}: {_plain(a)}, not {_plain(b)}")
+    return Finding("differs", "\n".join(shown), digest(found))
+
+
+def _plain(leaves: list[Any]) -> str:
+    flat = [number for leaf in leaves for number in leaf]
+    return repr(flat[0]) if len(flat) == 1 else repr(flat)

@@ -1,0 +1,79 @@
+"""What a check is, what it runs on, and what it finds.
+
+Stage: test. A section is a list of checks; a check takes a `Target` and gives a `Finding`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from shpy.kernel import Kernel
+from shpy.program import Program
+from shpy.testing.conformance.running import flushes_denormals
+
+__all__ = ["SHOWN", "Check", "Finding", "Section", "Target", "Verdict"]
+
+Verdict = Literal["same", "denormals", "refused", "absent", "differs", "failed"]
+"""`denormals`: the same bits but where a denormal arises; `absent`: it cannot be checked here."""
+SHOWN = 3
+"""Inputs that are named where results differ."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One device of a backend, and the lanes that run together on it; None: its first device, and "auto"."""
+
+    backend: str
+    device: int | None = None
+    lanes: int | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of compiling for it."""
+        chosen = {"device": self.device, "lanes": self.lanes}
+        return {name: value for name, value in chosen.items() if value is not None}
+
+    def compile(self, program: Program, **more: Any) -> Kernel:
+        """Compile a program for it."""
+        return program.compile(self.backend, **self.options, **more)
+
+    @property
+    def flushes(self) -> bool:
+        """Whether it turns denormals into zeros."""
+        return flushes_denormals(self.backend, **self.options)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found: `detail` in a line or few, `hash` of the results, `ulp` the largest error, and warnings."""
+
+    verdict: Verdict
+    detail: str = ""
+    hash: str | None = None
+    ulp: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it speaks against the device."""
+        return self.verdict in ("differs", "failed")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check by its name."""
+
+    name: str
+    run: Callable[[Target], Finding]
+
+
+@dataclass(frozen=True)
+class Section:
+    """Checks of a kind. By default they end after `seconds` on a target, unless None; those left over are counted."""
+
+    name: str
+    title: str
+    seconds: float | None
+    checks: Sequence[Check]

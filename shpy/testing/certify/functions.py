@@ -1,0 +1,190 @@
+"""Sweeps over the functions: their bits in strict mode, and how far from the exact results they are in each mode.
+
+Stage: test. The bounds are those of the table of operations (`ir/ops.py`); references are binary64, for doubles mpmath.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.ir.builder import Builder
+from shpy.ir.ops import OPS, TRANSCENDENTALS, Tolerance
+from shpy.ir.types import vec
+from shpy.program import Program
+from shpy.testing.arrays import Array, flat_leaves
+from shpy.testing.certify.comparing import Work, compare, compare_arrays
+from shpy.testing.certify.findings import Check, Finding, Target
+from shpy.testing.certify.golden import golden
+from shpy.testing.certify.inputs import everything, pairs, scattered, sweep
+from shpy.testing.conformance.operations import program as program_of
+
+__all__ = ["SWEPT", "arguments", "bound_checks", "errors", "full_checks", "function", "sweep_checks"]
+
+SWEPT: Final = (*sorted(TRANSCENDENTALS), "sqrt", "rsqrt", "div", "mod", "fma")
+"""The functions of the language that are more than one instruction of every processor."""
+_PAIRS: Final = 1 << 19
+_COARSE: Final = 128
+"""Mantissas for each exponent where bounds are measured."""
+_DOUBLES: Final = 100
+_TINY: Final = 2.0**-126
+
+
+@functools.cache
+def function(name: str) -> Program:
+    """The program that applies one operation of the table to scalars."""
+    b = Builder(name)
+    arity = OPS[name].signature.partition(" -> ")[0].count("T")
+    b.store(b.output(vec("f"), "result"), b.let(name, *(b.input(vec("f"), "xyz"[k]) for k in range(arity))))
+    made: Program = program_of(b.finish())
+    return made
+
+
+def arguments(name: str, mantissas: int | None = None) -> tuple[Array, ...]:
+    """The inputs of a function's sweep; `mantissas` for each exponent, or as many as by default."""
+    arity = len(function(name).inputs)
+    if arity == 1:
+        return (sweep(mantissas) if mantissas else sweep(),)
+    return pairs(512 * mantissas if mantissas else _PAIRS, 11, arity)
+
+
+def sweep_checks() -> list[Check]:
+    """A check for each function: the bits, and the bound."""
+    return [Check(name, functools.partial(_sweep, name)) for name in SWEPT]
+
+
+def _sweep(name: str, target: Target) -> Finding:
+    arrays = arguments(name)
+    finding, found = compare(Work(function(name), arrays), target, golden()["functions"].get(name))
+    if finding.wrong or name not in TRANSCENDENTALS:
+        return finding
+    bounded = _bounded(name, found[0], arrays, OPS[name].bound("strict"), target)
+    return bounded if bounded.wrong else Finding(finding.verdict, finding.detail, finding.hash, bounded.ulp)
+
+
+def bound_checks() -> list[Check]:
+    """A check of each function's error in relaxed mode, then at f64."""
+    names = sorted(TRANSCENDENTALS)
+    relaxed = [Check(f"{name}, relaxed", functools.partial(_relaxed, name)) for name in names]
+    return relaxed + [Check(f"{name}, f64", functools.partial(_double, name)) for name in names]
+
+
+def _relaxed(name: str, target: Target) -> Finding:
+    arrays = arguments(name, _COARSE)
+    (found,) = flat_leaves(target.compile(function(name), math="relaxed")(*arrays))
+    return _bounded(name, found, arrays, OPS[name].bound("relaxed"), target)
+
+
+def _bounded(name: str, found: Array, arrays: tuple[Array, ...], bound: Tolerance, target: Target) -> Finding:
+    meaning = OPS[name].meaning
+    with np.errstate(all="ignore"):
+        wanted = np.asarray(meaning(*(a.astype(np.float64) for a in arrays))) if meaning else found
+    off = errors(found, wanted)
+    if target.flushes:
+        off = np.where(np.abs(wanted) <= _TINY, 0, off)
+    worst = int(np.argmax(off))
+    if off[worst] <= bound.ulp:
+        return Finding("same", ulp=round(float(off[worst]), 3))
+    given = ", ".join(repr(a[worst].item()) for a in arrays)
+    return Finding(
+        "differs",
+        f"for {given}: {found[worst]!r} is {off[worst]:.3g} units in the last place from {wanted[worst]!r}, "
+        f"and {bound.ulp:g} are allowed",
+        ulp=float(off[worst]),
+    )
+
+
+def errors(found: Array, wanted: Array) -> Array:
+    """How many units in the last place of a binary32 lie between what was found and exact results in binary64."""
+    with np.errstate(all="ignore"):
+        nearest = wanted.astype(np.float32)
+        exponent = np.floor(np.log2(np.maximum(np.abs(wanted), _TINY)))
+        distance = np.abs(found.astype(np.float64) - wanted) / 2.0 ** (np.minimum(exponent, 127) - 23)
+    same = (found == nearest) & (np.signbit(found) == np.signbit(nearest)) | np.isnan(found) & np.isnan(wanted)
+    measured = np.where(np.isfinite(nearest) & (nearest != 0), distance, 0)
+    return np.where(same, measured, np.nan_to_num(distance, nan=np.inf))
+
+
+def full_checks() -> list[Check]:
+    """A check of every function of one argument on all its inputs, against numpy on this machine."""
+    return [Check(f"{name}, all inputs", functools.partial(_all, name)) for name in SWEPT if _unary(name)]
+
+
+def _unary(name: str) -> bool:
+    return OPS[name].signature.partition(" -> ")[0].count("T") == 1
+
+
+def _all(name: str, target: Target) -> Finding:
+    verdict: Any = "same"
+    ulp = 0.0
+    kernel, reference = target.compile(function(name)), Target("numpy").compile(function(name))
+    for x in everything():
+        (found,) = flat_leaves(kernel(x))
+        finding = Finding("same")
+        if target.backend != "numpy":
+            finding = compare_arrays(Work(function(name), (x,)), target, [found], flat_leaves(reference(x)))
+        if name in TRANSCENDENTALS and not finding.wrong:
+            bounded = _bounded(name, found, (x,), OPS[name].bound("strict"), target)
+            ulp = max(ulp, bounded.ulp or 0)
+            finding = bounded if bounded.wrong else finding
+        if finding.wrong:
+            return finding
+        verdict = "denormals" if finding.verdict == "denormals" else verdict
+    return Finding(verdict, ulp=ulp)
+
+
+def _double(name: str, target: Target) -> Finding:
+    """The error of strict mode at f64, against mpmath in 160 bits."""
+    try:
+        import mpmath as mp
+    except ImportError:
+        return Finding("absent", "mpmath is not installed: pip install 'shpy-dsl[accuracy]'")
+    arrays = _doubles(name)
+    (found,) = flat_leaves(target.compile(function(name), precision="f64")(*arrays))
+    exact_of = _exact(mp, name)
+    worst, said = 0.0, ""
+    with mp.workprec(160):
+        for *given, value in zip(*arrays, found, strict=True):
+            exact = exact_of(*(mp.mpf(float(a)) for a in given))
+            place = mp.power(2, max(int(mp.floor(mp.log(abs(exact), 2))), -1022) - 52)
+            off = float(abs(mp.mpf(float(value)) - exact) / place) if np.isfinite(value) else np.inf
+            if off > worst:
+                worst, said = off, f"for {', '.join(map(repr, map(float, given)))}: {float(value)!r}"
+    bound = OPS[name].double.ulp
+    if worst <= bound:
+        return Finding("same", ulp=round(worst, 3))
+    return Finding(
+        "differs", f"{said} is {worst:.3g} units in the last place off, and {bound:g} are allowed", ulp=worst
+    )
+
+
+def _exact(mp: Any, name: str) -> Any:
+    others = {"exp2": lambda x: mp.power(2, x), "log2": lambda x: mp.log(x) / mp.log(2), "pow": mp.power}
+    return others.get(name) or getattr(mp, name)
+
+
+def _doubles(name: str) -> tuple[Array, ...]:
+    """Numbers from where the function is defined."""
+    u, v = (_between(k) for k in (1, 2))
+    match name:
+        case "asin" | "acos" | "atanh":
+            return (u,)
+        case "exp" | "exp2" | "sinh" | "cosh":
+            return (700 * u * u * u,)
+        case "log" | "log2":
+            return (np.ldexp(1.5 + 0.25 * u, (1000 * v).astype(np.int32)),)
+        case "acosh":
+            return (1 + np.ldexp(1 + np.abs(u), (30 * v).astype(np.int32)),)
+        case "pow":
+            return np.ldexp(1 + np.abs(u), (12 * v).astype(np.int32)), 60 * v
+        case "atan2":
+            return 1000 * u, v
+    return (np.ldexp(u, (20 * v).astype(np.int32)),)
+
+
+def _between(seed: int) -> Array:
+    """Numbers between -1 and 1 that are not 0."""
+    high, low = (scattered(_DOUBLES, 40 + 2 * seed + k).astype(np.float64) for k in (0, 1))
+    return (high + low * 2.0**-32 + 2.0**-40) * 2.0**-31 - 1

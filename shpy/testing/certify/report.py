@@ -1,0 +1,143 @@
+"""The report of a certificate: printed while it is made, and kept as JSON.
+
+Stage: test. Nothing in it names a person or a folder.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from shpy.backends.base import Device
+from shpy.backends.registry import backend
+from shpy.testing.certify.findings import SHOWN, Finding, Target
+from shpy.testing.certify.sections import Ran
+
+__all__ = ["FORMAT", "certificate", "device_lines", "device_of", "difference_lines", "section_line", "verdict"]
+
+FORMAT = 1
+"""The version of the JSON's layout."""
+_PACKAGES = ("shpy-dsl", "numpy", "pyopencl", "moderngl", "mpmath")
+_SPOKEN = {
+    "same": "same",
+    "denormals": "same but for denormals",
+    "refused": "refused",
+    "absent": "not checked",
+    "differs": "DIFFER",
+    "failed": "FAILED",
+}
+
+
+def device_of(target: Target) -> Device:
+    """The device of a target."""
+    return backend(target.backend).devices()[target.device or 0]
+
+
+def device_lines(target: Target) -> list[str]:
+    """Which device this is, in words."""
+    device = device_of(target)
+    lanes = f", {target.lanes} lane{'s' if target.lanes != 1 else ''}" if target.lanes else ""
+    said = [f"{target.backend}: {device.name}{lanes}"]
+    return said + [f"  {line}" for line in (device.version, *device.notes) if line]
+
+
+def section_line(ran: Ran) -> str:
+    """What a section found, in a line."""
+    total, reached = len(ran.section.checks), len(ran.findings)
+    counted = [f"{n} {spoken}" for verdict, spoken in _SPOKEN.items() if (n := ran.count(verdict))]
+    said = f"  {ran.section.name:12} {ran.section.title:38} {', '.join(counted)}"
+    worst = max(((f.ulp or 0, name) for name, f in ran.findings.items()), default=(0, ""))
+    if worst[0]:
+        said += f"; error up to {worst[0]:.3g} ULP ({worst[1]})"
+    if reached < total:
+        said += f"; {total - reached} left for --full"
+    return f"{said} ({ran.seconds:.0f} s)"
+
+
+def difference_lines(ran: Ran) -> list[str]:
+    """The first checks that differ with their inputs, and why others were refused or not made."""
+    said = []
+    for number, (name, finding) in enumerate(ran.wrong.items()):
+        if number == SHOWN:
+            said.append(f"    and {len(ran.wrong) - SHOWN} more: the JSON names them all")
+            break
+        first, *rest = finding.detail.splitlines() or [""]
+        said += [f"    {name}: {first}", *(f"      {line}" for line in rest)]
+    for verdict, spoken in (("absent", "not checked"), ("refused", "refused")):
+        reasons = sorted({f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail})
+        said += [f"    {spoken}: {reason}" for reason in reasons[:SHOWN]]
+    return said
+
+
+def verdict(rans: Sequence[Ran]) -> str:
+    """What the sections say of one device: "same bits", "same bits but for denormals", or "differs"."""
+    if any(ran.wrong for ran in rans):
+        return "differs"
+    return "same bits but for denormals" if any(ran.count("denormals") for ran in rans) else "same bits"
+
+
+def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
+    """What is kept: the machine, each device, and every finding."""
+    return {
+        "format": FORMAT,
+        "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "full": full,
+        "verdict": "differs" if any(verdict(rans) == "differs" for rans in found.values()) else "same bits",
+        "machine": {
+            "system": f"{platform.system()} {platform.release()}",
+            "architecture": platform.machine(),
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "python": platform.python_version(),
+            "packages": {name: _installed(name) for name in _PACKAGES},
+        },
+        "targets": [_target(target, rans) for target, rans in found.items()],
+    }
+
+
+def _target(target: Target, rans: Sequence[Ran]) -> dict[str, Any]:
+    device = device_of(target)
+    return {
+        "backend": target.backend,
+        "device": {
+            "index": target.device or 0,
+            "name": device.name,
+            "version": device.version,
+            "features": list(device.features),
+            "notes": list(device.notes),
+        },
+        "lanes": target.lanes or "auto",
+        "verdict": verdict(rans),
+        "sections": {
+            ran.section.name: {
+                "checks": len(ran.section.checks),
+                "seconds": round(ran.seconds, 1),
+                "findings": {name: _finding(finding) for name, finding in ran.findings.items()},
+            }
+            for ran in rans
+        },
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {name: value for name, value in asdict(finding).items() if value not in (None, "", ())}
+
+
+def _processor() -> str:
+    listed = Path("/proc/cpuinfo")
+    found = re.search(r"^model name\s*: (.*)$", listed.read_text(), re.MULTILINE) if listed.is_file() else None
+    return found[1] if found else platform.processor()
+
+
+def _installed(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,115 @@
+"""The sections of a certificate, and how one is run on a target.
+
+Stage: test. By default a section ends after its seconds; its checks are in an order that mixes their kinds.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import shpy
+from shpy.errors import CompileError, ShpyWarning
+from shpy.testing.certify.findings import Check, Finding, Section, Target
+from shpy.testing.certify.functions import bound_checks, full_checks, sweep_checks
+from shpy.testing.certify.pictures import example_checks, picture_checks
+from shpy.testing.conformance.cases import Case, all_cases
+
+__all__ = ["SECTIONS", "Progress", "Ran", "run_section", "sections"]
+
+SECTIONS: Final = ("conformance", "functions", "accuracy", "examples", "pictures")
+_GOLDEN_RATIO: Final = 0.6180339887498949
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a check before it is run, its number, and the number of checks."""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a section found on a target: findings by the names of its checks, of `count` in all."""
+
+    section: Section
+    findings: Mapping[str, Finding]
+    seconds: float
+
+    @property
+    def wrong(self) -> dict[str, Finding]:
+        """The findings that speak against the device."""
+        return {name: finding for name, finding in self.findings.items() if finding.wrong}
+
+    def count(self, verdict: str) -> int:
+        """How many checks had this verdict."""
+        return sum(finding.verdict == verdict for finding in self.findings.values())
+
+
+def sections(names: Sequence[str] = SECTIONS, full: bool = False) -> list[Section]:
+    """The sections of these names, in their order; `full` with all inputs of the functions of one argument."""
+    made = []
+    for name in SECTIONS:
+        if name not in names:
+            continue
+        match name:
+            case "conformance":
+                checks = [Check(case.name, functools.partial(_conform, case)) for case in mixed(all_cases())]
+                made.append(Section(name, "small programs with known results", 60, checks))
+            case "functions":
+                checks = sweep_checks() + (full_checks() if full else [])
+                made.append(Section(name, "every exponent, 2,048 numbers of each", 40, checks))
+            case "accuracy":
+                made.append(Section(name, "errors in relaxed mode and at f64", 15, bound_checks()))
+            case "examples":
+                made.append(Section(name, "kernels of the examples", None, example_checks()))
+            case "pictures":
+                made.append(Section(name, "rendered scenes", None, picture_checks()))
+    return made
+
+
+def mixed(cases: list[Case]) -> list[Case]:
+    """The cases in an order of which any beginning holds all kinds of them."""
+    order = sorted(range(len(cases)), key=lambda k: k * _GOLDEN_RATIO % 1)
+    return [cases[k] for k in order]
+
+
+def _conform(case: Case, target: Target) -> Finding:
+    wrong = case.difference(case.run(target.backend, **target.options), target.backend, **target.options)
+    return Finding("differs", wrong) if wrong else Finding("same")
+
+
+def run_section(section: Section, target: Target, *, full: bool, progress: Progress) -> Ran:
+    """Run the checks of a section, for its seconds or all of them."""
+    findings: dict[str, Finding] = {}
+    limit = None if full else section.seconds
+    started = time.monotonic()
+    for number, check in enumerate(section.checks):
+        if limit is not None and time.monotonic() - started > limit:
+            break
+        progress(check.name, number, len(section.checks))
+        findings[check.name] = _guarded(check, target)
+    return Ran(section, findings, time.monotonic() - started)
+
+
+def _guarded(check: Check, target: Target) -> Finding:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ShpyWarning)
+        found = _found(check, target)
+    return replace(found, warnings=tuple(_impersonal(str(warning.message)) for warning in caught))
+
+
+def _found(check: Check, target: Target) -> Finding:
+    # Drivers fail in ways of their own, and what else they do wrong is to be found too.
+    try:
+        return check.run(target)
+    except CompileError as error:
+        return Finding("refused", _impersonal(error.message))
+    except Exception as error:
+        return Finding("failed", _impersonal(f"{type(error).__name__}: {error}"))
+
+
+def _impersonal(text: str) -> str:
+    """The text without the folders of this machine."""
+    return text.replace(f"{Path(shpy.__file__).parents[1]}/", "").replace(str(Path.home()), "~")

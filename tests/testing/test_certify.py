@@ -1,0 +1,206 @@
+"""`shpy certify`: what it says of devices that give our bits, and of one that does not."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from testing.faults import op, with_fault
+
+from shpy import cli
+from shpy.ir.text import print_module
+from shpy.testing.certify import __main__ as maker
+from shpy.testing.certify import command, functions, pictures, sections
+from shpy.testing.certify.comparing import Work
+from shpy.testing.certify.findings import Check, Finding, Section, Target
+from shpy.testing.certify.golden import KERNELS, digest, golden
+from shpy.testing.certify.inputs import pairs, sweep
+from shpy.testing.certify.report import section_line, verdict
+from shpy.testing.conformance.cases import all_cases
+
+ROOT = Path(__file__).parents[2]
+everywhere = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+
+
+def keep(monkeypatch: Any, *names: str) -> None:
+    """Make `shpy certify` run these checks alone."""
+
+    def few(wanted: Any = sections.SECTIONS, full: bool = False) -> list[Section]:
+        made = sections.sections(wanted, full)
+        kept = [[c for c in s.checks if c.name in names] for s in made]
+        return [Section(s.name, s.title, None, k) for s, k in zip(made, kept, strict=True)]
+
+    monkeypatch.setattr(command, "sections", few)
+
+
+FEW = ("add-f", "mandelbrot", "exp", "exp, relaxed", "boxes")
+
+
+@everywhere
+def test_a_device_that_gives_our_bits_is_told_so(backend: str, monkeypatch: Any, capsys: Any, tmp_path: Path) -> None:
+    keep(monkeypatch, *FEW)
+    path = tmp_path / "certificate.json"
+    assert cli.main(["certify", "--backend", backend, "-o", str(path)]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert said.out.splitlines()[-1] == f"SAME BITS: {backend}. Nothing is left to do."
+    content = json.loads(path.read_text())
+    (target,) = content["targets"]
+    assert [name for s in target["sections"].values() for name in s["findings"]] == sorted(FEW, key=ORDER.index)
+    assert target["sections"]["pictures"]["findings"]["boxes"]["hash"] == golden()["pictures"]["boxes"]
+
+
+ORDER = ("add-f", "exp", "exp, relaxed", "mandelbrot", "boxes")
+
+
+def test_a_fault_is_named_with_its_inputs(monkeypatch: Any, capsys: Any, tmp_path: Path) -> None:
+    with_fault(monkeypatch, "glsl", op("mul", "add"))
+    keep(monkeypatch, "mul-f", "nbody", "floor-f")
+    path = tmp_path / "found.json"
+    assert cli.main(["certify", "--backend", "glsl", "--section", "conformance,examples", "-o", str(path)]) == 1
+    said = capsys.readouterr().out
+    assert "mul-f on glsl, output 0, for {" in said
+    assert "nbody: 256 of 256 elements differ" in said
+    assert said.splitlines()[-1].startswith("DIFFERS: glsl. ")
+    (target,) = json.loads(path.read_text())["targets"]
+    found = {name: f["verdict"] for s in target["sections"].values() for name, f in s["findings"].items()}
+    assert found == {"mul-f": "differs", "floor-f": "same", "nbody": "differs"}
+
+
+def test_an_error_beyond_the_bound_is_named_with_its_input(monkeypatch: Any) -> None:
+    with_fault(monkeypatch, "numpy", op("sinh", "tan"))
+    (check,) = [c for c in functions.bound_checks() if c.name == "sinh, relaxed"]
+    found = check.run(Target("numpy"))
+    assert found.verdict == "differs"
+    assert "units in the last place from" in found.detail
+    assert found.ulp is not None
+    assert found.ulp > 4
+
+
+def test_the_json_tells_the_device_and_no_folder(monkeypatch: Any, tmp_path: Path) -> None:
+    keep(monkeypatch, "add-f")
+    path = tmp_path / "c.json"
+    assert cli.main(["certify", "--section", "conformance", "-o", str(path)]) == 0
+    text = path.read_text()
+    content = json.loads(text)
+    assert sorted(content) == ["format", "full", "machine", "made", "targets", "verdict"]
+    assert [t["backend"] for t in content["targets"]] == ["numpy", "opencl", "glsl"]
+    for target in content["targets"]:
+        assert sorted(target) == ["backend", "device", "lanes", "sections", "verdict"]
+        assert target["device"]["name"]
+        assert target["sections"]["conformance"]["checks"] == 1
+        assert target["sections"]["conformance"]["findings"] == {"add-f": {"verdict": "same"}}
+    assert content["machine"]["packages"]["numpy"] == np.__version__
+    assert str(ROOT) not in text
+    assert str(Path.home()) + "/" not in text
+    assert [p.name for p in tmp_path.iterdir()] == ["c.json"]
+
+
+def test_a_driver_that_fails_is_reported_and_the_rest_is_run() -> None:
+    def fail(target: Target) -> Finding:
+        raise OSError("the driver is gone")
+
+    section = Section("functions", "sweeps", None, [Check("a", fail), Check("b", lambda target: Finding("same"))])
+    ran = sections.run_section(section, Target("numpy"), full=False, progress=lambda *_: None)
+    assert ran.findings["a"] == Finding("failed", "OSError: the driver is gone")
+    assert not ran.findings["b"].wrong
+    assert verdict([ran]) == "differs"
+
+
+def test_checks_that_were_not_reached_are_counted() -> None:
+    section = Section("functions", "sweeps", -1, [Check(name, lambda target: Finding("same")) for name in "abc"])
+    ran = sections.run_section(section, Target("numpy"), full=False, progress=lambda *_: None)
+    assert "3 left for --full" in section_line(ran)
+    whole = sections.run_section(section, Target("numpy"), full=True, progress=lambda *_: None)
+    assert "left for" not in section_line(whole)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--section", "poetry"], "there is no section 'poetry'"),
+        (["--device", "0"], "--device and --lanes are of one backend"),
+        (["--backend", "opencl", "--device", "99"], "there is no opencl device 99"),
+        (["--backend", "glsl", "--lanes", "8"], "glsl has no lanes to choose"),
+        (["-o", "nowhere/c.json"], "there is no folder nowhere"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(words: list[str], said: str, capsys: Any) -> None:
+    assert cli.main(["certify", *words]) == 2
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert printed.out == ""
+
+
+def test_ctrl_c_leaves_one_line_and_no_file(monkeypatch: Any, capsys: Any, tmp_path: Path) -> None:
+    def stop(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "run_section", stop)
+    assert cli.main(["certify", "--backend", "numpy", "-o", str(tmp_path / "c.json")]) == 130
+    assert capsys.readouterr().err == "shpy: stopped\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_are_not_rendered_where_there_is_no_ray_tracer(monkeypatch: Any) -> None:
+    monkeypatch.setitem(sys.modules, "raytracer", None)
+    found = pictures.picture_checks()[0].run(Target("numpy"))
+    assert found.verdict == "absent"
+    assert "the ray tracer is not installed here" in found.detail
+
+
+# The golden file: `python -m shpy.testing.certify --write-golden` writes it anew.
+
+
+def test_every_check_of_bits_has_a_hash() -> None:
+    assert sorted(golden()["functions"]) == sorted(functions.SWEPT)
+    assert sorted(golden()["examples"]) == sorted(pictures.EXAMPLES) == sorted(p.stem for p in KERNELS.glob("*.ir"))
+    assert sorted(golden()["pictures"]) == sorted(pictures.SCENES)
+
+
+@pytest.mark.parametrize("name", functions.SWEPT)
+def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
+    found = Work(functions.function(name), functions.arguments(name)).run(Target("numpy"))
+    assert digest(found) == golden()["functions"][name], "run python -m shpy.testing.certify --write-golden"
+
+
+def test_the_hashes_of_pictures_are_those_of_numpy() -> None:
+    assert digest(pictures.example("marble").run(Target("numpy"))) == golden()["examples"]["marble"]
+    assert digest(pictures.picture("boxes", "numpy").values()) == golden()["pictures"]["boxes"]
+
+
+def test_the_kernels_are_those_of_the_examples() -> None:
+    recorded = maker.kernels(ROOT / "examples")
+    for name, program in recorded.items():
+        if name != "blur":  # its weights are constants that numpy computes, with errors of its own
+            text = (KERNELS / f"{name}.ir").read_text()
+            assert text == print_module(program.ir, names=False, locations=False), f"{name}: run --write-golden"
+
+
+def test_a_hash_tells_bits_apart_but_no_nan() -> None:
+    zeros = np.zeros(3, np.float32)
+    assert digest([zeros]) != digest([-zeros])
+    assert digest([zeros]) != digest([zeros.astype(np.float64)])
+    assert digest([zeros, zeros]) != digest([zeros])
+    others = np.array([0x7FC00000, 0xFFC00001], np.uint32).view(np.float32)
+    assert digest([others[:1]]) == digest([others[1:]])
+
+
+def test_a_sweep_has_every_exponent_and_no_denormal() -> None:
+    x = sweep(16)
+    exponents, counts = np.unique(x.view(np.uint32) >> np.uint32(23), return_counts=True)
+    assert len(exponents) == 512
+    assert set(counts[1:256]) == {16}
+    assert not ((x != 0) & (np.abs(x) < 2.0**-126)).any()
+    a, b, c = pairs(1 << 12, 3, 3)
+    assert len(a) == len(b) == len(c) > 4000
+
+
+def test_any_beginning_of_the_conformance_list_holds_every_kind() -> None:
+    cases = all_cases()
+    first = sections.mixed(cases)[:64]
+    assert {cases.index(case) * 8 // len(cases) for case in first} == set(range(8))
