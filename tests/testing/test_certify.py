@@ -50,11 +50,8 @@ def test_a_device_that_gives_our_bits_is_told_so(backend: str, monkeypatch: Any,
     assert said.out.splitlines()[-1] == f"SAME BITS: {backend}. Nothing is left to do."
     content = json.loads(path.read_text())
     (target,) = content["targets"]
-    assert [name for s in target["sections"].values() for name in s["findings"]] == sorted(FEW, key=ORDER.index)
+    assert {name for s in target["sections"].values() for name in s["findings"]} == set(FEW)
     assert target["sections"]["pictures"]["findings"]["boxes"]["hash"] == golden()["pictures"]["boxes"]
-
-
-ORDER = ("add-f", "exp", "exp, relaxed", "mandelbrot", "boxes")
 
 
 def test_a_fault_is_named_with_its_inputs(monkeypatch: Any, capsys: Any, tmp_path: Path) -> None:
