@@ -139,10 +139,10 @@ def _summary(image: Image) -> str:
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Progress | None]:
-    """A bar on the terminal that appears when the work takes long; None where the output is no terminal."""
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A bar on the terminal that appears when the work takes long; without a terminal, a line every few seconds."""
     if not sys.stderr.isatty() or find_spec("rich") is None:
-        yield None
+        yield sh.command.progress_lines(title)
         return
     from rich.console import Console
     from rich.progress import Progress as Bar

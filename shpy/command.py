@@ -14,10 +14,11 @@ import math
 import os
 import re
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 
-__all__ = ["INTERRUPTED", "MOST", "real", "run", "whole"]
+__all__ = ["INTERRUPTED", "MOST", "progress_lines", "real", "run", "whole"]
 
 INTERRUPTED = 130
 """The exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
@@ -46,6 +47,22 @@ def run(name: str, work: Callable[[], int], *, stopped: str = "stopped") -> int:
         return _say(name, stopped, INTERRUPTED)
     except MemoryError as error:
         return _say(name, f"there is not enough memory{f': {error}' if str(error) else ''}", 1)
+
+
+def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]:
+    """A function of how much is done and of how much: it prints a line to standard error every few seconds.
+
+    Work that takes less than `every` seconds prints nothing.
+    """
+    last = time.monotonic()
+
+    def progress(done: int, total: int) -> None:
+        nonlocal last
+        if done < total and time.monotonic() - last >= every:
+            last = time.monotonic()
+            print(f"{title}: {done} of {total}", file=sys.stderr, flush=True)
+
+    return progress
 
 
 def _say(name: str, text: str, status: int) -> int:

@@ -22,7 +22,7 @@ from shpy.accuracy.measure import measure
 from shpy.accuracy.tradeoff import tradeoff
 from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
-from shpy.command import MOST, whole
+from shpy.command import MOST, progress_lines, whole
 from shpy.errors import ShpyError
 from shpy.ir.types import Base
 from shpy.lang.data import TableType, TextureType
@@ -88,7 +88,13 @@ def _accuracy(options: argparse.Namespace) -> int:
 
 def _tradeoff(options: argparse.Namespace) -> int:
     program = load(options.program)
-    found = tradeoff(program, budget=options.error, elements=options.elements, **_shared(options, program))
+    found = tradeoff(
+        program,
+        budget=options.error,
+        elements=options.elements,
+        progress=progress_lines("variants and rounds of timing"),
+        **_shared(options, program),
+    )
     print(found.table())
     _write(found, options.output)
     try:

@@ -188,31 +188,37 @@ def tradeoff(
     elements: int = 100_000,
     rounds: int = 7,
     seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Tradeoff:
     """Run every variant (backend, mode, precision, the user's choices) and pick the fastest that keeps `budget`.
 
     Errors are those on `samples` elements of the domain and the special values inside it, against the first
     alternatives without rounding. Times are of `elements` elements from call to result, warmed up, all variants in
     turn, `rounds` times. The pick holds on four times as many unseen elements as well, else the next is taken. What a
-    target cannot do is skipped, and said so.
+    target cannot do is skipped, and said so. `progress` is called with how many variants and rounds of timing are done,
+    and how many there are.
     """
     made = list(combinations(program))
+    tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
+    tell = progress or (lambda done, total: None)
+    steps = len(tried) + rounds
     first = made[0][1]
     search = _Search(first, domain, budget, reference, samples, seed)
     found: list[Candidate] = []
     skipped: list[tuple[str, str]] = []
-    for picks, one in made:
-        for variant in variants(backends, math, precision):
-            try:
-                kernel = one.compile(variant.backend, **variant.options)
-                candidate = Candidate(variant, picks, one, kernel, code=len(kernel.source))
-                candidate.error = search.error(candidate)
-                found.append(candidate)
-            except (BackendUnavailable, CompileError) as error:
-                skipped.append((" ".join([str(variant), *picks.values()]), error.message))
+    for done, (picks, one, variant) in enumerate(tried):
+        tell(done, steps)
+        try:
+            kernel = one.compile(variant.backend, **variant.options)
+            candidate = Candidate(variant, picks, one, kernel, code=len(kernel.source))
+            candidate.error = search.error(candidate)
+            found.append(candidate)
+        except (BackendUnavailable, CompileError) as error:
+            skipped.append((" ".join([str(variant), *picks.values()]), error.message))
     if not found:
         raise ShpyError(f"no variant of {first.name} can be run", loc=here(), cure=skipped[0][1] if skipped else None)
-    _time(found, draw(first, domain, elements, np.random.default_rng(seed + 2), special=False), rounds)
+    timed = draw(first, domain, elements, np.random.default_rng(seed + 2), special=False)
+    _time(found, timed, rounds, lambda done: tell(len(tried) + done, steps))
     found.sort(key=lambda c: c.ns)
     for candidate in (c for c in found if c.error <= budget.limit):
         candidate.held = search.holds(candidate)
@@ -278,14 +284,15 @@ def _seconds(candidate: Candidate, drawn: Samples, calls: int) -> float:
     return time.perf_counter() - start
 
 
-def _time(candidates: list[Candidate], drawn: Samples, rounds: int) -> None:
+def _time(candidates: list[Candidate], drawn: Samples, rounds: int, tell: Callable[[int], None]) -> None:
     """Set each candidate's time: all in turn, the median of the rounds and their quartiles.
 
     In each turn a candidate runs once more than it is timed: the first call finds the caches and the threads as another
     candidate has left them. Short calls are timed several at once.
     """
     taken: list[list[float]] = [[] for _ in candidates]
-    for _ in range(rounds):
+    for done in range(rounds):
+        tell(done)
         for candidate, times in zip(candidates, taken, strict=True):
             first = _seconds(candidate, drawn, 1)
             calls = max(1, int(_ENOUGH / first))
@@ -293,3 +300,4 @@ def _time(candidates: list[Candidate], drawn: Samples, rounds: int) -> None:
     for candidate, times in zip(candidates, taken, strict=True):
         low, candidate.ns, high = (float(v) for v in np.quantile(times, (0.25, 0.5, 0.75)))
         candidate.spread = low, high
+    tell(rounds)

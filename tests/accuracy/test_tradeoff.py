@@ -121,6 +121,12 @@ def test_what_does_not_hold_on_unseen_inputs_is_not_picked(monkeypatch):
     assert found.pick.picks["root"] == "exactly"
 
 
+def test_progress_counts_variants_and_rounds():
+    seen = []
+    sh.accuracy.tradeoff(twice, NEAR_ONE, sh.accuracy.ulp(4), progress=lambda *done: seen.append(done), **FEW)
+    assert seen == [(done, 5) for done in range(6)]  # two alternatives, three rounds
+
+
 def test_no_variant_is_close_enough():
     found = sh.accuracy.tradeoff(twice, NEAR_ONE, sh.accuracy.ulp(0.001), **FEW)
     with pytest.raises(sh.ShpyError, match=r"no variant of twice keeps ulp\(0.001\): the closest, numpy"):

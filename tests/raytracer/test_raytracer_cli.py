@@ -1,9 +1,11 @@
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import shpy as sh
 from raytracer import cli
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
@@ -78,9 +80,16 @@ def test_doctor_names_backends_and_packages(capsys):
         assert word in out
 
 
-def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
+def test_without_a_terminal_progress_is_a_line_every_few_seconds(monkeypatch, capsys):
+    clock = iter([0, 2, 6, 6, 7, 11, 11])
+    monkeypatch.setattr(sh.command, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     with cli.progress_bar("work") as progress:
-        assert progress is None
+        for done in range(5):
+            progress(done, 4)
+    assert capsys.readouterr().err == "work: 1 of 4\nwork: 3 of 4\n"
+
+
+def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with cli.progress_bar("work") as progress:
         progress(1, 2)
