@@ -97,7 +97,7 @@ class Table:
             raise ShpyTypeError(
                 f"{what} of {self.type.__name__} takes an array (*shape, {n}), not {data.shape}",
                 loc=here(),
-                cure=f"array.reshape(-1, {n})",
+                cure=f"array[..., :{n}]" if data.ndim > 1 and data.shape[-1] > n else f"array.reshape(-1, {n})",
             )
         if rank not in (1, 2, 3):
             raise ShpyTypeError(

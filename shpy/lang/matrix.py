@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import ShpyAttributeError, ShpyTypeError
+from shpy.errors import ShpyAttributeError, ShpyIndexError, ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang import builtins
 from shpy.lang.coerce import literal
@@ -122,7 +122,7 @@ class Matrix:
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, tuple):
-            row, column = key
+            row, column = self._pair(key)
             return self[row][column]
         if isinstance(key, slice) and key == slice(None):
             return self.copy()
@@ -131,17 +131,33 @@ class Matrix:
             for i in reversed(range(self.size - 1)):
                 chosen = builtins.cond(key <= i, self.rows[i], chosen)
             return chosen
-        return self.rows[key].copy()
+        return self._row(key).copy()
+
+    def _row(self, key: Any) -> Value:
+        """The row of a known index. Raises ShpyIndexError out of range."""
+        if not isinstance(key, int | np.integer) or isinstance(key, bool):
+            raise ShpyTypeError(f"{key!r} is no row of a {type(self).__name__}", loc=here(), cure="m[r], or m[r, c]")
+        if not -self.size <= key < self.size:
+            raise ShpyIndexError(f"row {key} of {self.size}", loc=here(), cure=f"0 to {self.size - 1}")
+        return self.rows[key]
+
+    def _pair(self, key: tuple[Any, ...]) -> tuple[Any, ...]:
+        if len(key) != 2:
+            raise ShpyTypeError(f"a matrix has 2 axes, not {len(key)}", loc=here(), cure="m[r], or m[r, c]")
+        if isinstance(key[0], slice):
+            raise ShpyTypeError("a matrix has rows, and no slices of them", loc=here(), cure="sh.transpose(m)[c]")
+        return key
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if isinstance(key, tuple):
-            self.rows[key[0]][key[1]] = value
+            row, column = self._pair(key)
+            self._row(row)[column] = value
         elif isinstance(key, slice) and key == slice(None):
             fresh = self._plain()(value)
             for row, new in zip(self.rows, fresh.rows, strict=True):
                 row[:] = new
         else:
-            self.rows[key][:] = value
+            self._row(key)[:] = value
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -235,6 +251,12 @@ class Matrix:
 
     def __pow__(self, other: Any) -> Any:
         return self._refuse("**", other, "m @ m for the square")
+
+    def __eq__(self, other: object) -> Any:
+        return self._refuse("==", other, f"sh.all(m[0] == n[0]) & … & sh.all(m[{self.size - 1}] == n[{self.size - 1}])")
+
+    def __ne__(self, other: object) -> Any:
+        return self._refuse("!=", other, f"sh.any(m[0] != n[0]) | … | sh.any(m[{self.size - 1}] != n[{self.size - 1}])")
 
     def __neg__(self) -> Any:
         return self._plain()(*(-r for r in self.rows))

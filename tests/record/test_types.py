@@ -163,6 +163,42 @@ def test_matrices():
     assert np.allclose(sh.determinant(sh.Matrix4f(*four)), np.linalg.det(four), rtol=1e-4)
 
 
+MATRIX_MISTAKES = {
+    "Matrix3f == Matrix3f has no meaning": (sh.ShpyTypeError, lambda m: m == m, "sh.all(m[0] == n[0])"),
+    "Matrix3f != Matrix3f has no meaning": (sh.ShpyTypeError, lambda m: m != sh.Matrix3f(), "sh.any(m[0] != n[0])"),
+    "Matrix3f == int has no meaning": (sh.ShpyTypeError, lambda m: m == 1, "sh.all(m[0] == n[0])"),
+    "row 3 of 3": (sh.ShpyIndexError, lambda m: m[3], "0 to 2"),
+    "row -4 of 3": (sh.ShpyIndexError, lambda m: m[-4, 0], "0 to 2"),
+    "row 4 of 3": (sh.ShpyIndexError, lambda m: m.__setitem__((4, 0), 1.0), "0 to 2"),
+    "row 5 of 3": (sh.ShpyIndexError, lambda m: m.__setitem__(5, (1, 2, 3)), "0 to 2"),
+    "'a' is no row of a Matrix3f": (sh.ShpyTypeError, lambda m: m["a"], "m[r, c]"),
+    "a matrix has 2 axes, not 3": (sh.ShpyTypeError, lambda m: m[0, 1, 2], "m[r, c]"),
+    "no slices": (sh.ShpyTypeError, lambda m: m[:, 0], "sh.transpose(m)[c]"),
+}
+
+
+@pytest.mark.parametrize("said", MATRIX_MISTAKES)
+def test_mistakes_with_matrices_have_cures(said):
+    kind, mistake, cure = MATRIX_MISTAKES[said]
+    with pytest.raises(kind) as error:
+        mistake(sh.Matrix3f())
+    assert said in str(error.value)
+    assert cure in error.value.cure
+    assert __file__ in str(error.value)
+
+
+def test_matrices_and_other_objects_are_not_equal():
+    m = sh.Matrix2f()
+    assert (m == None, m != None, m[-1].y) == (False, True, 1)  # noqa: E711
+
+
+def test_a_table_of_an_array_with_a_channel_more_names_the_slice():
+    for shape, cure in (((5, 4), "array[..., :3]"), ((6, 2), "array.reshape(-1, 3)"), (12, "array.reshape(-1, 3)")):
+        with pytest.raises(sh.ShpyTypeError) as error:
+            sh.Table(np.zeros(shape), sh.Attrib3f)
+        assert error.value.cure == cure
+
+
 def test_a_matrix_moves_points_turns_vectors_and_keeps_normals_normal():
     m = sh.Matrix4f((2, 0, 0, 1), (0, 1, 0, 2), (0, 0, 1, 3), (0, 0, 0, 1))
     assert value(m @ sh.Point3f(1, 1, 1)) == [3, 3, 4]
