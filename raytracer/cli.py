@@ -18,7 +18,8 @@ from pathlib import Path
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError
-from raytracer.image import Image, writer
+from raytracer.image import SAVING, Image, writer
+from raytracer.memory import check_fits
 from raytracer.renderer import Progress, render
 from raytracer.scene import Scene
 from raytracer.scenes import SCENES
@@ -87,6 +88,8 @@ def _render(options: argparse.Namespace) -> int:
     scene = find_scene(options.scene)
     output = options.output or Path(f"{scene.name}.png")
     writer(output)  # complains now about a path that cannot be written later
+    width, height = options.size
+    check_fits(width, height, SAVING[output.suffix.lower()])
     with progress_bar(f"{scene.name}, {scene.triangles:,} triangles") as progress:
         image = render(
             scene,

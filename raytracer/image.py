@@ -24,6 +24,10 @@ from raytracer.errors import SceneError
 Array = NDArray[Any]
 
 
+_ENCODED = 1 << 18
+"""Pixels that are encoded at once, in binary64: a large picture needs little memory besides its own."""
+
+
 def encoded(pixels: Array) -> Array:
     """Linear RGB (..., 3), clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1), in binary64."""
     linear = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1)
@@ -67,7 +71,11 @@ class Image:
     @property
     def srgb(self) -> NDArray[np.uint8]:
         """The pixels as sRGB bytes (IEC 61966-2-1), clipped to [0, 1]."""
-        return np.asarray(np.rint(encoded(self.pixels) * 255), dtype=np.uint8)
+        found = np.empty(self.pixels.shape, dtype=np.uint8)
+        rows = max(1, _ENCODED // max(1, self.pixels.shape[1]))
+        for top in range(0, len(found), rows):
+            found[top : top + rows] = np.rint(encoded(self.pixels[top : top + rows]) * 255)
+        return found
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); gives the path.
@@ -145,4 +153,6 @@ def _write_npy(image: Image, name: str) -> None:
 
 
 _WRITERS: dict[str, Callable[[Image, str], None]] = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}
+SAVING: Mapping[str, int] = {".png": 10, ".exr": 56, ".npy": 36}
+"""Bytes of a pixel that saving needs besides the layers: the file's own copies of them."""
 _PACKAGES: dict[str, Callable[[], Any]] = {".png": _pillow, ".exr": _openexr}

@@ -23,6 +23,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layout import Layout
+from raytracer.memory import check_fits
 from raytracer.scene import Scene
 
 Progress = Callable[[int, int], None]
@@ -184,9 +185,11 @@ def render(
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
-    Raises SceneError for sizes and numbers that make no picture, for another accelerator, and for an error that no
+    Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for another
+    accelerator, and for an error that no
     variant keeps; sh.BackendUnavailable for a backend that is not there.
     """
+    _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         from raytracer.trade import fastest
 
@@ -204,6 +207,7 @@ def _checked(size: tuple[int, int]) -> tuple[int, int]:
         raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
     if not (1 <= width <= 32768 and 1 <= height <= 32768):
         raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
+    check_fits(width, height)
     return width, height
 
 

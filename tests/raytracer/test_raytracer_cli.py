@@ -1,3 +1,4 @@
+import os
 import re
 import sys
 from types import SimpleNamespace
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import cli
+from raytracer import Scene, SceneError, cli, memory, renderer
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 
@@ -24,6 +25,49 @@ def test_render_a_file_with_more_samples(tmp_path):
     mesh.write_text(QUAD)
     assert cli.main(["render", str(mesh), "-o", str(path), "--size", "16x16", "--samples", "4"]) == 0
     assert path.stat().st_size > 100
+
+
+def test_a_picture_that_does_not_fit_into_memory_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
+    def fail(*_, **__):
+        raise AssertionError("something ran")
+
+    monkeypatch.setattr(memory, "free_bytes", lambda: 40_000_000_000)
+    monkeypatch.setattr(renderer, "Renderer", fail)
+    path = tmp_path / "large.png"
+    arguments = ["render", "boxes", "-o", str(path), "--backend", "numpy", "--size"]
+    assert cli.main([*arguments, "32768x32768"]) == 1
+    said = capsys.readouterr().err
+    # 36 bytes of layers and 10 for the PNG.
+    assert said == (
+        "raytracer: a picture of 32768 x 32768 pixels takes 49,392,123,904 bytes of memory, "
+        "and 40,000,000,000 are free: choose a smaller size\n"
+    )
+    assert not path.exists()
+    monkeypatch.setattr(memory, "free_bytes", lambda: 20_000_000_000)
+    with pytest.raises(SceneError, match="38,654,705,664 bytes"):
+        renderer.render(Scene.builtin("boxes"), (32768, 32768), backend="numpy")
+    with pytest.raises(AssertionError, match="something ran"):  # half as wide and high it fits
+        renderer.render(Scene.builtin("boxes"), (16384, 16384), backend="numpy")
+
+
+def test_what_a_container_may_still_take(tmp_path):
+    (tmp_path / "memory.current").write_text("700\n")
+    (tmp_path / "memory.stat").write_text("anon 400\ninactive_file 200\n")
+    group = (str(tmp_path), *memory._GROUPS[0][1:])
+    for most, free in (("1000\n", 500), ("max\n", None), ("100\n", 0)):
+        (tmp_path / "memory.max").write_text(most)
+        assert memory._free_in_group(*group) == free
+
+
+def test_free_memory_is_what_the_system_has():
+    """Only Linux tells; elsewhere nothing is refused."""
+    free = memory.free_bytes()
+    if not sys.platform.startswith("linux"):
+        assert free is None
+        return
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert free is not None
+    assert total // 1000 < free < 100 * total
 
 
 @pytest.mark.parametrize(
