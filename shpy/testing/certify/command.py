@@ -119,5 +119,6 @@ def _conclude(found: dict[Target, list[Ran]], path: Path) -> int:
     if wrong:
         print(f"DIFFERS: {', '.join(wrong)}. Please open an issue and attach {path.name}: it is all that is needed.")
         return 1
-    print(f"SAME BITS: {', '.join(target.backend for target in found)}. Nothing is left to do.")
+    said = [target.backend + verdict(rans).removeprefix("same bits") for target, rans in found.items()]
+    print(f"SAME BITS: {', '.join(said)}. Nothing is left to do.")
     return 0

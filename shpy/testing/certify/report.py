@@ -70,9 +70,9 @@ def difference_lines(ran: Ran) -> list[str]:
             break
         first, *rest = finding.detail.splitlines() or [""]
         said += [f"    {name}: {first}", *(f"      {line}" for line in rest)]
-    for verdict, spoken in (("absent", "not checked"), ("refused", "refused")):
+    for verdict, spoken in (("absent", "not checked"), ("refused", "refused with an error, never run wrong")):
         reasons = sorted({f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail})
-        said += [f"    {spoken}: {reason}" for reason in reasons[:SHOWN]]
+        said += [f"    {spoken}: {', '.join(reasons[:SHOWN])}"] if reasons else []
     return said
 
 
