@@ -10,7 +10,7 @@ import shpy as sh
 from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL
 from shpy.ir.traverse import walk
-from shpy.testing.conformance import operations
+from shpy.testing.conformance import operations, zeros
 from shpy.testing.conformance.cases import Case, all_cases, differs
 
 CASES = all_cases()
@@ -59,9 +59,9 @@ def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
     case.check(case.run(width), width)
 
 
-@each(operations.ROWS[::4])
+@each([*zeros.cases(), *operations.ROWS[::4]])
 def test_one_lane_does_each_operation(case: Case) -> None:
-    """A GPU runs one lane; `python -m tests.drivers` runs the whole list there."""
+    """A GPU runs one lane, so all numbers that a compiler derives count. `python -m tests.drivers` runs the whole list."""
     case.check(case.run("opencl-1"), "opencl-1")
 
 

@@ -26,8 +26,9 @@ import numpy as np
 from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
-from shpy.backends.opencl.packet_prologue import ELEMENTWISE, SIGNS, Abilities
+from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.spelling import ELEMENTWISE
 from shpy.backends.opencl.trial import Trial, works
 from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace

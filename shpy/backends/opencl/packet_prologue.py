@@ -28,13 +28,10 @@ from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
 from shpy.backends.opencl.prologue import SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
-__all__ = ["ELEMENTWISE", "IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]
+__all__ = ["IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]
 
 IN_REGISTERS: Final = 8
 """Local arrays of so many elements at most are chosen from by comparing; longer ones are memory."""
-
-ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
-"""Operations that Clang has as `__builtin_elementwise_floor` and so on."""
 
 SIGNS: Final = {
     4: "__builtin_ia32_movmskps(as_float4(mask))",

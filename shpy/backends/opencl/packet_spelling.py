@@ -14,7 +14,7 @@ from typing import Final
 
 from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
-from shpy.backends.opencl.packet_prologue import ELEMENTWISE, IN_REGISTERS, PacketPrologue
+from shpy.backends.opencl.packet_prologue import IN_REGISTERS, PacketPrologue
 from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of
 from shpy.backends.opencl.spelling import FAST, NATIVE, Spelling
 from shpy.ir.nodes import Let, Store, Variable
@@ -90,8 +90,6 @@ class PacketSpelling(Spelling):
         """OpenCL's function, the compiler's, or one of the prologue."""
         if not isinstance(types[0], Lanes):
             return super().function(op, types)
-        if op in ELEMENTWISE and self.prologue.abilities.elementwise:
-            return f"__builtin_elementwise_{ELEMENTWISE[op]}"
         if op in ("min", "max") and types[0].is_int:
             return op
         if self.math == "fast" and op in FAST | NATIVE.keys():

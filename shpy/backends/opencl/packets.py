@@ -77,6 +77,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         self.columns = columns
         self.ports = ports
         self.prologue = PacketPrologue(lanes, abilities, columns)
+        self.elementwise = abilities.elementwise
         for base in Base:
             for size in (2, 3, 4):
                 if base is not Base.H:

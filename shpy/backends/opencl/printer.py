@@ -50,9 +50,12 @@ class Kernel:
     columns: int = 1
 
 
-def print_kernel(module: Module, math: Math = "strict") -> Kernel:
-    """The kernel of a prepared module; CompileError for what OpenCL cannot do."""
-    return OpenCLPrinter(module, math).print()
+def print_kernel(module: Module, math: Math = "strict", *, elementwise: bool = False) -> Kernel:
+    """Print the kernel of a prepared module; CompileError for what OpenCL cannot do.
+
+    `elementwise`: the compiler has the functions of `spelling.ELEMENTWISE`.
+    """
+    return OpenCLPrinter(module, math, elementwise=elementwise).print()
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +73,9 @@ class Needs:
 class OpenCLPrinter(Spelling):
     """Prints one module."""
 
-    def __init__(self, module: Module, math: Math = "strict") -> None:
+    def __init__(self, module: Module, math: Math = "strict", *, elementwise: bool = False) -> None:
         super().__init__(module, math)
+        self.elementwise = elementwise
         self.count = self.globals.take("count")
         self.first = self.globals.take("first")
         self.grid_names = {op: self.globals.take(op) for op in (_INDEX, _SHAPE)}

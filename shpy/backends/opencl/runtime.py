@@ -25,15 +25,16 @@ from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, m
 from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
-from shpy.backends.opencl.spelling import FAST
+from shpy.backends.opencl.spelling import ELEMENTWISE, FAST
 from shpy.backends.opencl.widths import Choosing, known_width
 from shpy.backends.pace import Pace
 from shpy.backends.probe import refuse_wrong
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Loc, Module, Status
+from shpy.ir.nodes import Let, Loc, Module, Status
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.text import print_module
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
@@ -99,7 +100,10 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     if options.math == "strict":
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     if lanes == 1:
-        kernel = print_kernel(prepared.module, options.math)
+        statements = (s for f in prepared.module.functions for s in walk(f.body))
+        rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
+        elementwise = rounds and machine.abilities.elementwise
+        kernel = print_kernel(prepared.module, options.math, elementwise=elementwise)
     else:
         kernel = print_packets(prepared.module, lanes, machine.abilities, options.math)
     if kernel.doubles and not machine.doubles:

@@ -42,6 +42,13 @@ FUNCTIONS: Final[Mapping[str, str]] = {
 }
 """Operations that are a function of OpenCL C with the table's meaning, transcendentals within relaxed mode's bounds."""
 
+ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
+"""Operations that Clang has as `__builtin_elementwise_floor` and so on.
+
+PoCL compiles them to fewer instructions than OpenCL's own functions, whose result is garbage for a NaN that its
+compiler derives, as in `floor(NAN - x)`.
+"""
+
 NATIVE: Final[Mapping[str, str]] = {op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 sin cos tan".split()}
 """Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
 
@@ -56,6 +63,8 @@ class Spelling(CLike):
 
     target: Target = "opencl"
     scalar_comparisons: ClassVar[bool] = True
+    elementwise = False
+    """Whether the compiler has the functions of ELEMENTWISE."""
     inputs_are_variables: ClassVar[bool] = True
 
     def __init__(self, module: Module, math: Math = "strict") -> None:
@@ -142,6 +151,8 @@ class Spelling(CLike):
         """OpenCL's function, or one of the prologue."""
         if self.math == "fast" and op in FAST | NATIVE.keys():
             return NATIVE[op] if types[0].base is Base.F else op
+        if op in ELEMENTWISE and self.elementwise:
+            return f"__builtin_elementwise_{ELEMENTWISE[op]}"
         if op in FUNCTIONS and not self.prologue.wants(op, types[0]):
             return FUNCTIONS[op]
         if op in ("min", "max") and types[0].is_int:

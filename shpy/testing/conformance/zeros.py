@@ -167,6 +167,13 @@ def an_array_of_literals(x: sh.Attrib1f) -> sh.Attrib1f:
     return c
 
 
+@case(x=X)
+def roundings_of_a_derived_nan(x: sh.Attrib1f):
+    nothing = np.float32("nan") - x
+    never = sh.Attrib1f(np.float32("inf")) * (x - x)
+    return sh.floor(nothing), sh.ceil(nothing), sh.trunc(never), sh.round(nothing), sh.fract(nothing), nothing % 2
+
+
 def cases() -> list[Case]:
     """Every case of this module."""
     return CASES

@@ -16,7 +16,7 @@ uint sh_bits(float x) {
 }
 
 float mod1(float x, float y) {
-    float quotient = floor(x / y);
+    float quotient = __builtin_elementwise_floor(x / y);
     return x - y * (quotient == 0.0f && x != 0.0f && (x < 0.0f) != (y < 0.0f) && !isinf(y) ? -1.0f : quotient);
 }
 
@@ -42,7 +42,7 @@ __kernel void edges(  // snapshot_programs.py:160
     float y = y_in[element * y_step];
     result0_out[element] = sh_min(x, y);  // snapshot_programs.py:162
     result1_out[element] = sign(x) + 0.0f;
-    result2_out[element] = rint(x);
+    result2_out[element] = __builtin_elementwise_roundeven(x);
     result3_out[element] = convert_int_sat(x);
     result4_out[element] = mod1(x, y);
     result5_out[element] = sh_min(sh_max(x, 0.0f), y);

@@ -35,11 +35,11 @@ float3 sample_image(float2 uv, __global const float *image, int2 image_size, int
     bool t3 = (image_mode & 1) != 0;  // library.py:185
     bool t4 = (image_mode & 2) != 0;
     float2 size = (float2)((float)t2, (float)t);  // library.py:187
-    float2 inside = t4 ? uv - floor(uv) : sh_min2(sh_max2(uv, (float2)(-1.0f)), (float2)(2.0f));  // library.py:194
+    float2 inside = t4 ? uv - __builtin_elementwise_floor(uv) : sh_min2(sh_max2(uv, (float2)(-1.0f)), (float2)(2.0f));  // library.py:194
     float2 place = inside * size;  // library.py:196
     float shift = t3 ? 0.5f : 0.0f;  // library.py:205
     float2 t5 = place - shift;  // library.py:206
-    float2 corner = floor(t5);
+    float2 corner = __builtin_elementwise_floor(t5);
     float2 t_6 = t5 - corner;  // library.py:207
     float2 t_7 = t3 ? t_6 : (float2)(0.0f);  // library.py:209
     int2 cell = convert_int2_sat(corner);  // library.py:210
