@@ -61,7 +61,7 @@ def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
 
 @each([*zeros.cases(), *operations.ROWS[::4]])
 def test_one_lane_does_each_operation(case: Case) -> None:
-    """A GPU runs one lane, so all numbers that a compiler derives count. `python -m tests.drivers` runs the whole list."""
+    """A GPU runs one lane. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list there."""
     case.check(case.run("opencl-1"), "opencl-1")
 
 
