@@ -43,10 +43,12 @@ from shpy.lang.structure import Leaf, Rows, leaves
 from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
-    from typing_extensions import ParamSpec, TypeVar
+    from typing_extensions import Concatenate, ParamSpec, Self, TypeVar
 
     _P = ParamSpec("_P", default=...)
     _R = TypeVar("_R", default=Any)
+    _Instance = TypeVar("_Instance")
+    _Rest = ParamSpec("_Rest")
 else:
     from typing import ParamSpec, TypeVar
 
@@ -208,6 +210,18 @@ class Program(Generic[_P, _R]):
 
         Interpreter(recorded.module).run_element(flat, params, data, trace=note)
         return steps
+
+    if TYPE_CHECKING:  # a program that is a method is a `Method`, which gives the program of an instance
+
+        @overload
+        def __get__(self, instance: None, owner: Any = None) -> Self: ...
+        @overload
+        def __get__(
+            self: Program[Concatenate[_Instance, _Rest], _R], instance: _Instance, owner: Any = None
+        ) -> Program[_Rest, _R]: ...
+        @overload
+        def __get__(self, instance: object, owner: Any = None) -> Self: ...
+        def __get__(self, instance: Any, owner: Any = None) -> Any: ...
 
     # Programs are values
 

@@ -43,6 +43,22 @@ class Shaded(NamedTuple):
     depth: sh.Attrib1f
 
 
+class Shader:
+    """Programs of a class: one for each instance."""
+
+    def __init__(self, gain: float) -> None:
+        self.gain = gain
+
+    @sh.program
+    def shade(self, x: sh.Attrib1f) -> sh.Attrib1f:
+        return self.gain * x
+
+
+@sh.program
+def uses_a_method(x: sh.Attrib1f) -> sh.Attrib1f:
+    return assert_type(Shader(2).shade(x), sh.Attrib1f)
+
+
 @sh.program
 def constructors(p: sh.Point3f, n: sh.Attrib1i) -> sh.Attrib4f:
     a = sh.Attrib3f(p.xy, 0)
