@@ -43,7 +43,9 @@ from shpy.lang.structure import Leaf, Rows, leaves
 from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
-    from typing_extensions import Concatenate, ParamSpec, Self, TypeVar
+    from typing import Concatenate, Self
+
+    from typing_extensions import ParamSpec, TypeVar
 
     _P = ParamSpec("_P", default=...)
     _R = TypeVar("_R", default=Any)
