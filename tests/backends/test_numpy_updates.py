@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_FOR, SH_IF
+from shpy import SH_FOR, SH_IF, SH_WHILE
 from shpy.backends.numpy.lanes import MANY_ROWS, fold
 
 X = np.linspace(-2, 2, 40, dtype=np.float32)
@@ -141,3 +141,20 @@ def test_a_term_that_is_the_same_in_all_lanes_or_not_ours_is_summed_too():
     np.testing.assert_array_equal(fold(np.add, total, column), np.full(5, 28))
     seen = np.broadcast_to(column, (8, 5))
     np.testing.assert_array_equal(fold(np.add, total, seen), np.full(5, 28))
+
+
+def test_what_a_loop_reads_and_a_sum_after_it_changes_has_all_lanes_again():
+    """The loop goes on with fewer lanes and changes nothing that outlives it; then `first` grows in its own array."""
+
+    @sh.program
+    def grown(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+        first = sh.Attrib1f(x * 0.5)
+        k = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (k < 20) & (first >= 0.05 * sh.Attrib1f(k))):
+            k += 1
+        first += y * y
+        return first
+
+    text = text_of(grown, X, Y)
+    assert "first += " in text
+    assert "compact(live" in text

@@ -118,6 +118,8 @@ class _Reader:
                     after = turn
                 case ast.Return():
                     after = _names([s])
+                case ast.AugAssign():  # its target is read, although it counts as stored alone
+                    after |= _names([s])
                 case _:
                     after = (after - _names([s], ast.Store)) | _names([s], ast.Load)
         return after
