@@ -191,8 +191,8 @@ def test_a_refused_text_names_the_line_of_the_user(monkeypatch: pytest.MonkeyPat
     b.store(y, b.let("sqrt", b.let("add", x, x)))
     printed = runtime.print_kernel
 
-    def broken(prepared: Module, math: Any) -> Any:
-        kernel = printed(prepared, math)
+    def broken(prepared: Module, math: Any, **abilities: bool) -> Any:
+        kernel = printed(prepared, math, **abilities)
         return runtime.Kernel(
             **{
                 **{f: getattr(kernel, f) for f in kernel.__dataclass_fields__},
