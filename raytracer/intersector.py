@@ -76,7 +76,7 @@ class Intersector:
             corners = np.concatenate([mesh.corners for mesh in meshes])
             self._origin = origin_of(corners)
             corners -= self._origin
-            self._scale = scale_of(corners)
+            self._scale = scale_of(corners, precision)
             self._corners = rounded(corners * self._scale, precision)
             structure, rows = build(accel, self._corners, precision), triangle_rows(self._corners)
             target = backend or sh.default_backend()

@@ -44,16 +44,17 @@ def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 LEAST, MOST = 20, 30
 """Exponents of 2 between which the largest coordinate lies in a kernel: its cube does not overflow, and the cube of a
-coordinate that is 10**18 times smaller does not vanish."""
+coordinate that is 10**18 times smaller does not vanish. binary16 holds no such numbers, so f16 begins at 1."""
 
 
-def scale_of(corners: NDArray[np.float64]) -> float:
-    """By which power of two the kernels' coordinates are multiplied, so that no product of theirs leaves f32's range.
+def scale_of(corners: NDArray[np.float64], precision: str) -> float:
+    """Return the power of two for a kernel's coordinates, so that no product of them leaves f32's range.
 
     `corners` are relative to `origin_of`.
     """
     _, exponent = np.frexp(np.abs(corners).max())
-    return float(2.0 ** (np.clip(exponent, LEAST, MOST) - exponent)) if corners.any() else 1.0
+    least = 0 if precision == "f16" else LEAST
+    return float(2.0 ** (np.clip(exponent, least, MOST) - exponent)) if corners.any() else 1.0
 
 
 def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:
@@ -101,7 +102,7 @@ class Layout:
         corners = np.concatenate([mesh.corners for mesh in meshes])
         origin = origin_of(corners)
         corners -= origin
-        scale = scale_of(corners)
+        scale = scale_of(corners, precision)
         corners = rounded(corners * scale, precision)
         materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
