@@ -226,7 +226,7 @@ class _Bounce(NamedTuple):
 
 
 def bounced(mesh, accel):
-    """Rays that hit a mesh, go on from there to the side that they came from, and what they hit then."""
+    """Rays that hit a mesh and go on to the side that they came from; and places in the kernel's units."""
     layout = Layout.of(Scene([mesh], [PointLight((0, 9, 0))]), accel)
     walk = walk_through(layout.structure, layout.triangles, "opencl", layout.roundoff)
     tables = SurfaceTables(layout, walk.triangles)
@@ -241,7 +241,7 @@ def bounced(mesh, accel):
         again = walk(onward, sh.Point3f(surface.inter), sh.Attrib1f(0), ever, nothing)
         return _Bounce(hit.id, surface.inter, onward, again.id)
 
-    return bounce.compile("opencl", loop_limit=None), layout.origin
+    return bounce.compile("opencl", loop_limit=None), lambda places: f32((places - layout.origin) * layout.scale)
 
 
 def unit(vectors):
@@ -257,7 +257,7 @@ def test_no_ray_hits_the_triangle_that_it_starts_from(name, distance, accel):
     that the point itself may be off, and 2 of the step to the next float.
     """
     mesh = standing_at(CLOSED[name], (distance,) * 3)
-    kernel, origin = bounced(mesh, accel)
+    kernel, placed = bounced(mesh, accel)
     rng = np.random.default_rng(1)
     middle, size = mesh.vertices.mean(axis=0), np.ptp(mesh.vertices, axis=0).max()
     count = 20_000
@@ -265,17 +265,17 @@ def test_no_ray_hits_the_triangle_that_it_starts_from(name, distance, accel):
     for inside in (False, True):
         eye = middle + unit(rng.normal(size=(count, 3))) * size * (0.1 if inside else 2)
         aim = middle + (rng.normal(size=(count, 3)) if inside else rng.uniform(-0.25, 0.25, (count, 3))) * size
-        first, start, onward, second = kernel(f32(eye - origin), f32(unit(aim - eye)), f32(to))
+        first, start, onward, second = kernel(placed(eye), f32(unit(aim - eye)), f32(to))
         assert np.all(first >= 0)
         if inside:
             assert np.count_nonzero((second < 0) | (second == first)) == 0
         else:
             # Rounded, a ball is a little hollow here and there: what is hit has to be there for f64 too.
             again = np.flatnonzero(second >= 0)
-            truly = closest(f32(mesh.corners - origin), start[again].astype(float), onward[again].astype(float))
+            truly = closest(placed(mesh.corners), start[again].astype(float), onward[again].astype(float))
             assert np.all(truly[1] >= 0)
             assert len(again) < 10
-        corners = f32(mesh.corners - origin)[first]
+        corners = placed(mesh.corners)[first]
         normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         height = np.abs(np.einsum("ij,ij->i", start - corners[:, 0], normal))
         bound = 14 * UNIT * np.einsum("ij,ij->i", np.abs(normal), np.abs(corners).max(axis=1))
@@ -288,13 +288,13 @@ def test_large_triangles_do_not_shadow_themselves_near_a_small_corner():
     faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
     for _ in range(6):
         mesh = Mesh(f32(rng.normal(size=(4, 3)) * 10 ** rng.uniform(-1, 4, (4, 1))), faces)
-        kernel, origin = bounced(mesh, "bvh")
+        kernel, placed = bounced(mesh, "bvh")
         count = 4000
         weights = rng.dirichlet([0.3, 0.3, 0.3], count)[:, :, None]
         aim = (weights * mesh.vertices[faces[rng.integers(0, 4, count)]]).sum(axis=1)
         eye = rng.normal(size=(count, 3)) * np.abs(mesh.vertices).max() * 3
         to = unit(rng.normal(size=(count, 3)))
-        first, _, _, second = kernel(f32(eye - origin), f32(unit(aim - eye)), f32(to))
+        first, _, _, second = kernel(placed(eye), f32(unit(aim - eye)), f32(to))
         assert np.count_nonzero(first >= 0) > 3500
         assert np.count_nonzero((second == first) & (first >= 0)) == 0
 
