@@ -48,7 +48,7 @@ from shpy.passes.size import callee_of, inlined_sizes
 
 __all__ = ["WORTH_SHARING", "share_calls"]
 
-WORTH_SHARING = 8_000
+WORTH_SHARING = 20_000
 """Statements of a whole program, all calls inlined, from which on calls share code."""
 _LARGE = 60
 """A function of fewer statements is copied."""
