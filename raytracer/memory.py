@@ -1,4 +1,4 @@
-"""Whether a picture fits into memory, asked before anything runs: Linux hands out more than it has, and kills later.
+"""A check that a picture fits into memory, made before anything runs: Linux overcommits memory, and kills later.
 
 check_fits(32768, 32768)          # SceneError: ... takes 38,654,705,664 bytes of memory, and ... are free
 """

@@ -58,7 +58,7 @@ def variants(
 ) -> list[Variant]:
     """Every combination; None for each backend that is available, each mode that there is, and f32.
 
-    Raises ShpyTypeError for a precision that is none.
+    Raises ShpyTypeError for an unknown precision.
     """
     for unknown in set(_several(precision, ())) - set(_PRECISIONS):
         raise ShpyTypeError(f"precision={unknown!r}", cure=" or ".join(map(repr, _PRECISIONS)))

@@ -19,7 +19,7 @@ __all__ = ["uncollected"]
 
 
 class _Pause:
-    """How many blocks pause the collector at the moment, in all threads, and whether it was on before the first."""
+    """The number of blocks of all threads that pause the collector, and its state before the first block."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()

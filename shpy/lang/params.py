@@ -131,7 +131,7 @@ def _layout(type_: Any) -> Layout:
 
 
 def _checked_about(layout: Layout, about: About, what: str) -> About:
-    """The metadata; ShpyTypeError for a range or step that is none."""
+    """Return the metadata; ShpyTypeError for a malformed range or step."""
     if about.range is None and about.step is None:
         return about
     if not isinstance(layout, Leaf) or layout.cls.type.is_bool:

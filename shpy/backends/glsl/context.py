@@ -77,7 +77,7 @@ class Limits:
     keeps_denormals: bool = True
     keeps_order: bool = True
     stores_apart: bool = True
-    """Whether each element's store at an index of its own goes there."""
+    """True if each element's store at a varying index reaches its own element."""
 
 
 def _moderngl() -> Any:

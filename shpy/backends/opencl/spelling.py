@@ -64,7 +64,7 @@ class Spelling(CLike):
     target: Target = "opencl"
     scalar_comparisons: ClassVar[bool] = True
     elementwise = False
-    """Whether the compiler has the functions of ELEMENTWISE."""
+    """True if the compiler has the functions of ELEMENTWISE."""
     inputs_are_variables: ClassVar[bool] = True
 
     def __init__(self, module: Module, math: Math = "strict") -> None:
