@@ -163,10 +163,10 @@ DEFINITIONS: dict[str, Callable[..., Term]] = {
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """What `lower_half` needs besides."""
 
-PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict"})
+PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
 """Operations that only definitions have: functions that these share."""
 
-BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos")}
+BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 """What becomes of functions that a target has within the bounds for angles that are not far only."""
 
 CORRECTABLE = frozenset({"div", "sqrt"})

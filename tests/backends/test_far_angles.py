@@ -43,7 +43,7 @@ def close_to_multiples(precision: str) -> Iterator[float]:
     """For each exponent the mantissas m for which m * 2**e / (pi / 2) is nearly whole: denominators of convergents."""
     limits = np.finfo(DTYPES[precision])
     most = limits.nmant + 1
-    for e in range(20 - limits.nmant, limits.maxexp - limits.nmant):
+    for e in range(-limits.nmant, limits.maxexp - limits.nmant):
         left = mp.ldexp(2 / mp.pi, e)
         before, m = 0, 1
         while m < 2**most:
@@ -55,16 +55,17 @@ def close_to_multiples(precision: str) -> Iterator[float]:
 
 @functools.cache
 def angles(precision: str) -> Array:
-    """Past FAR, of both signs."""
+    """Of every exponent from 0 on, and of both signs."""
     dtype, rng = DTYPES[precision], np.random.default_rng(8)
     top = np.finfo(dtype).maxexp
     powers = 2.0 ** np.arange(20, top)
     with mp.workprec(BITS):
-        close = np.array([x for x in close_to_multiples(precision) if FAR < x <= np.finfo(dtype).max])
+        close = np.array([x for x in close_to_multiples(precision) if x <= np.finfo(dtype).max])
     random = rng.uniform(1, 2, 1000) * 2.0 ** rng.integers(20, top - 1, 1000)
-    if len(close) > 1000:
-        close = rng.choice(close, 1000, replace=False)
-    found = np.concatenate([close, random, powers, [KNOWN[precision], np.finfo(dtype).max]]).astype(dtype)
+    near, far = close[close <= FAR], close[close > FAR]
+    if len(far) > 1000:
+        far = rng.choice(far, 1000, replace=False)
+    found = np.concatenate([near, far, random, powers, [KNOWN[precision], np.finfo(dtype).max]]).astype(dtype)
     beside = [np.nextafter(powers.astype(dtype), dtype(end)) for end in (0, np.inf)]
     found = np.concatenate([found, *beside])
     return np.concatenate([found, -found])

@@ -37,7 +37,7 @@ LARGE_TILE: Final = 65_536
 """Lanes that run together where that is better, see `Printed.large`."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
-TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos"}), vector=True)
+TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos", "tan"}), vector=True)
 
 
 class NumpyBackend:

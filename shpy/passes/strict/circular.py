@@ -63,7 +63,7 @@ def _reduced(x: Term) -> Triple:
 
 def _near_reduced(x: Term) -> Triple:
     """The same for an x of at most FAR in size; anything for others."""
-    first, second, third = (constants(x, HALF_PI) + (0.0,))[:3]
+    first, second, third, *fourth = constants(x, HALF_PI)
     k = whole_and_shifted(x * constants(x, TWO_BY_PI)[0])[0].named("near_k")
     product, rest = _times_part(k, first)
     left = (x - product).named("left")
@@ -71,9 +71,11 @@ def _near_reduced(x: Term) -> Triple:
         left, lost = two_sum(left, -rest)
     product, rest = _times_part(k, second)
     left, more = two_sum(left, -product)
-    tail = more - k * third
     if x.type.base is Base.F:
         tail = (lost + more - rest).named("lost") - k * third
+    else:
+        left, last = two_sum(left, -(k * third))
+        tail = more + last - k * fourth[0]
     high, low = fast_two_sum(left, tail.named("tail"))
     return high.named("near_high"), low.named("near_low"), k
 

@@ -91,5 +91,5 @@ def _bounded(name: str) -> Callable[[Term], Term]:
     return meaning
 
 
-BOUNDED: Final = {name: _bounded(name) for name in ("sin", "cos")}
+BOUNDED: Final = {name: _bounded(name) for name in ("sin", "cos", "tan")}
 """The target's own functions, and the strict ones for angles that are far."""
