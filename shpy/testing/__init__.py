@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from shpy.errors import ShpyError
 from shpy.testing.divergence import Divergence, Row, first_divergence
 from shpy.testing.equivalence import Agreement, assert_equivalent
+from shpy.testing.flushes import Flush
 from shpy.testing.generated.inputs import inputs
 from shpy.testing.reference import targets
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Agreement",
     "Divergence",
+    "Flush",
     "Row",
     "assert_equivalent",
     "first_divergence",

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import linecache
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from shpy.ir.nodes import Loc
 from shpy.lang.location import here
 from shpy.program import Program
 from shpy.testing.arrays import EXACT, Bound, is_denormal
+from shpy.testing.denormals import Denormal, find_denormals
 from shpy.testing.observers import Observer, Seen, Setting, observer, sites_of
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
@@ -66,7 +67,8 @@ class Divergence:
     `turns` counts from 1, the innermost loop first. `first` and `second` are what the backends named in `backends`
     computed there; where they are at different statements, what each is at is told by `rows`, and `path` is true.
     `operands` are the first backend's, by name, which agree on both. `denormal`: one of these numbers is a denormal
-    and the two differ by flushing it to zero. `rows` are both traces side by side around the place.
+    and the two differ by flushing it to zero, or there is one `within` the statement: a step of an operation such as
+    `reflect` that one of the devices flushes. `rows` are both traces side by side around the place.
     """
 
     program: str
@@ -85,6 +87,7 @@ class Divergence:
     operands: dict[str, Any]
     rows: tuple[Row, ...]
     loops: tuple[Loc | None, ...] = ()
+    within: Denormal | None = None
 
     @property
     def source(self) -> str:
@@ -109,7 +112,10 @@ class Divergence:
             yield f"    {two:<12} {_exactly(self.second)}{_apart(self.ulp)}"
         for name, value in self.operands.items():
             yield f"    with {name} = {_exactly(value)}"
-        if self.denormal:
+        if self.within:
+            step = f"{self.within.name} = {self.within.value:g}"
+            yield f"  on the way to it {step}, a denormal: one of the two flushes it to zero"
+        elif self.denormal:
             yield "  a denormal: one of the two flushes it to zero, as its device does"
         yield f"  inputs: {', '.join(f'{n} = {_spoken(v)}' for n, v in self.inputs.items()) or 'none'}"
         yield f"  the two traces ({one}, {two}):"
@@ -207,7 +213,11 @@ def search(
     looking = [side.look(sites_of(sides, events)) for side in sides]
     seen = {event: (looking[0].seen(event), looking[1].seen(event)) for event in events}
     rows = tuple(row for pair in seen.values() for row in _rows(*pair, bound))
-    return _divergence(setting, names, element, seen[low], rows)
+    found = _divergence(setting, names, element, seen[low], rows)
+    if found.ulp is None or found.denormal or found.loc is None or not any(side.flushes for side in sides):
+        return found
+    within = find_denormals(setting, {found.loc}).first(element)
+    return replace(found, denormal=within is not None, within=within)
 
 
 def _parting(sides: Sides, count: int) -> int:

@@ -10,7 +10,7 @@ AssertionError with the element, its inputs, what each backend made of it, and t
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,7 @@ from shpy.testing import defaults
 from shpy.testing.arrays import Array, Bound
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.divergence import search
+from shpy.testing.flushes import Excused, Flush
 from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
@@ -33,15 +34,25 @@ __all__ = ["Agreement", "assert_equivalent"]
 
 @dataclass(frozen=True)
 class Agreement:
-    """What agreed: the `backends`, the number of `elements`, and how many parted by flushed denormals alone."""
+    """What agreed: the `backends`, the number of `elements`, and how many differ by flushed denormals alone."""
 
     backends: tuple[str, ...]
     elements: int
     flushed: dict[str, int]
+    _excused: tuple[Excused, ...] = field(default=(), repr=False, compare=False)
+
+    @cached_property
+    def flushes(self) -> tuple[Flush, ...]:
+        """For each backend on which elements differ by flushed denormals: how far, and which denormal it was.
+
+        Computed on first use, by one more run of the program on numpy for each such backend.
+        """
+        return tuple(excused.explain() for excused in self._excused)
 
     def __str__(self) -> str:
         noted = [f"; {n} on {name} by flushed denormals alone" for name, n in self.flushed.items() if n]
-        return f"{', '.join(self.backends)} agree on {self.elements} elements{''.join(noted)}"
+        told = "".join(f"\n{flush}" for flush in self.flushes)
+        return f"{', '.join(self.backends)} agree on {self.elements} elements{''.join(noted)}{told}"
 
 
 def assert_equivalent(
@@ -59,7 +70,8 @@ def assert_equivalent(
     `backends` are names as in `testing.targets`: "numpy", "opencl" (each width), "opencl-4", "glsl", "interpreter".
     Results may be `ulp` numbers apart, or atol + rtol * |the first's|; all 0 asks for the same bits, NaNs aside.
     Elements end alike: written, discarded, or stopped by a loop's limit. On a device that says that it flushes
-    denormals, elements that meet one on their way are counted, not compared.
+    denormals, elements that meet one on their way are counted, not compared; `flushes` of what is given names
+    the first denormal of one of them, and the agreement's text says whether a result became another number.
 
     `inputs` come by position or by name; other names (`precision`, `loop_limit`, …) are options of `Program.compile`.
     Raises AssertionError, which names the element, its inputs, each backend's value and distance, and the first
@@ -87,10 +99,13 @@ class _Comparison:
     def check(self) -> Agreement:
         """Raise AssertionError at the first run that differs from the first one."""
         flushed: dict[str, int] = {}
+        excused = []
         for other in self.runs[1:]:
             wrong = parted(self.runs[0], other, self.bound)
             if wrong.any() and (other.flushes or self.runs[0].flushes):
                 flushed[other.target] = int(np.count_nonzero(wrong & self.denormal))
+                if flushed[other.target]:
+                    excused.append(Excused(self.setting, self.runs[0], other, wrong & self.denormal))
                 wrong &= ~self.denormal
             if wrong.any():
                 raise AssertionError("\n".join(self.told(other, wrong)))
@@ -99,7 +114,7 @@ class _Comparison:
                     f"{self.setting.program.name}: a loop's limit stopped {self.runs[0].stopped} elements on "
                     f"{self.names[0]}, {other.stopped} on {other.target}"
                 )
-        return Agreement(tuple(self.names), self.runs[0].written.size, flushed)
+        return Agreement(tuple(self.names), self.runs[0].written.size, flushed, tuple(excused))
 
     @cached_property
     def denormal(self) -> Array:

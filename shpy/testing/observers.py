@@ -26,7 +26,7 @@ from shpy.lang.structure import Group, Leaf
 from shpy.lang.values import CLASSES
 from shpy.passes.promote import promote
 from shpy.program import Program
-from shpy.testing.reference import INTERPRETER, interpreter_of, kernel
+from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, Watched, watch
 
 __all__ = ["Observer", "Seen", "Setting", "observer"]
@@ -107,6 +107,10 @@ class Observer(Protocol):
     """One side of a comparison, for one element."""
 
     @property
+    def flushes(self) -> bool:
+        """Whether the device says that it turns denormals into zeros."""
+
+    @property
     def count(self) -> int:
         """How many events the element has."""
 
@@ -158,6 +162,7 @@ class _Backend:
         self.watched = setting.watch(looked)
         options = {**setting.options, "loop_limit": None}
         self.kernel: Kernel = kernel(_runnable(setting.program, self.watched), target, **options)
+        self.flushes = flushes_denormals(self.kernel.notes)
 
     @cached_property
     def count(self) -> int:
@@ -189,6 +194,8 @@ class _Backend:
 
 class _Interpreter:
     """The interpreter: one run that notes every event, and one more with the sites that are looked at."""
+
+    flushes = False
 
     def __init__(self, setting: Setting, element: int, looked: frozenset[int] = frozenset()) -> None:
         self.setting = setting

@@ -25,7 +25,17 @@ from shpy.lang.location import here
 from shpy.passes.pipeline import with_strict_functions
 from shpy.program import Program
 
-__all__ = ["INTERPRETER", "Interpreted", "Reference", "interpreter_of", "kernel", "require", "split_options", "targets"]
+__all__ = [
+    "INTERPRETER",
+    "Interpreted",
+    "Reference",
+    "flushes_denormals",
+    "interpreter_of",
+    "kernel",
+    "require",
+    "split_options",
+    "targets",
+]
 
 INTERPRETER = "interpreter"
 _WIDTHS = {"opencl": (1, 4, 8, 16)}
@@ -128,6 +138,11 @@ def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, An
             cure=", ".join([*program.inputs, *sorted(_OPTIONS)]),
         )
     return inputs, options
+
+
+def flushes_denormals(notes: Iterable[str]) -> bool:
+    """Whether the notes of a kernel say that its device turns denormals into zeros."""
+    return any("flushes denormals" in note for note in notes)
 
 
 def kernel(program: Program, target: str, only: Collection[int] | None = None, **options: Any) -> Kernel:

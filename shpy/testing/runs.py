@@ -13,7 +13,7 @@ import numpy as np
 from shpy.errors import LoopLimitExceeded
 from shpy.testing.arrays import EXACT, Array, Bound, flat_leaves
 from shpy.testing.observers import Setting
-from shpy.testing.reference import kernel
+from shpy.testing.reference import flushes_denormals, kernel
 
 __all__ = ["Run", "parted", "run"]
 
@@ -31,7 +31,7 @@ class Run:
     @property
     def flushes(self) -> bool:
         """Whether the device says that it turns denormals into zeros."""
-        return any("denormal" in note for note in self.notes)
+        return flushes_denormals(self.notes)
 
 
 def run(setting: Setting, target: str, only: Collection[int] | None = None) -> Run:

@@ -97,6 +97,78 @@ def test_denormals_that_a_device_flushes_are_counted():
     assert "16 on glsl by flushed denormals alone" in str(found)
 
 
+@sh.program
+def quotient(s: sh.Attrib1f, t: sh.Attrib1f, power: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+    p = 1 / (1 + sh.exp(-s))
+    q = 1 / (1 + sh.exp(-t))
+    n = p * sh.pow(1 - p, power)
+    d = q * sh.pow(1 - q, power)  # a denormal
+    return n + 0, n / d
+
+
+def test_a_flushed_denormal_that_changes_other_numbers_is_named():
+    s, t = np.float32([-1.3195162, 1, 2]), np.float32([9.431838, 9.431838, 0])
+    found = sh.testing.assert_equivalent(quotient, s, t, np.float32(9.447411), backends=["numpy", "glsl"])
+    (flush,) = found.flushes
+    assert (flush.target, flush.reference, flush.count, flush.altered) == ("glsl", "numpy", 2, 2)
+    assert (flush.element, flush.output) == ((0,), "1")
+    assert flush.first > 1e37
+    assert flush.second == np.inf
+    assert flush.denormal.name == "pow"
+    assert 0 < flush.denormal.value < 1e-38
+    assert flush.denormal.loc.file == __file__
+    said = str(found)
+    assert "2 on glsl by flushed denormals alone\nglsl: 2 of these 2 change by more than a denormal" in said
+    assert "on numpy, inf on glsl\n  the first denormal on its way: pow = 1.99" in said
+    assert said.endswith("d = q * sh.pow(1 - q, power)  # a denormal")
+
+
+def test_denormals_that_only_become_zero_are_told_from_others():
+    @sh.program
+    def tiny(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * 1e-39
+
+    (flush,) = sh.testing.assert_equivalent(tiny, X, backends=["numpy", "glsl"]).flushes
+    assert (flush.count, flush.altered) == (16, 0)
+    assert not sh.testing.assert_equivalent(tiny, X, backends=["numpy", "interpreter"]).flushes
+
+
+def test_denormals_inside_of_operations_and_functions_count():
+    """A step of `reflect` is flushed, and of a function of a text; neither operand nor result is a denormal."""
+    text = """module inner
+input x: Attrib1f
+output y: Attrib1f
+pure function shrink(%0: f) -> ($0: f) {
+ %1: f = const 0x1p-70
+ %2: f = mul %0, %1
+ %3: f = mul %2, %1
+ %4: f = const 0x1p+100
+ %5: f = mul %3, %4
+ store $0 = %5
+}
+function inner(%0: f) -> ($0: f) {
+ %1: f = call shrink(%0)
+ store $0 = %1
+}
+"""
+    inner = sh.Program.from_ir(sh.parse(text))
+    (flush,) = sh.testing.assert_equivalent(inner, X, backends=["numpy", "glsl"]).flushes
+    assert (flush.count, flush.altered, flush.denormal.name) == (16, 16, "mul")
+
+    @sh.program
+    def mirrored(i: sh.Attrib2f, n: sh.Attrib2f) -> sh.Attrib2f:
+        return sh.reflect(i, n)
+
+    (flush,) = sh.testing.assert_equivalent(mirrored, [1e-20, 0], [1e-20, 1e30], backends=["numpy", "glsl"]).flushes
+    assert flush.first[1] < -1e-10
+    assert flush.second[1] == 0
+    found = sh.testing.first_divergence(mirrored, [1e-20, 0], [1e-20, 1e30], backends=["numpy", "glsl"])
+    assert found.text.startswith("reflect")
+    assert found.denormal
+    assert 0 < found.within.value < 1e-38
+    assert "on the way to it" in str(found)
+
+
 def test_a_fault_is_not_excused_by_denormals_elsewhere(monkeypatch):
     """Of the 8 elements at which the fault shows, one has a denormal besides."""
     with_fault(monkeypatch, "glsl", op("floor", "ceil"))
