@@ -66,6 +66,12 @@ def load(name: str) -> bytes | None:
         return data[_HEAD:]
 
 
+def is_open() -> bool:
+    """Whether `save` would keep a binary. Some drivers compile anew to give one, so ask before."""
+    with _opened_folder() as folder:
+        return folder is not None
+
+
 def save(name: str, binary: bytes) -> None:
     """Keep a binary; whoever reads meanwhile sees the old entry or the whole new one. A failure is a ShpyWarning."""
     with _opened_folder() as folder:

@@ -324,3 +324,17 @@ def test_pocl_without_a_place_for_its_cache_is_told_from_a_missing_driver(tmp_pa
     assert done.returncode == 1
     assert f"PoCL cannot write its cache in {tmp_path}/{place}, and runs nothing without it" in done.stderr
     assert "to mend it: export POCL_CACHE_DIR=FOLDER with a folder that you can write" in done.stderr
+
+
+def test_no_driver_is_asked_for_a_binary_that_is_not_kept(monkeypatch):
+    """PoCL generates code again to give one."""
+    monkeypatch.setenv("SHPY_CACHE_DIR", "")
+    saved = []
+    monkeypatch.setattr(store, "save", lambda *given: saved.append(given))
+
+    @sh.program
+    def shifted(x: sh.Attrib1f):
+        return x + 123.25
+
+    assert shifted.compile("opencl", lanes=4)(1) == 124.25
+    assert saved == []

@@ -239,8 +239,9 @@ class Machine:
     def keep(self, text: str, math: Math) -> None:
         """Keep the program's binary for later processes: once it was launched, so that it holds generated code."""
         program = self.build(text, math)
-        if program not in self._on_disk:
+        if program not in self._on_disk and store.is_open():
             self._on_disk.add(program)
+            # PoCL generates code for another size of group to make this binary: a third of a compilation.
             binary = program.get_info(self.cl.program_info.BINARIES)[0]
             store.save(self._key(text, math), bytes(binary))
 
