@@ -1,13 +1,15 @@
-"""What lies in a packet: a row of elements where lanes stay together, a block of an image where they part."""
+"""What lies in a packet: a part of a list or row where lanes stay together, a block of an image where they diverge."""
 
 import numpy as np
 import pytest
 from backends.test_packets import both, each_width, same
 
 import shpy as sh
-from shpy import SH_WHILE
+from shpy import SH_DISCARD, SH_IF, SH_WHILE
 
 RNG = np.random.default_rng(7)
+LENT = 1 << 14
+"""Numbers of which an array is long enough to be lent to a device that works in the host's memory."""
 heights = sh.Table(RNG.normal(size=(48, 64)).astype(np.float32), sh.Attrib1f, name="heights")
 pairs = sh.Table(RNG.normal(size=(90, 2)).astype(np.float32), sh.Attrib2f, name="pairs")
 
@@ -42,7 +44,8 @@ def test_lanes_that_stay_together_are_a_row(lanes: int, shape: tuple[int, ...]) 
     x, n = RNG.normal(size=(*shape, 3)).astype(np.float32), RNG.integers(0, 9, shape, np.int32)
     placed = {1: [beside], 2: [sloping]}.get(len(shape), [])
     for program, arrays in ((moved, (x, n)), *((p, (n,)) for p in placed)):
-        assert f"1 row of {lanes}" in program.compile("opencl", lanes=lanes).source
+        told = f"{lanes} that follow one another" if program is moved else f"1 row of {lanes}"
+        assert told in program.compile("opencl", lanes=lanes).source
         for found, expected in zip(*both(program, lanes, *arrays), strict=True):
             same(found, expected)
 
@@ -50,5 +53,42 @@ def test_lanes_that_stay_together_are_a_row(lanes: int, shape: tuple[int, ...]) 
 @each_width
 @pytest.mark.parametrize("shape", [(9, 37), (70, 1), (5, 64), (91,)])
 def test_lanes_that_part_are_a_block(lanes: int, shape: tuple[int, ...]) -> None:
-    assert f"{lanes // 4} row{'s' if lanes > 4 else ''} of 4" in countdown.compile("opencl", lanes=lanes).source
+    told = "4 that follow one another" if lanes == 4 else f"{lanes // 4} rows of 4"
+    assert told in countdown.compile("opencl", lanes=lanes).source
     same(*both(countdown, lanes, RNG.uniform(-3, 30, shape).astype(np.float32)))
+
+
+@sh.program
+def halved(x: sh.Attrib1f) -> sh.Attrib1f:
+    return 0.5 * x + 1.0
+
+
+@sh.program
+def kept(x: sh.Attrib1f) -> sh.Attrib1f:
+    with SH_IF(x < 0):
+        SH_DISCARD()
+    return sh.cond(x > 1, x * x, 3.0)
+
+
+@each_width
+def test_a_list_has_no_rows_to_test(lanes: int) -> None:
+    text = halved.compile("opencl", lanes=lanes).source
+    assert "int row" not in text
+    assert ".whole" not in text
+
+
+@each_width
+@pytest.mark.parametrize("program", [halved, kept])
+def test_the_end_of_a_list_is_where_the_array_ends(lanes: int, program: sh.Program) -> None:
+    """Short lists are copied to the device; long ones are worked on where they lie, in place too."""
+    numpy, opencl = program.compile("numpy"), program.compile("opencl", lanes=lanes)
+    for count in (0, 1, lanes - 1, lanes, lanes + 1, LENT - 1, LENT, LENT + 1, LENT + lanes - 1):
+        held = RNG.uniform(-1, 3, count + 2 * lanes).astype(np.float32)
+        x, after = held[:count], held[count:].copy()
+        expected = numpy.run(x.copy(), out=x.copy())
+        found = opencl.run(x.copy(), out=x.copy())
+        assert np.array_equal(found.written, expected.written)
+        same(found.outputs, expected.outputs, count)
+        same(opencl.run(x, out=x).outputs, expected.outputs, count)
+        same(x, expected.outputs, count)
+        same(held[count:], after, count)

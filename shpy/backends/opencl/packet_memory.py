@@ -1,7 +1,9 @@
 """The prologue of a packet's kernel, part two: how the lanes of a packet read and write memory.
 
 Stage: emit. A packet is one row of elements, or a few rows of four, `row` elements apart: a block of an image, or, with
-`row` 4, as many neighbours in a list. Each method of `PacketMemory` gives the text of functions for one type:
+`row` 4, as many neighbours in a list. A row packet of a kernel that does not ask for its place in the grid is a part of
+a list, whatever the shape: only the list's end has to be tested. Each method of `PacketMemory` gives the text of
+functions for one type:
 
     float16x2 sh_read_f2(__global const float *a, int step, sh_packet p)      an input; step 0: the same for all
     void sh_write_f2(__global float *a, float16x2 v, sh_packet p)             an output; lanes without an element: not
@@ -61,8 +63,8 @@ def _element(base: Base) -> str:
     return "uchar" if base is Base.B else SCALARS[base]
 
 
-def _place(size: int, component: int) -> str:
-    scaled = f"(size_t)place[k] * {size}" if size > 1 else "place[k]"
+def _place(place: str, size: int, component: int) -> str:
+    scaled = f"(size_t){place} * {size}" if size > 1 else place
     return f"{scaled} + {component}" if component else scaled
 
 
@@ -70,15 +72,38 @@ def _place(size: int, component: int) -> str:
 class PacketMemory:
     """Writes the functions for packets of `lanes`; `shuffle` if the compiler has `__builtin_shufflevector`.
 
-    `columns` of the lanes lie side by side: four of a block, or all.
+    `columns` of the lanes lie side by side: four of a block, or all. `listed`: packets are parts of a list.
     """
 
     lanes: int
     shuffle: bool
     columns: int
+    listed: bool = False
 
     def packet(self) -> str:
         """`sh_packet` and the functions that make the packet of a work item."""
+        return self._list_packet() if self.listed else self._block_packet()
+
+    def _list_packet(self) -> str:
+        lanes = self.lanes
+        return f"""\
+// The elements of a packet: {lanes} that follow one another in a list, or as many as are `left` at its end.
+typedef struct {{
+    size_t first;
+    int left;
+    int{lanes} active;
+}} sh_packet;
+
+// The packet that begins with the element `first`.
+{INLINE} sh_packet sh_packet_at(size_t first, ulong count) {{
+    sh_packet p;
+    p.first = first;
+    p.left = first < count ? (int)min(count - first, (ulong){lanes}) : 0;
+    p.active = (int{lanes})({", ".join(map(str, range(lanes)))}) < p.left;
+    return p;
+}}"""
+
+    def _block_packet(self) -> str:
         lanes, wide, rows = self.lanes, self.columns, self.lanes // self.columns
         columns = ", ".join(str(k % wide) for k in range(lanes))
         lines = ", ".join(str(k // wide) for k in range(lanes))
@@ -131,14 +156,15 @@ typedef struct {{
         same = [f"v{f} = {self._loaded(f'({element}{lanes})(a[{k}])', base)};" for k, f in enumerate(fields)]
         parts = [f"v{f} = {self._loaded(f'vload{lanes}(0, part{k})', base)};" for k, f in enumerate(fields)]
         what = "A vector" if size > 1 else "A number"
+        places = [] if self.listed else [f"    int place[{lanes}];", f"    vstore{lanes}(at, 0, place);"]
+        place = "(k < left ? k : 0)" if self.listed else "place[k]"
         return "\n".join([
             f"// {what} for each lane of an array, one after the other.",
-            f"{NOINLINE} {result} {name}_each(__global const {element} *a, int{lanes} at) {{",
-            f"    int place[{lanes}];",
+            f"{NOINLINE} {result} {name}_each(__global const {element} *a, {self._which}) {{",
+            *places,
             f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
-            f"    vstore{lanes}(at, 0, place);",
             f"    for (int k = 0; k < {lanes}; k += 1) {{",
-            *(f"        part{k}[k] = a[{_place(size, k)}];" for k in range(size)),
+            *(f"        part{k}[k] = a[{_place(place, size, k)}];" for k in range(size)),
             "    }",
             f"    {result} v;",
             *(f"    {line}" for line in parts),
@@ -153,8 +179,8 @@ typedef struct {{
             "        return v;",
             "    }",
             f"    a += {_scaled('p.first', size)};",
-            "    if (!p.whole) {",
-            f"        return {name}_each(a, p.at);",
+            f"    if ({self._partial}) {{",
+            f"        return {name}_each(a, {'p.left' if self.listed else 'p.at'});",
             "    }",
             *self._if_list(size, f"v = {self._loaded(f'vload{lanes}(0, a)', base)};", "return v;"),
             *(f"    {line}" for line in self._block_loads(base, size)),
@@ -170,31 +196,59 @@ typedef struct {{
         what = "vector" if size > 1 else "number"
         return "\n".join([
             f"// Each lane's {what} into its element of an array, one after the other.",
-            f"{NOINLINE} void {name}_each(",
-            f"    __global {element} *a, {value} v, int{lanes} at, int{lanes} active) {{",
-            f"    int place[{lanes}], there[{lanes}];",
-            f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
-            f"    vstore{lanes}(at, 0, place);",
-            f"    vstore{lanes}(active, 0, there);",
-            *(f"    vstore{lanes}({n}, 0, part{k});" for k, n in enumerate(numbers)),
-            f"    for (int k = 0; k < {lanes}; k += 1) {{",
-            "        if (there[k]) {",
-            *(f"            a[{_place(size, k)}] = part{k}[k];" for k in range(size)),
-            "        }",
-            "    }",
-            "}",
+            *self._write_each(name, base, size, value, numbers),
             "",
             f"// Each lane's {what} into its element of an array.",
             f"{INLINE} void {name}(__global {element} *a, {value} v, sh_packet p) {{",
             f"    a += {_scaled('p.first', size)};",
-            "    if (!p.whole) {",
-            f"        {name}_each(a, v, p.at, p.active);",
+            f"    if ({self._partial}) {{",
+            f"        {name}_each(a, v, {'p.left' if self.listed else 'p.at, p.active'});",
             "        return;",
             "    }",
             *self._if_list(size, f"vstore{lanes}({numbers[0]}, 0, a);", "return;"),
             *(f"    {line}" for line in self._block_stores(element, numbers)),
             "}",
         ])  # fmt: skip
+
+    def _write_each(self, name: str, base: Base, size: int, value: str, numbers: list[str]) -> list[str]:
+        lanes, element = self.lanes, _element(base)
+        parts = [
+            f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
+            *(f"    vstore{lanes}({n}, 0, part{k});" for k, n in enumerate(numbers)),
+        ]
+        if self.listed:
+            return [
+                f"{NOINLINE} void {name}_each(__global {element} *a, {value} v, {self._which}) {{",
+                *parts,
+                "    for (int k = 0; k < left; k += 1) {",
+                *(f"        a[{_place('k', size, k)}] = part{k}[k];" for k in range(size)),
+                "    }",
+                "}",
+            ]
+        return [
+            f"{NOINLINE} void {name}_each(",
+            f"    __global {element} *a, {value} v, {self._which}, int{lanes} active) {{",
+            f"    int place[{lanes}], there[{lanes}];",
+            f"    vstore{lanes}(at, 0, place);",
+            f"    vstore{lanes}(active, 0, there);",
+            *parts,
+            f"    for (int k = 0; k < {lanes}; k += 1) {{",
+            "        if (there[k]) {",
+            *(f"            a[{_place('place[k]', size, k)}] = part{k}[k];" for k in range(size)),
+            "        }",
+            "    }",
+            "}",
+        ]
+
+    @property
+    def _which(self) -> str:
+        """The parameter that tells which elements a packet holds that is not whole."""
+        return "int left" if self.listed else f"int{self.lanes} at"
+
+    @property
+    def _partial(self) -> str:
+        """The condition that a packet is not whole."""
+        return f"p.left < {self.lanes}" if self.listed else "!p.whole"
 
     def gather(self, name: str, base: Base, size: int) -> str:
         """`sh_gather_f3`: elements of a table; those of three numbers are kept as four."""

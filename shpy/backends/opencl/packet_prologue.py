@@ -126,15 +126,15 @@ _SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
 class PacketPrologue(Prologue):
     """The functions that one packet's kernel uses, in the order in which they were asked for.
 
-    `columns` of the lanes lie side by side.
+    `columns` of the lanes lie side by side. `listed`: packets are parts of a list.
     """
 
-    def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD) -> None:
+    def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False) -> None:
         super().__init__()
         self.lanes = lanes
         self.abilities = abilities
         self.doubles = False
-        self._memory = PacketMemory(lanes, abilities.shuffle, columns)
+        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
 
     def use(self, op: str, type: Type) -> str:
         """Ask for the function that does `op` for a first argument of `type`; gives its name."""

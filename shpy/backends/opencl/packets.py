@@ -76,21 +76,25 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         self.lanes = lanes
         self.columns = columns
         self.ports = ports
-        self.prologue = PacketPrologue(lanes, abilities, columns)
+        self.listed = columns == lanes and not self.needs[module.entry.name].grid
+        self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
         self.elementwise = abilities.elementwise
         for base in Base:
             for size in (2, 3, 4):
                 if base is not Base.H:
                     self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
-        self.row = self.globals.take("row")
-        self.corner = self.globals.take("corner")
+        self.row = "" if self.listed else self.globals.take("row")
+        self.corner = self.globals.take("start" if self.listed else "corner")
+        self.place = [("size_t" if self.listed else "int2", self.corner), ("ulong", self.count)]
+        self.place += [] if self.listed else [("int", self.row)]
         self.packet = self.globals.take("packet")
         self.is_inner = False
 
     def print(self) -> Kernel:
         """The whole text."""
         made = super().print()
-        return replace(made, doubles=made.doubles or self.prologue.doubles, lanes=self.lanes, columns=self.columns)
+        doubles = made.doubles or self.prologue.doubles
+        return replace(made, doubles=doubles, lanes=self.lanes, columns=self.columns, listed=self.listed)
 
     # What a function needs besides its arguments
 
@@ -109,8 +113,8 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         pairs = super()._handed(function)
         index = self.grid_names["grid_index"]
         if function.name == self.module.entry.name:
-            here = [("int2", self.corner), ("ulong", self.count), ("int", self.row)]
-            return [*((f"{type} {name}", name) for type, name in here), *(pair for pair in pairs if pair[1] != index)]
+            here = [(f"{type} {name}", name) for type, name in self.place]
+            return [*here, *(pair for pair in pairs if pair[1] != index)]
         return [(self.declaration(self._index_type(), name) if name == index else text, name) for text, name in pairs]
 
     def _index_type(self) -> Type:
@@ -160,12 +164,12 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         steps: list[str],
         outputs: list[str],
     ) -> None:
-        parameters = [f"ulong {self.count}", f"int {self.first}", f"int {self.row}"]
+        parameters = [f"ulong {self.count}", f"int {self.first}", *([] if self.listed else [f"int {self.row}"])]
         if self.needs[entry.name].grid:
             parameters.append(f"{spelled(vec(Base.I, self.grid_rank))} {self.grid_names['grid_shape']}")
         for (at, _, array), step in zip(inputs, steps, strict=True):
             parameters += [f"{self._array_of(self.ports.inputs[at].type, 'const ')}{array}", f"int {step}"]
-        own = {self.corner, self.count, self.row, *self.grid_names.values()}
+        own = {*(name for _, name in self.place), *self.grid_names.values()}
         parameters += [text for text, handed in self._handed(entry) if handed not in own]
         parameters += [f"{self._array_of(o.type)}{n}" for o, n in zip(self.ports.outputs, outputs, strict=True)]
         self._head(f"__kernel void {name}", parameters, entry.loc)
@@ -182,9 +186,12 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         super().body(function, returns=returns)
 
     def _packet_prelude(self, entry: Function, apart: bool) -> None:
-        self.emit(f"int2 {self.corner} = sh_corner({self.first}, {self.row});")
+        if self.listed:
+            self.emit(f"size_t {self.corner} = ((size_t){self.first} + get_global_id(0)) * {self.lanes};")
+        else:
+            self.emit(f"int2 {self.corner} = sh_corner({self.first}, {self.row});")
         self._make_packet()
-        self.emit(f"if ({self.packet}.empty) {{")
+        self.emit(f"if ({self.packet}.{'left == 0' if self.listed else 'empty'}) {{")
         with self.block():
             self.emit("return;")
         self.emit("}")
@@ -192,7 +199,8 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
             self._find_place(entry)
 
     def _make_packet(self) -> None:
-        self.emit(f"sh_packet {self.packet} = sh_packet_at({self.corner}, {self.count}, {self.row});")
+        place = ", ".join(name for _, name in self.place)
+        self.emit(f"sh_packet {self.packet} = sh_packet_at({place});")
 
     def _find_place(self, entry: Function) -> None:
         if "grid_index" in self.needs[entry.name].grid:

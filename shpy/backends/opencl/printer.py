@@ -34,8 +34,8 @@ class Kernel:
     if `grid` (its rank) is not 0; for each of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a
     uniform one); for each of `tables` a pointer and its shape; each of `params`; a pointer for each output. A kernel of
     packets of `lanes` elements, of which `columns` lie side by side, takes after the number of elements the first
-    packet, or line of packets, of this dispatch, and the length of a row (ints), and tables of three components as
-    tables of four.
+    packet, or line of packets, of this dispatch, and, unless it is `listed`, the length of a row (ints), and tables of
+    three components as tables of four.
     """
 
     text: str
@@ -48,6 +48,7 @@ class Kernel:
     params: tuple[str, ...]
     lanes: int = 1
     columns: int = 1
+    listed: bool = False
 
 
 def print_kernel(module: Module, math: Math = "strict", *, elementwise: bool = False) -> Kernel:

@@ -260,7 +260,7 @@ class OpenCLExecutable:
         return np.uint64(0) if self.kernel.lanes == 1 else np.int32(0)
 
     def _row(self, length: int) -> list[Any]:
-        return [np.int32(length)] if self.kernel.lanes > 1 else []
+        return [] if self.kernel.lanes == 1 or self.kernel.listed else [np.int32(length)]
 
     def _row_length(self, call: Call) -> int:
         """How many elements lie side by side: an image's packets are parts of it, those of a list neighbours."""

@@ -1,7 +1,6 @@
 __kernel void arithmetic(  // snapshot_programs.py:21
     ulong count,
     int first,
-    int row,
     __global const float *a_in,
     int a_step,
     __global const float *b_in,
@@ -10,9 +9,9 @@ __kernel void arithmetic(  // snapshot_programs.py:21
     int v_step,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(first, row);
-    sh_packet packet = sh_packet_at(corner, count, row);
-    if (packet.empty) {
+    size_t start = ((size_t)first + get_global_id(0)) * 8;
+    sh_packet packet = sh_packet_at(start, count);
+    if (packet.left == 0) {
         return;
     }
     float8 a = sh_read_f(a_in, a_step, packet);

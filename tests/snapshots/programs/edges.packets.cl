@@ -1,7 +1,6 @@
 __kernel void edges(  // snapshot_programs.py:160
     ulong count,
     int first,
-    int row,
     __global const float *x_in,
     int x_step,
     __global const float *y_in,
@@ -13,9 +12,9 @@ __kernel void edges(  // snapshot_programs.py:160
     __global float *result4_out,
     __global float *result5_out,
     __global uint *result6_out) {
-    int2 corner = sh_corner(first, row);
-    sh_packet packet = sh_packet_at(corner, count, row);
-    if (packet.empty) {
+    size_t start = ((size_t)first + get_global_id(0)) * 8;
+    sh_packet packet = sh_packet_at(start, count);
+    if (packet.left == 0) {
         return;
     }
     float8 x = sh_read_f(x_in, x_step, packet);

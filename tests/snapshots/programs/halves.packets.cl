@@ -1,16 +1,15 @@
 __kernel void halves(  // snapshot_programs.py:180
     ulong count,
     int first,
-    int row,
     __global const float *x_in,
     int x_step,
     __global const float *f_in,
     int f_step,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(first, row);
-    sh_packet packet = sh_packet_at(corner, count, row);
-    if (packet.empty) {
+    size_t start = ((size_t)first + get_global_id(0)) * 8;
+    sh_packet packet = sh_packet_at(start, count);
+    if (packet.left == 0) {
         return;
     }
     float8 x = sh_read_f(x_in, x_step, packet);

@@ -1,7 +1,6 @@
 __kernel void lit(  // snapshot_programs.py:137
     ulong count,
     int first,
-    int row,
     __global const float *p_in,
     int p_step,
     __global const float *n_in,
@@ -12,9 +11,9 @@ __kernel void lit(  // snapshot_programs.py:137
     float3 light,
     __global float *result0_out,
     __global float *result1_out) {
-    int2 corner = sh_corner(first, row);
-    sh_packet packet = sh_packet_at(corner, count, row);
-    if (packet.empty) {
+    size_t start = ((size_t)first + get_global_id(0)) * 8;
+    sh_packet packet = sh_packet_at(start, count);
+    if (packet.left == 0) {
         return;
     }
     float8x3 p = sh_read_f3(p_in, p_step, packet);

@@ -44,8 +44,8 @@ __attribute__((always_inline)) sh_packet sh_packet_at(int2 corner, ulong count, 
 // A vector for each lane of an array, one after the other.
 __attribute__((noinline)) float8x2 sh_read_f2_each(__global const float *a, int8 at) {
     int place[8];
-    float part0[8], part1[8];
     vstore8(at, 0, place);
+    float part0[8], part1[8];
     for (int k = 0; k < 8; k += 1) {
         part0[k] = a[(size_t)place[k] * 2];
         part1[k] = a[(size_t)place[k] * 2 + 1];
@@ -86,9 +86,9 @@ bool sh_any(int8 mask) {
 __attribute__((noinline)) void sh_write_f_each(
     __global float *a, float8 v, int8 at, int8 active) {
     int place[8], there[8];
-    float part0[8];
     vstore8(at, 0, place);
     vstore8(active, 0, there);
+    float part0[8];
     vstore8(v, 0, part0);
     for (int k = 0; k < 8; k += 1) {
         if (there[k]) {
@@ -117,9 +117,9 @@ __attribute__((always_inline)) void sh_write_f(__global float *a, float8 v, sh_p
 __attribute__((noinline)) void sh_write_i_each(
     __global int *a, int8 v, int8 at, int8 active) {
     int place[8], there[8];
-    int part0[8];
     vstore8(at, 0, place);
     vstore8(active, 0, there);
+    int part0[8];
     vstore8(v, 0, part0);
     for (int k = 0; k < 8; k += 1) {
         if (there[k]) {

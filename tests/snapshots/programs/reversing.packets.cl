@@ -1,15 +1,14 @@
 __kernel void reversing(  // snapshot_programs.py:111
     ulong count,
     int first,
-    int row,
     __global const float *x_in,
     int x_step,
     __global const int *n_in,
     int n_step,
     __global float *result_out) {
-    int2 corner = sh_corner(first, row);
-    sh_packet packet = sh_packet_at(corner, count, row);
-    if (packet.empty) {
+    size_t start = ((size_t)first + get_global_id(0)) * 8;
+    sh_packet packet = sh_packet_at(start, count);
+    if (packet.left == 0) {
         return;
     }
     float8x4 x = sh_read_f4(x_in, x_step, packet);

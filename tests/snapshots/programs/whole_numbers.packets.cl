@@ -10,7 +10,6 @@ uint8 pcg(uint8 x) {  // library.py:38
 __kernel void whole_numbers(  // snapshot_programs.py:155
     ulong count,
     int first,
-    int row,
     __global const int *a_in,
     int a_step,
     __global const int *b_in,
@@ -23,9 +22,9 @@ __kernel void whole_numbers(  // snapshot_programs.py:155
     __global uint *result3_out,
     __global float *result4_out,
     __global int *result5_out) {
-    int2 corner = sh_corner(first, row);
-    sh_packet packet = sh_packet_at(corner, count, row);
-    if (packet.empty) {
+    size_t start = ((size_t)first + get_global_id(0)) * 8;
+    sh_packet packet = sh_packet_at(start, count);
+    if (packet.left == 0) {
         return;
     }
     int8 a = sh_read_i(a_in, a_step, packet);
