@@ -13,6 +13,7 @@ import pytest
 
 import shpy as sh
 from shpy.backends import store
+from shpy.backends.opencl.device import machine_of
 
 PROGRAM = """
 import numpy as np, shpy as sh
@@ -329,6 +330,9 @@ def test_pocl_without_a_place_for_its_cache_is_told_from_a_missing_driver(tmp_pa
 def test_no_driver_is_asked_for_a_binary_that_is_not_kept(monkeypatch):
     """PoCL generates code again to give one."""
     monkeypatch.setenv("SHPY_CACHE_DIR", "")
+    machine = machine_of(None)
+    assert machine.abilities  # what was asked of the driver before is saved elsewhere
+    assert machine.wrong is not None
     saved = []
     monkeypatch.setattr(store, "save", lambda *given: saved.append(given))
 
