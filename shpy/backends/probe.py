@@ -1,9 +1,10 @@
 """What a device gets wrong: the operations that everything else is built from, on inputs chosen to be hard.
 
-Stage: compile. Each device is asked once, by a program of its backend's own; here are the inputs, the exact results and
-what follows. A division or root that is wrong is lowered to a corrected one, anything else is an error of compiling.
+Stage: compile. Each device is asked once for each version of its driver, by a program of its backend's own; here are
+the inputs, the exact results and what follows. What can be corrected is lowered to other operations, anything else is
+an error of compiling.
 
-    a, b = hard_inputs()
+    a, b, c = hard_inputs()
     wrong = wrong_operations({"div": ..., "sqrt": ..., ...})      # frozenset() where all is well
 """
 
@@ -18,24 +19,32 @@ import numpy as np
 from shpy.backends.base import Array
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Module
+from shpy.ir.ops import OPS
 from shpy.ir.traverse import walk
 from shpy.passes.library import CORRECTABLE
 
-__all__ = ["COUNT", "PROBED", "hard_inputs", "notes_of", "refuse_wrong", "wrong_operations"]
+__all__ = ["COUNT", "FAULTS", "PROBED", "SCALED", "hard_inputs", "notes_of", "refuse_wrong", "wrong_operations"]
 
-PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "convert")
-"""What is asked: `convert` is a float to an int."""
-COUNT: Final = 1024
-"""Pairs of inputs."""
+PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "ldexp", "convert")
+"""Operations that are asked for: `convert` is a float to an int, `ldexp` is by SCALED."""
+FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals"})
+"""What may be found: an operation that is wrong, ints that are not 0 for a NaN, denormals that become zero."""
+COUNT: Final = 2048
+"""Triples of inputs."""
+SCALED: Final = -120
+"""The exponent of the power of two by which `ldexp` multiplies."""
+_TINY: Final = np.float32(2.0**-126)
+_NAMES: Final = {"convert_nan": "int of NaN"}
 
 
 @cache
-def hard_inputs() -> tuple[Array, Array]:
-    """Two arrays of COUNT positive binary32 numbers; no sum, product, quotient or root of them is a denormal.
+def hard_inputs() -> tuple[Array, Array, Array]:
+    """Three arrays of COUNT binary32 numbers. Where c < 0 no result but that of ldexp is denormal, else a * b is.
 
-    A third each: quotients and roots that lie as close as possible to the middle of two numbers, and others.
+    A sixth each: quotients and roots that lie as close as possible to the middle of two numbers, and others. There c is
+    about -a * b, so that fma gives the error of the product. The other half has mantissas like these.
     """
-    third = COUNT // 3
+    third = COUNT // 6
     divisor, root = 2**23 + _scattered(0, 23), 2**23 + _scattered(1, 23)
     middle = 2**24 + _scattered(2, 24) | 1
     product = divisor * middle
@@ -44,11 +53,13 @@ def hard_inputs() -> tuple[Array, Array]:
     square = (2 * root + 1) ** 2
     radicand = (square + 2**25) >> 26
     nearest = np.argsort(np.abs(square - (radicand << 26)))[:third]
-    rest = COUNT - 2 * third
+    rest = COUNT // 2 - 2 * third
     x, y = ((2**23 + _scattered(n, 23)[:rest]) * 2.0 ** (_scattered(n + 2, 6)[:rest] - 54) for n in (3, 4))
-    a = np.concatenate([dividend[closest], radicand[nearest], x])
-    b = np.concatenate([divisor[closest], root[nearest], y])
-    return a.astype(np.float32), b.astype(np.float32)
+    a = np.concatenate([dividend[closest], radicand[nearest], x]).astype(np.float32)
+    b = np.concatenate([divisor[closest], root[nearest], y]).astype(np.float32)
+    small = np.frexp(a)[0] * np.float32(2.0**-64), np.frexp(b)[0] * np.float32(2.0**-64)
+    c = np.frexp(a * b)[0] * np.float32(2.0**-126)
+    return np.concatenate([a, small[0]]), np.concatenate([b, small[1]]), np.concatenate([-(a * b), c])
 
 
 def _scattered(stream: int, bits: int) -> Array:
@@ -59,20 +70,43 @@ def _scattered(stream: int, bits: int) -> Array:
 
 
 def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
-    """The operations of PROBED whose results, for the hard inputs, differ from the exact ones in a bit."""
-    a, b = hard_inputs()
+    """Those of PROBED whose results, for the hard inputs, differ from the exact ones in a bit; and "denormals".
+
+    Where a device makes zeros of all products that are denormal, denormal results are not compared.
+    """
+    a, b, c = hard_inputs()
     exact = {"add": a + b, "sub": a - b, "mul": a * b, "div": a / b, "sqrt": np.sqrt(a), "floor": np.floor(a),
+             "fma": _meaning("fma", a, b, c), "ldexp": _meaning("ldexp", a, np.full(COUNT, SCALED, np.int32)),
              "convert": np.clip(a.astype(np.float64), 0, 2.0**31 - 1).astype(np.int32)}  # fmt: skip
-    return frozenset(name for name, results in found.items() if not np.array_equal(results, exact[name]))
+    denormal = np.abs(exact["mul"]) < _TINY
+    flushed = "mul" in found and not np.any(found["mul"][denormal])
+    wrong = {"denormals"} if flushed else set()
+    for name, results in found.items():
+        compared = ~(np.abs(exact[name]) < _TINY) | (exact[name] == 0) if flushed else np.full(COUNT, True)
+        if flushed and name == "fma":
+            compared &= c < 0  # c itself is denormal
+        if not np.array_equal(results[compared], exact[name][compared]):
+            wrong.add(name)
+    return frozenset(wrong)
+
+
+def _meaning(name: str, *arrays: Array) -> Array:
+    meaning = OPS[name].meaning
+    assert meaning is not None
+    return np.asarray(meaning(*arrays))
 
 
 def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
-    """What to tell of a device: which operations are mended, and which cannot be."""
+    """What to tell of a device: which operations are corrected, which cannot be, and whether denormals become zero."""
+    operations = set(wrong) - {"denormals"}
     notes = []
-    if mended := sorted(set(wrong) & CORRECTABLE):
-        notes.append(f"this device rounds {' and '.join(mended)} wrong: strict and relaxed mode correct it")
-    if hopeless := sorted(set(wrong) - CORRECTABLE):
+    if corrected := sorted(operations & CORRECTABLE):
+        names = " and ".join(_NAMES.get(name, name) for name in corrected)
+        notes.append(f"this device rounds {names} wrong: strict and relaxed mode correct it")
+    if hopeless := sorted(operations - CORRECTABLE):
         notes.append(f"this device gets {' and '.join(hopeless)} wrong: strict mode refuses programs with it")
+    if "denormals" in wrong:
+        notes.append("this device flushes denormals to zero")
     return tuple(notes)
 
 

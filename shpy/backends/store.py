@@ -23,7 +23,7 @@ import secrets
 import stat
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -92,6 +92,18 @@ def save(name: str, binary: bytes) -> None:
             _prune(folder)
         except OSError as error:
             _tell(f"a kernel could not be written to {_place()} ({error.strerror})")
+
+
+def known_names(name: str, possible: Container[str], ask: Callable[[], Iterable[str]]) -> frozenset[str]:
+    """The names kept under this key, all of which are possible ones; without them those that `ask` gives, then kept."""
+    kept = load(name)
+    if kept is not None:
+        known = frozenset(kept.decode(errors="replace").split())
+        if all(n in possible for n in known):
+            return known
+    found = frozenset(ask())
+    save(name, " ".join(sorted(found)).encode())
+    return found
 
 
 def _head(name: str, binary: bytes) -> bytes:

@@ -6,6 +6,9 @@ closely enough for the mode, becomes a call of a pure function of the library, o
     %d = dot %a, %b : f         ->   %d = call dot3 %a, %b : f       (and the function dot3 before all others)
     %s = sin %a : f             ->   %s = call sin_strict %a : f     (the same bits on every target)
     %q = div %a, %b : f         ->   %q = call div_corrected %a, %b : f      (on a device that rounds it wrong)
+    %i = convert %a : i         ->   %n = eq %a, %a : b                      (on a device that makes a number of NaN)
+                                     %t = convert %a : i
+                                     %i = cond %n, %t, 0 : i
     %m = mad %a, %b, %c : f     ->   %p = mul %a, %b : f
                                      %m = add %p, %c : f
 
@@ -64,8 +67,11 @@ class _Lower(Rewriter):
     def let(self, let: Let) -> None:
         op = let.op
         if op in self.corrected and let.value.type.base is Base.F:
-            callee = self.library.use(op, tuple(self.types[a] for a in let.args))
+            callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._basic)
             self.emit(Let(let.value, "call", let.args, callee.name))
+            return
+        if op == "convert" and "convert_nan" in self.corrected:
+            self._convert(let)
             return
         if op in self.bounded and let.value.type.base is Base.D:
             callee = self.library.use(BOUNDED[op], tuple(self.types[a] for a in let.args), self._unbounded)
@@ -83,6 +89,22 @@ class _Lower(Rewriter):
 
     def _lowered(self, function: Function) -> Function:
         return _Lower(function, self.functions, self.native, self.corrected, self.bounded, self.library).run()
+
+    def _basic(self, function: Function) -> Function:
+        """A correction, which may use another one: of ldexp. Others start from what the device makes of them."""
+        left = self.corrected & {"ldexp"}
+        return _Lower(function, self.functions, self.native, left, self.bounded, self.library).run()
+
+    def _convert(self, let: Let) -> None:
+        """Emit the conversion of a float to an int as `x == x ? int(x) : 0`."""
+        (x,) = let.args
+        if not self.types[x].is_float or not let.value.type.is_int:
+            self.emit(let)
+            return
+        number = self.make("eq", x, x, type=self.types[x].based(Base.B))
+        made = self.value(let.value.type)
+        self.emit(Let(made, "convert", let.args))
+        self.emit(Let(let.value, "cond", (number, made.id, self.const(let.value.type, 0))))
 
     def _unbounded(self, function: Function) -> Function:
         return _Lower(function, self.functions, self.native, self.corrected, frozenset(), self.library).run()

@@ -21,6 +21,7 @@ from shpy.ir.types import Base, vec
 from shpy.kernel import Kernel
 from shpy.passes.library import definition
 from shpy.testing.conformance.exact import apply
+from shpy.testing.reference import Reference
 
 
 @sh.program
@@ -52,12 +53,13 @@ def check(found: Array, wanted: Array, flushed: bool = False) -> None:
 
 @pytest.fixture
 def wrong(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Makes every device one that gets these operations wrong."""
+    """Makes every device one that gets these operations wrong, beside the denormals that OpenGL's loses."""
 
-    def pretend(*names: str) -> None:
+    def pretend(*names: str, **limits: Any) -> None:
         machine, context = machine_of(None), open_context(0)
         monkeypatch.setitem(machine.__dict__, "wrong", frozenset(names))
-        monkeypatch.setattr(context, "limits", replace(context.limits, wrong=frozenset(names)))
+        lost = context.limits.wrong & {"denormals"}
+        monkeypatch.setattr(context, "limits", replace(context.limits, wrong=lost | set(names), **limits))
 
     return pretend
 
@@ -72,16 +74,31 @@ def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
 
 def test_devices_here_round_correctly() -> None:
     assert machine_of(None).wrong == frozenset()
-    assert open_context(0).limits.wrong == frozenset()
+    assert open_context(0).limits.wrong <= {"denormals"}
 
 
 def test_the_probe_finds_what_is_off_by_one() -> None:
-    a, b = probe.hard_inputs()
-    exact = {"add": a + b, "div": a / b, "sqrt": np.sqrt(a)}
+    a, b, c = probe.hard_inputs()
+    exact = {"add": a + b, "div": a / b, "sqrt": np.sqrt(a), "mul": a * b, "fma": ops.OPS["fma"].meaning(a, b, c)}
     assert probe.wrong_operations(exact) == frozenset()
     reciprocal = a * (np.float32(1) / b)
     assert probe.wrong_operations({"add": exact["add"], "div": reciprocal}) == {"div"}
     assert probe.wrong_operations({"sqrt": np.nextafter(exact["sqrt"], np.float32(0))}) == {"sqrt"}
+    assert probe.wrong_operations({"fma": a * b + c}) == {"fma"}
+
+
+def test_the_probe_knows_devices_that_flush_denormals() -> None:
+    a, b, c = probe.hard_inputs()
+
+    def flushed(x: Array) -> Array:
+        return np.where(np.abs(x) < 2.0**-126, np.float32(0), x)
+
+    fma, scaled = ops.OPS["fma"].meaning(a, b, c), ops.OPS["ldexp"].meaning(a, np.full(len(a), probe.SCALED, np.int32))
+    assert (flushed(scaled) != scaled).any()
+    assert probe.wrong_operations({"ldexp": flushed(scaled), "mul": a * b}) == {"ldexp"}
+    all_flushed = {"mul": flushed(a * b), "fma": np.where(c < 0, fma, 0), "ldexp": flushed(scaled)}
+    assert probe.wrong_operations(all_flushed) == {"denormals"}
+    assert probe.wrong_operations({**all_flushed, "fma": a * b + c}) == {"denormals", "fma"}
 
 
 @pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
@@ -118,6 +135,143 @@ def test_they_are_right_from_a_start_that_is_far_off(name: str, off: int, monkey
         for operation in exact:
             monkeypatch.setitem(ops.OPS, operation, replace(ops.OPS[operation], meaning=vague(operation)))
         check(apply(function, *((a, b) if name == "div" else (a,))), wanted)
+
+
+@sh.program
+def fused(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.fma(a, b, c)
+
+
+@sh.program
+def scaled(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
+    return sh.ldexp(x, n)
+
+
+@sh.program
+def whole(x: sh.Attrib1f, v: sh.Attrib3f):
+    return sh.Attrib1i(x), sh.Attrib1u(x), sh.Attrib3i(v), sh.Attrib3u(v)
+
+
+def triples() -> tuple[Array, Array, Array]:
+    """Special numbers in all combinations, sums near a product, cancellation, denormals, and any bits."""
+    rng = np.random.default_rng(4)
+    edges = [0, 2.0**-149, 2.0**-127, 2.0**-126, 2.0**-75, 4097 * 2.0**-149, 3e-23, 0.1, 1, 1.5, 1 + 2.0**-23, 2.0**64]
+    special = np.float32([*edges, 3.4028235e38, np.inf, np.nan])
+    special = np.concatenate([special, -special])
+    count = 1 << 15
+    e, f = rng.integers(0, 255, (2, count))
+    g = np.clip(e + f - 127 + rng.integers(-50, 30, count), 0, 254)
+    low = rng.integers(0, 127, count)
+    less = np.clip(126 - low - rng.integers(-5, 60, count), 0, 254)
+    near, small = (
+        [_numbers(rng, x) for x in exponents] for exponents in ((e, f, g), (low, less, rng.integers(0, 30, count)))
+    )
+    with np.errstate(all="ignore"):
+        opposite = (near[0] * near[1]).view(np.uint32) + rng.integers(0, 3, count).astype(np.uint32)
+    parts = [
+        [grid.ravel() for grid in np.meshgrid(special, special, special)],
+        near,
+        small,
+        [*near[:2], -opposite.view(np.float32)],
+        list(rng.integers(0, 2**32, (3, count)).astype(np.uint32).view(np.float32)),
+    ]
+    a, b, c = (np.concatenate(list(arrays)) for arrays in zip(*parts, strict=True))
+    return a, b, c
+
+
+def _numbers(rng: np.random.Generator, exponent: Array) -> Array:
+    """Numbers of these exponents, every third of which ends in zeros and every seventh in one or two bits."""
+    m = rng.integers(0, 2**23, len(exponent))
+    m[::3] &= 0x7FF000
+    m[::7] &= 3
+    return ((rng.integers(0, 2, len(exponent)) << 31) | (exponent << 23) | m).astype(np.uint32).view(np.float32)
+
+
+def powers() -> tuple[Array, Array]:
+    """Numbers and exponents: results around the least and the greatest numbers, and any."""
+    rng = np.random.default_rng(5)
+    x = rng.integers(0, 2**32, 1 << 15).astype(np.uint32).view(np.float32)
+    n = rng.integers(-300, 301, len(x)).astype(np.int32)
+    n[:16] = -(2**31), 2**31 - 1, *range(-7, 7)
+    exponents = (x[::2].view(np.uint32) >> 23 & 255).astype(np.int32) - 127
+    n[::2] = -exponents - 120 - rng.integers(0, 30, len(exponents))
+    x[:8] = 0, -0.0, np.inf, -np.inf, np.nan, 2.0**-149, -(2.0**-126), 3.4028235e38
+    return x, n
+
+
+def test_corrected_fma_and_ldexp_are_exact() -> None:
+    f, i = vec(Base.F), vec(Base.I)
+    for name, types, given in (("fma", (f, f, f), triples()), ("ldexp", (f, i), powers())):
+        with np.errstate(all="ignore"):
+            wanted = ops.OPS[name].meaning(*given)
+        assert not differs(apply(definition(name, types), *given), wanted).any(), name
+
+
+@pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
+def test_fma_and_ldexp_are_corrected(backend: str, lanes: Any, wrong: Any) -> None:
+    wrong("fma", "ldexp")
+    for program, given in ((fused, triples()), (scaled, powers())):
+        name = "fma" if program is fused else "ldexp"
+        kernel = compiled(program, backend, lanes=lanes)
+        assert f"{name}_corrected" in kernel.source
+        assert "rounds fma and ldexp wrong" in kernel.notes[0]
+        with np.errstate(all="ignore"):
+            wanted = ops.OPS[name].meaning(*given)
+        found = kernel(*given)
+        differ = differs(found, wanted)
+        if flushes_denormals(backend):
+            differ &= ~np.any([(np.abs(x) < 2.0**-126) & (x != 0) for x in (*given, wanted) if x.dtype.kind == "f"], 0)
+        assert not differ.any()
+
+
+def test_an_fma_of_the_device_is_used_where_it_rounds_once(wrong: Any) -> None:
+    wrong(fuses=False)
+    assert "= sh_fma(a, b, c);" in compiled(fused, "glsl").source
+    wrong(fuses=True)
+    source = compiled(fused, "glsl").source
+    assert "= fma(a, b, c);" in source
+    assert "sh_fma" not in source
+
+
+@pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
+def test_an_int_of_nan_is_corrected(backend: str, lanes: Any, wrong: Any) -> None:
+    wrong("convert_nan")
+    kernel = compiled(whole, backend, lanes=lanes)
+    assert "int of NaN" in kernel.notes[0]
+    assert "x == x" in kernel.source
+    x = np.float32([np.nan, -np.nan, 0, -0.0, 1.9, -1.9, 2.0**31, -(2.0**31), 4e9, 3e10, np.inf, -np.inf, 1e-45])
+    given = x, np.stack([x, -x, x[::-1]], axis=-1)
+    for found, wanted in zip(kernel(*given), Kernel(whole._recorded, Reference(), Options())(*given), strict=True):
+        assert np.array_equal(found, wanted)
+
+
+@sh.program
+def stored(k: sh.Attrib1i, v: sh.Attrib2f):
+    a, b, c = sh.Array(sh.Attrib1f, 5), sh.Array(sh.Attrib2f, 3), sh.Array(sh.Attrib1b, 4)
+    a[k] = v.x
+    a[sh.Attrib1u(k + 1)] = v.y
+    b[k] = v
+    c[k] = v.x > 0
+    return a[0], a[4], a[2], b[1], c[k], c[1]
+
+
+def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
+    wrong(stores_apart=False)
+    kernel = compiled(stored, "glsl")
+    assert "for (int sh_i = 0; sh_i < 5; sh_i++)" in kernel.source
+    assert "mixes up stores" in " ".join(kernel.notes)
+    k = np.int32([*range(-3, 8), 2**31 - 1, -(2**31)])
+    given = k, np.arange(2 * len(k), dtype=np.float32).reshape(-1, 2) - 5
+    for found, wanted in zip(kernel(*given), Kernel(stored._recorded, Reference(), Options())(*given), strict=True):
+        assert np.array_equal(found, wanted)
+
+
+def test_faults_of_opengl_are_kept_on_disk(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
+    context = open_context(0)
+    asked = context.call(context._probe)
+    monkeypatch.setattr(context, "_faults", None)  # not to be called again
+    assert context.call(context._probe) == asked == context.limits
 
 
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])

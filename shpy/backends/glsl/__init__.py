@@ -21,8 +21,8 @@ from shpy.backends.glsl.runtime import Program, Runtime, unsupported
 from shpy.backends.glsl.spelling import FAST, NATIVE
 from shpy.backends.probe import notes_of, refuse_wrong
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
-from shpy.ir.nodes import Let, Loc, Module, Store, Value, Variable
-from shpy.ir.traverse import defined, variables_of, walk
+from shpy.ir.nodes import Loc, Module, Value, Variable
+from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base
 from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
@@ -86,8 +86,6 @@ class GlslBackend:
         limits = runtime.context.limits
         prepared = prepare(module, options, replace(TARGET, wrong=limits.wrong & CORRECTABLE))
         _refuse(prepared.module)
-        if not limits.stores_apart:
-            _refuse_stores(prepared.module)
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")
@@ -107,6 +105,8 @@ class GlslBackend:
                 limited=options.loop_limit is not None,
                 exact=exact,
                 precise=limits.keeps_order,
+                fuses=limits.fuses,
+                stores_apart=limits.stores_apart,
             )
             programs.append(runtime.build(printer.shader(), module.entry.loc, steady=steady))
         sources = [p.shader.source for p in programs]
@@ -133,12 +133,12 @@ def _described(context: Context) -> Device:
 def _notes(context: Context) -> tuple[str, ...]:
     limits = context.limits
     notes = list(notes_of(limits.wrong))
-    if not limits.keeps_denormals:
-        notes.append("this device flushes denormals to zero")
     if not limits.keeps_order:
         notes.append(
             "this device lacks GL_ARB_gpu_shader5: bit operations keep arithmetic in order instead, which takes time"
         )
+    if not limits.stores_apart:
+        notes.append("this device mixes up stores at an index that varies: loops over the array correct them")
     return tuple(notes)
 
 
@@ -152,18 +152,6 @@ def _refuse(module: Module) -> None:
     for table in module.tables:
         if table.type.base in (Base.D, Base.H):
             raise unsupported(table.type, module.entry.loc)
-
-
-def _refuse_stores(module: Module) -> None:
-    """CompileError for a store at an index that varies: softpipe takes the index of another element."""
-    for function in module.functions:
-        constants = {s.value.id for s in walk(function.body) if isinstance(s, Let) and s.op == "const"}
-        for s in walk(function.body):
-            if isinstance(s, Store) and s.index is not None and s.index not in constants:
-                message = "this device gets stores at an index that varies wrong"
-                raise CompileError(
-                    message, loc=s.loc or function.loc, cure='compile this program on "numpy" or "opencl"'
-                )
 
 
 backend = GlslBackend()

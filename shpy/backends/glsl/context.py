@@ -21,7 +21,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from shpy.backends.probe import COUNT, hard_inputs, wrong_operations
+from shpy.backends import store
+from shpy.backends.probe import COUNT, FAULTS, hard_inputs, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyError
 
@@ -35,22 +36,24 @@ void main() {
 }
 """
 
-# The operations that a device may get wrong, and a product that is denormal.
+# The operations that a device may get wrong.
 _PROBE = """\
 #version 330 core
 #ifdef GL_ARB_gpu_shader5
 #extension GL_ARB_gpu_shader5 : enable
 #else
 #define precise
+#define fma(a, b, c) 0.0
 #endif
-uniform sampler2D pairs;
+uniform sampler2D triples;
 layout(location = 0) out vec4 first;
 layout(location = 1) out vec4 second;
 void main() {
-    vec4 p = texelFetch(pairs, ivec2(gl_FragCoord.xy), 0);
+    vec4 p = texelFetch(triples, ivec2(gl_FragCoord.xy), 0);
     precise vec4 found = vec4(p.x + p.y, p.x - p.y, p.x * p.y, p.x / p.y);
     first = found;
-    second = vec4(sqrt(p.x), floor(p.x), float(int(min(p.x, 16777215.0))), p.z * p.w);
+    precise float fused = fma(p.x, p.y, p.z);
+    second = vec4(sqrt(p.x), floor(p.x), float(int(min(p.x, 16777215.0))), fused);
 }
 """
 
@@ -74,10 +77,16 @@ class Limits:
     outputs: int
     textures: int
     wrong: frozenset[str] = frozenset()
-    keeps_denormals: bool = True
     keeps_order: bool = True
     stores_apart: bool = True
     """True if each element's store at a varying index reaches its own element."""
+    fuses: bool = False
+    """True if the device's own `fma` rounds once."""
+
+    @property
+    def keeps_denormals(self) -> bool:
+        """True if no denormal becomes zero."""
+        return "denormals" not in self.wrong
 
 
 def _moderngl() -> Any:
@@ -181,37 +190,45 @@ class Context:
         found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(-1, 4)[:, 0]
         return bool(found.tolist() == [0, 0, 0, 5, 0, 0, 0, 0])
 
-    def _probe(self) -> Limits:
+    def _faults(self) -> frozenset[str]:
+        """What the device gets wrong, of FAULTS and "stores"."""
         gl = self.gl
         size = (32, COUNT // 32)
-        pairs = np.full((COUNT, 4), (0, 0, 1.1754944e-38, 0.5), np.float32)
-        pairs[:, 0], pairs[:, 1] = hard_inputs()
-        texture = gl.texture(size, 4, pairs.tobytes(), dtype="f4")
+        triples = np.zeros((COUNT, 4), np.float32)
+        triples[:, :3] = np.stack(hard_inputs(), axis=-1)
+        texture = gl.texture(size, 4, triples.tobytes(), dtype="f4")
         target = gl.framebuffer([gl.texture(size, 4, dtype="f4") for _ in range(2)])
         target.use()
         texture.use(0)
-        program = self.program(_PROBE)
-        gl.vertex_array(program, []).render(self.moderngl.TRIANGLES, 3)
+        gl.vertex_array(self.program(_PROBE), []).render(self.moderngl.TRIANGLES, 3)
         read = [target.read(components=4, dtype="f4", attachment=n) for n in range(2)]
         found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in read])
-        results = dict(zip(("add", "sub", "mul", "div", "sqrt", "floor"), found.T, strict=False))
-        wrong = wrong_operations(results)
-        if not np.array_equal(found[:, 6], np.trunc(np.minimum(pairs[:, 0], np.float32(2**24 - 1)))):
-            wrong |= {"convert"}
-        keeps_denormals = bool(found[0, 7] != 0)
-        if keeps_denormals:  # the prologue's fma rounds denormals more than once
-            wrong |= {"fma"}
-        stores_apart = self._stores_apart()
+        names = ("add", "sub", "mul", "div", "sqrt", "floor")
+        wrong = set(wrong_operations({**dict(zip(names, found.T, strict=False)), "fma": found[:, 7]}))
+        if not np.array_equal(found[:, 6], np.trunc(np.minimum(triples[:, 0], np.float32(2**24 - 1)))):
+            wrong.add("convert")
+        if not self._stores_apart():
+            wrong.add("stores")
         self.resting.use()
         check(gl, "probe the device")
+        return frozenset(wrong)
+
+    def _probe(self) -> Limits:
+        gl = self.gl
+        about = (gl.info["GL_VENDOR"], gl.info["GL_RENDERER"], gl.info["GL_VERSION"])
+        ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
+        key = store.key("glsl faults", *about, str(ordered), _PROBE, _STORES)
+        faults = store.known_names(key, FAULTS | {"stores"}, self._faults)
+        # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
+        ours = {"fma"} if "denormals" in faults else set()
         return Limits(
             width=min(gl.info["GL_MAX_TEXTURE_SIZE"], *gl.info["GL_MAX_VIEWPORT_DIMS"]),
             outputs=min(gl.info["GL_MAX_DRAW_BUFFERS"], gl.info["GL_MAX_COLOR_ATTACHMENTS"]),
             textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
-            wrong=wrong,
-            keeps_denormals=keeps_denormals,
-            stores_apart=stores_apart,
-            keeps_order="GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400,
+            wrong=faults - ours - {"stores"},
+            stores_apart="stores" not in faults,
+            fuses="fma" not in faults,
+            keeps_order=ordered,
         )
 
 

@@ -60,13 +60,16 @@ class Printer(Spelling):
         limited: bool = True,
         exact: bool = True,
         precise: bool = True,
+        fuses: bool = False,
+        stores_apart: bool = True,
     ) -> None:
         """What to mind: loops that the device stops of its own accord.
 
         `limited` says that loops without a known bound have a limit of ours, `exact` that operations keep their order,
-        `precise` that the device has the qualifier.
+        `precise` that the device has the qualifier, `fuses` that its own `fma` rounds once, `stores_apart` that a
+        store at a varying index reaches the element of each fragment.
         """
-        super().__init__(module, exact=exact, precise=precise)
+        super().__init__(module, exact=exact, precise=precise, fuses=fuses, stores_apart=stores_apart)
         self.loops_stop = loops_stop
         self.limited = limited
         self.sheltered = sheltered_functions(module)

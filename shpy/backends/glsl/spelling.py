@@ -24,7 +24,8 @@ from shpy.backends.expressions import Expr, Level
 from shpy.backends.glsl.prologue import Prologue, spelled
 from shpy.backends.naming import Target
 from shpy.backends.operations import COMPARISONS
-from shpy.ir.nodes import Function, Let, Module, Variable
+from shpy.backends.statements import assignment, constant_index
+from shpy.ir.nodes import Function, Let, Module, Store, Variable
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.known import Known
@@ -72,9 +73,22 @@ class Spelling(CLike):
     target: Target = "glsl"
     inputs_are_variables = True
 
-    def __init__(self, module: Module, *, exact: bool = True, precise: bool = True) -> None:
-        """`exact` says that operations keep their order; without `precise`, by hiding each result from the driver."""
+    def __init__(
+        self,
+        module: Module,
+        *,
+        exact: bool = True,
+        precise: bool = True,
+        fuses: bool = False,
+        stores_apart: bool = True,
+    ) -> None:
+        """`exact` says that operations keep their order; without `precise`, by hiding each result from the driver.
+
+        `fuses`: the device's own `fma` rounds once; `stores_apart`: it stores where each element's own index says.
+        """
         super().__init__(module)
+        self.fuses = fuses
+        self.stores_apart = stores_apart
         self.exact = exact
         self.kept_apart = exact and not precise
         self.prologue = Prologue(exact=exact, precise=precise)
@@ -186,6 +200,8 @@ class Spelling(CLike):
         of_ints = not types[0].is_float and op in _OWN_OF_INTS
         if op in _OWN:
             return _OWN[op]
+        if op == "fma" and self.fuses:
+            return op
         return op if of_ints else self.prologue.use(_HELPERS.get(op, f"sh_{op}"), types)
 
     def infix(self, let: Let) -> Expr:
@@ -231,6 +247,23 @@ class Spelling(CLike):
         if type.is_float:
             return ex.call("mix", b, a, c)
         return ex.call(self.prologue.use("sh_select", (type.based(Base.B), type, type)), c, a, b)
+
+    def _store_element(self, s: Store, index: int, e: Expr) -> None:
+        """A store into an array; at an index that is the same for all fragments, where a device knows no other."""
+        if self.stores_apart or constant_index(self.simple(index)) is not None:
+            super()._store_element(s, index, e)
+            return
+        self.settle([s.variable])
+        at = self.simple(index)
+        chosen = at.text if self.types[index].base is Base.I else f"int({at.text})"
+        text = assignment(*self._part(s, ex.element(self.slots[s.variable], Expr("sh_i")), e))
+        self.emit(f"for (int sh_i = 0; sh_i < {self.variables[s.variable].length}; sh_i++) {{", s.loc)
+        with self.block():
+            self.emit(f"if (sh_i == {chosen}) {{")
+            with self.block():
+                self.emit(text, s.loc)
+            self.emit("}")
+        self.emit("}")
 
     def not_vector(self, e: Expr) -> Expr:
         """`not(e)`."""

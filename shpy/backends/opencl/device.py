@@ -32,7 +32,7 @@ from shpy.backends.opencl.spelling import ELEMENTWISE
 from shpy.backends.opencl.trial import Trial, works
 from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace
-from shpy.backends.probe import COUNT, PROBED, hard_inputs, notes_of, wrong_operations
+from shpy.backends.probe import COUNT, FAULTS, PROBED, SCALED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.tabledata import TableData
@@ -63,10 +63,10 @@ _TRIALS = {
     },
 }
 """Functions that a compiler may have besides OpenCL C."""
-_EXACTNESS = """\
+_EXACTNESS = f"""\
 #pragma OPENCL FP_CONTRACT OFF
-__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *nan,
-                    __global floatWIDE *r, __global intWIDE *n) {
+__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *c, __global floatWIDE *nan,
+                    __global floatWIDE *r, __global intWIDE *n) {{
     size_t i = get_global_id(0), all = get_global_size(0);
     floatWIDE x = a[i], y = b[i];
     r[i] = x + y;
@@ -75,9 +75,11 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
     r[3 * all + i] = x / y;
     r[4 * all + i] = sqrt(x);
     r[5 * all + i] = floor(x);
+    r[6 * all + i] = fma(x, y, c[i]);
+    r[7 * all + i] = ldexp(x, (intWIDE)({SCALED}));
     n[i] = convert_intWIDE_sat(x);
     n[all + i] = convert_intWIDE_sat(nan[i]) | as_intWIDE(convert_uintWIDE_sat(nan[i]));
-}
+}}
 """
 _CPU_SECONDS = 0.5
 """Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
@@ -366,13 +368,7 @@ class Machine:
     @cached_property
     def wrong(self) -> frozenset[str]:
         """The operations that this device gets wrong: asked once, and kept on disk."""
-        key = self._key(_EXACTNESS, "strict")
-        kept = store.load(key)
-        known = None if kept is None else frozenset(kept.decode(errors="replace").split())
-        if known is None or not known <= set(PROBED):
-            known = self._asked()
-            store.save(key, " ".join(sorted(known)).encode())
-        return known
+        return store.known_names(self._key(_EXACTNESS, "strict"), FAULTS, self._asked)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -385,7 +381,7 @@ class Machine:
         with self.lock:
             given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32))
             inputs = [self.upload(array) for array in given]
-            results, ints = np.empty((6, COUNT), np.float32), np.empty((2, COUNT), np.int32)
+            results, ints = np.empty((8, COUNT), np.float32), np.empty((2, COUNT), np.int32)
             outputs = [self.take(array.nbytes) for array in (results, ints)]
             kernel = self.cl.Kernel(self.build(text), "probe")
             kernel.set_args(*inputs, *outputs)
@@ -395,17 +391,13 @@ class Machine:
             self.queue.finish()
             self.give_back([*inputs, *outputs])
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
-        return wrong | {"convert"} if ints[1].any() else wrong
+        return wrong | {"convert_nan"} if ints[1].any() else wrong
 
     @cached_property
     def abilities(self) -> Abilities:
         """The functions that the compiler has besides OpenCL C, tried once for each driver version and kept on disk."""
         key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), "strict")
-        kept = store.load(key)
-        known = None if kept is None else frozenset(kept.decode(errors="replace").split())
-        if known is None or not known <= _TRIALS.keys():
-            known = works(self._place(), self.options("strict"), _TRIALS)
-            store.save(key, " ".join(sorted(known)).encode())
+        known = store.known_names(key, _TRIALS, lambda: works(self._place(), self.options("strict"), _TRIALS))
         signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
         return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs)
 

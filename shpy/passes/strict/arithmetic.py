@@ -1,8 +1,9 @@
-"""Division and square root rounded correctly, for devices that do not: from an estimate and its integer remainder.
+"""Operations of binary32 rounded correctly, for devices that round them wrong or have none: computed in integers.
 
-Stage: improve. A quotient of mantissas is wanted to 25 bits; the device's own gives it to within 64 units in the last
-place (a root 16), and the remainder, exact modulo 2**32, tells how far off it is. Zeros, infinities, denormals and NaN
-are the device's affair.
+Stage: improve. Division and square root start from an estimate: a quotient of mantissas is wanted to 25 bits; the
+device's own gives it to within 64 units in the last place (a root 16), and the remainder, exact modulo 2**32, tells how
+far off it is. Zeros, infinities, denormals and NaN are the device's affair. `fma` and `ldexp` compute with integers
+alone where all is finite, so that denormals are exact whatever the device makes of them.
 """
 
 from __future__ import annotations
@@ -87,5 +88,102 @@ def sqrt(x: Term) -> Term:
     return where((e.equals(0)) | (e >= 255) | (x < 0), x.op("sqrt"), root)
 
 
-CORRECTED: Final[Mapping[str, Callable[..., Term]]] = {"div": div, "sqrt": sqrt}
+def _leading(x: Term) -> Term:
+    """The place of the highest bit of a uint that is not 0, as an int: from the exponent of a float."""
+    # Without the bit below the highest one, no conversion rounds up to the next power of two.
+    return _exponent((x & ~(x >> 1)).based(Base.F).op("bits_from_float")) - 127
+
+
+def _normalised(bits: Term) -> tuple[Term, Term]:
+    """The mantissa m, 2**23 up to 2**24, and the exponent n of a number of size m * 2**n; zero is 0 * 2**-649."""
+    field, low = _exponent(bits), bits & 0x7FFFFF
+    up = where(low.equals(0), field.constant(500), 23 - _leading(low | 1)).named("up")
+    denormal = field.equals(0)
+    return where(denormal, low.op("shl", up), low | 0x800000), where(denormal, -149 - up, field - 150)
+
+
+def _assembled(sign: Term, m: Term, e: Term) -> Term:
+    """The float with this sign bit nearest to m * 2**(e - 158), half to even; m has its highest bit set."""
+    less = (1 - e).op("max", 0).op("min", 31).named("less")
+    kept = m.op("shr", less)
+    m = (kept | where(kept.op("shl", less).equals(m), m.constant(0), 1)).named("m")
+    up = where((m & 255) > 128 - ((m >> 8) & 1), m.constant(1), 0)
+    field = e.op("max", 1).op("min", 255) - 1
+    size = (m >> 8) + up + (field << 23).based(Base.U)
+    return (sign | where(e >= 255, size.constant(0x7F800000), size)).op("float_from_bits")
+
+
+def ldexp(x: Term, n: Term) -> Term:
+    """X * 2**n, rounded once."""
+    bits = x.op("bits_from_float").named("bits")
+    m, e = _normalised(bits)
+    scaled = _assembled(bits & 0x80000000, m << 8, e + 150 + n.op("max", -1000).op("min", 1000))
+    return where(m.equals(0) | _exponent(bits).equals(255), x, scaled)
+
+
+_Wide = tuple[Term, Term]
+"""A whole number of 64 bits: its higher and its lower half, as uints."""
+
+
+def _shifted(x: _Wide, n: Term) -> _Wide:
+    """X shifted right by 0 to 63 bits; the lowest bit is set in addition if any that is lost was."""
+    high, low = x
+    by = (n & 31).named("by")
+    # Two shifts: one by 32 would be one by 0.
+    out_of_high, out_of_low = ((half << 1).op("shl", 31 - by) for half in x)
+    near = high.op("shr", by), low.op("shr", by) | out_of_high
+    far = (n >= 32).named("far")
+    lost = where(far, out_of_high | low, out_of_low)
+    jam = where(lost.equals(0), low.constant(0), 1)
+    return where(far, high.constant(0), near[0]), where(far, near[0], near[1]) | jam
+
+
+def _negated(x: _Wide, condition: Term) -> _Wide:
+    """-x modulo 2**64 where the condition holds, else x."""
+    high, low = x
+    carry = where(low.equals(0), low.constant(1), 0)
+    return where(condition, ~high + carry, high), where(condition, low.constant(0) - low, low)
+
+
+def _product(a: Term, b: Term) -> _Wide:
+    """A * b * 2**14 for mantissas of 24 bits, from halves of 12 bits."""
+    a_high, a_low, b_high, b_low = a >> 12, a & 4095, b >> 12, b & 4095
+    middle = (a_high * b_low + a_low * b_high).named("middle")
+    low = (a_low * b_low + ((middle & 4095) << 12)).named("low")
+    high = a_high * b_high + (middle >> 12) + (low >> 24)
+    return (high << 6) | ((low & 0xFFFFFF) >> 18), low << 14
+
+
+def fma(a: Term, b: Term, c: Term) -> Term:
+    """A * b + c, rounded once: a sum of 64 bits whose lowest bit tells of all that was shifted out."""
+    bits = [x.op("bits_from_float").named(f"{name}_bits") for x, name in ((a, "a"), (b, "b"), (c, "c"))]
+    (a_m, a_e), (b_m, b_e), (c_m, c_e) = map(_normalised, bits)
+    product, term = _product(a_m, b_m), (c_m << 6, c_m.constant(0))  # times 2**14 and 2**38
+    apart = (c_e - a_e - b_e - 24).named("apart")
+    c_first = (apart >= 0).named("c_first")
+    first, second = ([where(c_first, x, y) for x, y in zip(*pair, strict=True)]
+                     for pair in ((term, product), (product, term)))  # fmt: skip
+    product_sign = ((bits[0] ^ bits[1]) & 0x80000000).named("product_sign")
+    c_sign = (bits[2] & 0x80000000).named("c_sign")
+    distance = abs(apart).op("min", 63).named("distance")
+    high, low = _negated(_shifted((second[0], second[1]), distance), product_sign.differs(c_sign))
+    sum_low = (first[1] + low).named("sum_low")
+    sum_high = first[0] + high + where(sum_low < low, low.constant(1), 0)
+    below = (sum_high >= 0x80000000).named("below")
+    high, low = _negated((sum_high, sum_low), below)
+    sign = where(c_first, c_sign, product_sign) ^ where(below, c_sign.constant(0x80000000), 0)
+    # The highest bit goes to the top of one half.
+    short, nothing = high.equals(0).named("short"), (high | low).equals(0).named("nothing")
+    top, rest = where(short, low, high), where(short, low.constant(0), low)
+    up = (31 - _leading(top | 1)).named("up")
+    jam = where(rest.op("shl", up).equals(0), top.constant(0), 1)
+    m = top.op("shl", up) | (rest >> 1).op("shr", 31 - up) | jam
+    e = where(c_first, c_e - 38, a_e + b_e - 14) - up + where(short, up.constant(158), 190)
+    finite = _assembled(where(nothing, product_sign & c_sign, sign), m, where(nothing, e.constant(0), e))
+    factors = _exponent(bits[0]).op("max", _exponent(bits[1]))
+    special = where(factors < 255, c, a * b + c)
+    return where(factors.op("max", _exponent(bits[2])).equals(255), special, finite)
+
+
+CORRECTED: Final[Mapping[str, Callable[..., Term]]] = {"div": div, "sqrt": sqrt, "ldexp": ldexp, "fma": fma}
 """What an operation of binary32 is lowered to on a device that gets it wrong."""
