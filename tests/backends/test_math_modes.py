@@ -244,3 +244,22 @@ def test_a_mode_that_does_not_exist_is_refused() -> None:
     with pytest.raises(sh.ShpyTypeError, match="math='exact'") as error:
         program("sin").compile(math="exact")  # type: ignore[arg-type]
     assert error.value.cure == 'math="strict", "relaxed" or "fast"'
+
+
+def test_one_lane_keeps_a_nan_that_the_compiler_derives() -> None:
+    """PoCL stored nothing at all, so that the buffer kept what it held: sevens, here."""
+
+    @sh.program
+    def sevens(x: sh.Attrib1f):
+        return x * 0 + 7, x * 0 + 7, x * 0 + 7, x * 0 + 7
+
+    @sh.program
+    def derived(x: sh.Attrib1f):
+        nothing = np.float32("nan") - x
+        return sh.exp(nothing), sh.exp2(nothing), sh.sinh(nothing), sh.tanh(nothing)
+
+    x = np.linspace(-3, 5, 1000, dtype=np.float32)
+    for lanes in (1, 4, 8, 16):
+        first, second = (p.compile("opencl", lanes=lanes, math="relaxed") for p in (sevens, derived))
+        assert np.all(np.stack(first(x)) == 7)
+        assert np.isnan(np.stack(second(x))).all()

@@ -25,7 +25,7 @@ from typing import Final
 
 from shpy.backends.opencl.packet_memory import HEX, INLINE, QUAD, PacketMemory, spelled_wide, struct_text
 from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
-from shpy.backends.opencl.prologue import SCALARS, Prologue
+from shpy.backends.opencl.prologue import LDEXP, SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
 __all__ = ["IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]
@@ -149,8 +149,12 @@ class PacketPrologue(Prologue):
             return self._ask(name, lambda n: self._filled(_TRIGONOMETRIC.replace("{op}", op), n, type))
         if op == "pow":
             return self._ask(name, lambda n: _each_lane(n, op, spelled_wide(type), self.lanes))
-        text = _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
+        text = LDEXP[type.base] if op == "ldexp" else _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
         return self._ask(name, lambda n: self._filled(text, n, type))
+
+    def wants(self, op: str, type: Type) -> bool:
+        """Whether OpenCL's own function `op` will not do for this type."""
+        return not isinstance(type, Lanes) and super().wants(op, type)
 
     def _ask(self, name: str, text: Callable[[str], str]) -> str:
         if name not in self._texts:
@@ -159,7 +163,7 @@ class PacketPrologue(Prologue):
 
     def _filled(self, text: str, name: str, type: Type) -> str:
         self.doubles = self.doubles or "DOUBLE" in text
-        wide = {w: f"{w.lower()}{self.lanes}" for w in ("FLOAT", "INT", "UINT", "DOUBLE", "USHORT")}
+        wide = {w: f"{w.lower()}{self.lanes}" for w in ("FLOAT", "INT", "UINT", "LONG", "DOUBLE", "USHORT")}
         wide["T"] = spelled_wide(type)
         wide["MASK"] = f"{'long' if type.base is Base.D else 'int'}{self.lanes}"
         wide["FLOOR"] = "__builtin_elementwise_floor" if self.abilities.elementwise else "floor"

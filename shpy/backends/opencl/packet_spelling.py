@@ -20,7 +20,7 @@ from shpy.backends.opencl.spelling import FAST, NATIVE, Spelling
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
-_PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "sin", "cos", "tan"})
+_PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "ldexp", "sin", "cos", "tan"})
 
 
 class PacketSpelling(Spelling):
@@ -92,7 +92,7 @@ class PacketSpelling(Spelling):
             return super().function(op, types)
         if op in ("min", "max") and types[0].is_int:
             return op
-        if self.math == "fast" and op in FAST | NATIVE.keys():
+        if self.math == "fast" and (op in FAST | NATIVE.keys() or op == "ldexp"):
             return Spelling.function(self, op, types)
         ours = op in _PROLOGUE or (op == "pow" and types[0].base is Base.D)
         return self.prologue.use(op, types[0]) if ours else super().function(op, types)

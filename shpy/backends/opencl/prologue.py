@@ -28,6 +28,28 @@ NOINLINE: Final = "__attribute__((noinline))"
 SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """OpenCL's name of one component."""
 
+LDEXP: Final = {
+    Base.F: """\
+// x * 2^n rounded once: by three powers of two, and what the first two round becomes 0 by the last.
+T {name}(T x, INT n) {
+    INT last = clamp(n, (INT)(-126), (INT)(127));
+    INT middle = clamp(n - last, (INT)(-126), (INT)(127));
+    INT first = clamp(n - last - middle, (INT)(-126), (INT)(127));
+    return x * as_T((first + 127) << 23) * as_T((middle + 127) << 23) * as_T((last + 127) << 23);
+}""",
+    Base.D: """\
+// x * 2^n rounded once: by three powers of two, and what the first two round becomes 0 by the last.
+T {name}(T x, INT n) {
+    INT last = clamp(n, (INT)(-1022), (INT)(1023));
+    INT middle = clamp(n - last, (INT)(-1022), (INT)(1023));
+    INT first = clamp(n - last - middle, (INT)(-1022), (INT)(1023));
+    x *= as_T(convert_LONG(first + 1023) << 52);
+    x *= as_T(convert_LONG(middle + 1023) << 52);
+    return x * as_T(convert_LONG(last + 1023) << 52);
+}""",
+}
+"""PoCL's own rounds denormal results twice, in vectors; rusticl's makes zeros of them."""
+
 _ANY_SIZE: Final = {
     "min": """\
 // The number where one is NaN.
@@ -101,6 +123,14 @@ float {name}(float x) {
 }""",
 }
 
+_NAN: Final = """\
+// A NaN stays: PoCL's compiler makes anything of one that it derives.
+T {name}(T x) {
+    return x == x ? {op}(x) : x;
+}"""
+NAN_LOST: Final = frozenset({"exp", "exp2", "sinh", "tanh"})
+"""Functions that convert to an int: what that gives for a NaN is left to the compiler."""
+
 # Vector forms that drivers do badly: PoCL 3.1 gives sin(1e-8) = 0.008 beside a large component.
 _BY_COMPONENT: Final = frozenset({"sin", "cos", "tan"})
 
@@ -153,6 +183,10 @@ class Prologue:
             return name
         if op in _ANY_SIZE:
             self._texts[name] = re.sub(r"\bT\b", spelled(type), _ANY_SIZE[op]).replace("{name}", name)
+        elif op == "ldexp":
+            self._texts[name] = _ldexp(name, type)
+        elif op in NAN_LOST:
+            self._texts[name] = re.sub(r"\bT\b", spelled(type), _NAN).replace("{name}", name).replace("{op}", op)
         elif op in _BY_COMPONENT:
             self._texts[name] = _each(spelled(type), name, [f"{spelled(type)} x"], op, "x", type.size)
         elif op == "component":
@@ -166,7 +200,7 @@ class Prologue:
 
     def wants(self, op: str, type: Type) -> bool:
         """Whether OpenCL's own function `op` will not do for this type."""
-        return type.size > 1 and op in _BY_COMPONENT
+        return op in NAN_LOST or (type.size > 1 and op in _BY_COMPONENT)
 
     def flat_index(self, rank: int) -> str:
         """Ask for the function that finds an element of a table of one, two or three axes."""
@@ -182,6 +216,12 @@ class Prologue:
 
 
 _SHORT: Final = {"bits_from_float": "bits", "component": "pick"}
+
+
+def _ldexp(name: str, type: Type) -> str:
+    size = type.size if type.size > 1 else ""
+    text = re.sub(r"(\b|(?<=_))T\b", spelled(type), LDEXP[type.base])
+    return text.replace("{name}", name).replace("INT", f"int{size}").replace("LONG", f"long{size}")
 
 
 def _pick(name: str, type: Type) -> str:

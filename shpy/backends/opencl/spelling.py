@@ -22,7 +22,7 @@ from shpy.backends import expressions as ex
 from shpy.backends.clike import CLike
 from shpy.backends.expressions import Expr, Level
 from shpy.backends.naming import Target
-from shpy.backends.opencl.prologue import Prologue, spelled
+from shpy.backends.opencl.prologue import NAN_LOST, Prologue, spelled
 from shpy.backends.operations import INFIX
 from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Module, Table, Variable
@@ -34,7 +34,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
     **{
         op: op
         for op in (
-            "floor ceil trunc sqrt fma ldexp isnan isinf popcount any all exp exp2 log log2 sin cos tan asin acos atan "
+            "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 sin cos tan asin acos atan "
             "sinh cosh tanh asinh acosh atanh pow atan2"
         ).split()
     },
@@ -151,6 +151,8 @@ class Spelling(CLike):
         """OpenCL's function, or one of the prologue."""
         if self.math == "fast" and op in FAST | NATIVE.keys():
             return NATIVE[op] if types[0].base is Base.F else op
+        if self.math == "fast" and (op == "ldexp" or op in NAN_LOST):
+            return op
         if op in ELEMENTWISE and self.elementwise:
             return f"__builtin_elementwise_{ELEMENTWISE[op]}"
         if op in FUNCTIONS and not self.prologue.wants(op, types[0]):

@@ -58,7 +58,26 @@ def values(name: str, types: tuple[Type, ...], size: int) -> list[Array]:
         arrays = [a.ravel() for a in np.meshgrid(*pools)]
     else:
         arrays = [rng.choice(p, (600, t.size) if t.size > 1 else 600) for p, t in zip(pools, types, strict=True)]
-    return [np.concatenate([a, ordinary(rng, a)]) for a in arrays]
+    found = [np.concatenate([a, ordinary(rng, a)]) for a in arrays]
+    if name == "ldexp":
+        found = [np.concatenate(pair) for pair in zip(found, beside_ties(types[0], rng), strict=True)]
+    return found
+
+
+def beside_ties(type: Type, rng: Any, count: int = 400) -> tuple[Array, Array]:
+    """Return floats and exponents whose `ldexp` is a denormal, or a number beside one, that is nearly a tie.
+
+    A target that rounds twice on the way gets some of these wrong.
+    """
+    info = np.finfo(DTYPES[type.base])
+    digits, last_place = info.nmant + 1, info.minexp - info.nmant
+    shape = (count, type.size) if type.size > 1 else (count,)
+    lost = rng.integers(1, digits + 3, shape)
+    whole = rng.integers(0, 2**digits, shape) >> lost << lost
+    mantissa = (whole + (1 << (lost - 1)) + rng.integers(-2, 3, shape)) * rng.choice([-1, 1], shape)
+    raised = rng.integers(-digits, info.maxexp - digits - 2, shape)
+    x = np.ldexp(mantissa.astype(np.float64), raised).astype(info.dtype)
+    return x, (last_place - lost - raised).astype(np.int32)
 
 
 def ordinary(rng: Any, like: Array) -> Array:

@@ -1,6 +1,7 @@
 """Conformance cases of zeros that a driver's compiler can derive: a counter of an unrolled loop, 1 - 1, floor(0.5).
 
-A compiler that takes 0 * x for 0, or x + 0 for x, is wrong where x is infinite, NaN or -0.0.
+A compiler that takes 0 * x for 0, or x + 0 for x, is wrong where x is infinite, NaN or -0.0. So is one that makes a
+number of a NaN which it derives.
 """
 
 from __future__ import annotations
@@ -172,6 +173,19 @@ def roundings_of_a_derived_nan(x: sh.Attrib1f):
     nothing = np.float32("nan") - x
     never = sh.Attrib1f(np.float32("inf")) * (x - x)
     return sh.floor(nothing), sh.ceil(nothing), sh.trunc(never), sh.round(nothing), sh.fract(nothing), nothing % 2
+
+
+@case(x=X, expected=(np.full(8, NAN),) * 6, options={"math": "relaxed"})
+def exponentials_of_a_derived_nan(x: sh.Attrib1f):
+    nothing = np.float32("nan") - x
+    never = sh.Attrib1f(np.float32("inf")) * (x - x)
+    return sh.exp(nothing), sh.exp2(nothing), sh.sinh(nothing), sh.tanh(nothing), sh.exp(never), sh.tanh(never)
+
+
+@case(x=X, expected=(np.full((8, 3), NAN),) * 4, options={"math": "relaxed"})
+def vectors_of_a_derived_nan(x: sh.Attrib1f):
+    nothing = sh.Attrib3f(np.float32("nan")) - x
+    return sh.exp(nothing), sh.exp2(nothing), sh.sinh(nothing), sh.tanh(nothing)
 
 
 def cases() -> list[Case]:

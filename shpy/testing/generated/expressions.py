@@ -146,12 +146,20 @@ class Expressions:
         if kind < 7:
             return self.same(type, self.pick(FLOAT_UNARY), 1, depth)
         if kind == 7:
-            return self.same(type, self.pick(FLOAT_TERNARY), 3, depth)
+            return self.scaled(type, depth) if self.chance(15) else self.same(type, self.pick(FLOAT_TERNARY), 3, depth)
         if kind == 8:
             return self.geometry(type, depth)
         if kind == 9 and self.there_matrix(type):
             return Product(type, self.there_matrix(type), self.expr(type, depth), self.chance(50))
         return self.choice(type, depth)
+
+    def scaled(self, type: Type, depth: int) -> Expr:
+        """An `ldexp`, whose result is now and then a denormal."""
+        ints = type.based(Base.I)
+        exponent = self.expr(ints, depth)
+        if self.chance(50):
+            exponent = Apply(ints, "add", (exponent, Const(ints, (self.pick((0, -130, -145, 100)),) * type.size)))
+        return Apply(type, "ldexp", (self.expr(type, depth), exponent))
 
     def geometry(self, type: Type, depth: int) -> Expr:
         """Draw an operation on whole vectors."""
