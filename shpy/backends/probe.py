@@ -18,28 +18,27 @@ import numpy as np
 
 from shpy.backends.base import Array
 from shpy.errors import CompileError
+from shpy.ir.meaning import fma
 from shpy.ir.nodes import Let, Module
-from shpy.ir.ops import OPS
 from shpy.ir.traverse import walk
 from shpy.passes.library import CORRECTABLE
 
-__all__ = ["COUNT", "FAULTS", "PROBED", "SCALED", "hard_inputs", "notes_of", "refuse_wrong", "wrong_operations"]
+__all__ = ["COUNT", "FAULTS", "PROBED", "hard_inputs", "notes_of", "refuse_wrong", "wrong_operations"]
 
-PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "ldexp", "convert")
-"""Operations that are asked for: `convert` is a float to an int, `ldexp` is by SCALED."""
-FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals"})
-"""What may be found: an operation that is wrong, ints that are not 0 for a NaN, denormals that become zero."""
+PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
+"""Operations that are asked for: `convert` is a float to an int."""
+FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", "zeros"})
+"""What may be found: an operation that is wrong, ints that are not 0 for a NaN, denormals that become zero, and a
+compiler that takes `0 * x` for 0."""
 COUNT: Final = 2048
 """Triples of inputs."""
-SCALED: Final = -120
-"""The exponent of the power of two by which `ldexp` multiplies."""
 _TINY: Final = np.float32(2.0**-126)
 _NAMES: Final = {"convert_nan": "int of NaN"}
 
 
 @cache
 def hard_inputs() -> tuple[Array, Array, Array]:
-    """Three arrays of COUNT binary32 numbers. Where c < 0 no result but that of ldexp is denormal, else a * b is.
+    """Three arrays of COUNT binary32 numbers. Where c < 0 no result is denormal, else a * b is.
 
     A sixth each: quotients and roots that lie as close as possible to the middle of two numbers, and others. There c is
     about -a * b, so that fma gives the error of the product. The other half has mantissas like these.
@@ -76,7 +75,7 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
     """
     a, b, c = hard_inputs()
     exact = {"add": a + b, "sub": a - b, "mul": a * b, "div": a / b, "sqrt": np.sqrt(a), "floor": np.floor(a),
-             "fma": _meaning("fma", a, b, c), "ldexp": _meaning("ldexp", a, np.full(COUNT, SCALED, np.int32)),
+             "fma": fma(a, b, c),
              "convert": np.clip(a.astype(np.float64), 0, 2.0**31 - 1).astype(np.int32)}  # fmt: skip
     denormal = np.abs(exact["mul"]) < _TINY
     flushed = "mul" in found and not np.any(found["mul"][denormal])
@@ -90,21 +89,17 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
     return frozenset(wrong)
 
 
-def _meaning(name: str, *arrays: Array) -> Array:
-    meaning = OPS[name].meaning
-    assert meaning is not None
-    return np.asarray(meaning(*arrays))
-
-
 def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
     """What to tell of a device: which operations are corrected, which cannot be, and whether denormals become zero."""
-    operations = set(wrong) - {"denormals"}
+    operations = set(wrong) - {"denormals", "zeros"}
     notes = []
     if corrected := sorted(operations & CORRECTABLE):
         names = " and ".join(_NAMES.get(name, name) for name in corrected)
         notes.append(f"this device rounds {names} wrong: strict and relaxed mode correct it")
     if hopeless := sorted(operations - CORRECTABLE):
         notes.append(f"this device gets {' and '.join(hopeless)} wrong: strict mode refuses programs with it")
+    if "zeros" in wrong:
+        notes.append("this device takes 0 * x for 0: strict and relaxed mode hide zeros from it")
     if "denormals" in wrong:
         notes.append("this device flushes denormals to zero")
     return tuple(notes)

@@ -169,7 +169,7 @@ PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 """What becomes of functions that a target has within the bounds for angles that are not far only."""
 
-CORRECTABLE = frozenset({"div", "sqrt", "ldexp", "fma", "convert_nan"})
+CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.
 
 "convert_nan" is the conversion of a float to an int where it gives anything but 0 for a NaN; `lower` corrects it.

@@ -67,7 +67,7 @@ class _Lower(Rewriter):
     def let(self, let: Let) -> None:
         op = let.op
         if op in self.corrected and let.value.type.base is Base.F:
-            callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._basic)
+            callee = self.library.use(op, tuple(self.types[a] for a in let.args))
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
         if op == "convert" and "convert_nan" in self.corrected:
@@ -89,11 +89,6 @@ class _Lower(Rewriter):
 
     def _lowered(self, function: Function) -> Function:
         return _Lower(function, self.functions, self.native, self.corrected, self.bounded, self.library).run()
-
-    def _basic(self, function: Function) -> Function:
-        """A correction, which may use another one: of ldexp. Others start from what the device makes of them."""
-        left = self.corrected & {"ldexp"}
-        return _Lower(function, self.functions, self.native, left, self.bounded, self.library).run()
 
     def _convert(self, let: Let) -> None:
         """Emit the conversion of a float to an int as `x == x ? int(x) : 0`."""

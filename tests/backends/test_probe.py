@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from shpy.ir import ops
 from shpy.ir.types import Base, vec
 from shpy.kernel import Kernel
 from shpy.passes.library import definition
+from shpy.testing.conformance import zeros
 from shpy.testing.conformance.exact import apply
 from shpy.testing.reference import Reference
 
@@ -93,10 +95,10 @@ def test_the_probe_knows_devices_that_flush_denormals() -> None:
     def flushed(x: Array) -> Array:
         return np.where(np.abs(x) < 2.0**-126, np.float32(0), x)
 
-    fma, scaled = ops.OPS["fma"].meaning(a, b, c), ops.OPS["ldexp"].meaning(a, np.full(len(a), probe.SCALED, np.int32))
-    assert (flushed(scaled) != scaled).any()
-    assert probe.wrong_operations({"ldexp": flushed(scaled), "mul": a * b}) == {"ldexp"}
-    all_flushed = {"mul": flushed(a * b), "fma": np.where(c < 0, fma, 0), "ldexp": flushed(scaled)}
+    fma = ops.OPS["fma"].meaning(a, b, c)
+    assert (flushed(fma) != fma).any()
+    assert probe.wrong_operations({"fma": flushed(fma), "mul": a * b}) == {"fma"}
+    all_flushed = {"mul": flushed(a * b), "fma": np.where(c < 0, fma, 0)}
     assert probe.wrong_operations(all_flushed) == {"denormals"}
     assert probe.wrong_operations({**all_flushed, "fma": a * b + c}) == {"denormals", "fma"}
 
@@ -143,11 +145,6 @@ def fused(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib1f) -> sh.Attrib1f:
 
 
 @sh.program
-def scaled(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
-    return sh.ldexp(x, n)
-
-
-@sh.program
 def whole(x: sh.Attrib1f, v: sh.Attrib3f):
     return sh.Attrib1i(x), sh.Attrib1u(x), sh.Attrib3i(v), sh.Attrib3u(v)
 
@@ -187,41 +184,26 @@ def _numbers(rng: np.random.Generator, exponent: Array) -> Array:
     return ((rng.integers(0, 2, len(exponent)) << 31) | (exponent << 23) | m).astype(np.uint32).view(np.float32)
 
 
-def powers() -> tuple[Array, Array]:
-    """Numbers and exponents: results around the least and the greatest numbers, and any."""
-    rng = np.random.default_rng(5)
-    x = rng.integers(0, 2**32, 1 << 15).astype(np.uint32).view(np.float32)
-    n = rng.integers(-300, 301, len(x)).astype(np.int32)
-    n[:16] = -(2**31), 2**31 - 1, *range(-7, 7)
-    exponents = (x[::2].view(np.uint32) >> 23 & 255).astype(np.int32) - 127
-    n[::2] = -exponents - 120 - rng.integers(0, 30, len(exponents))
-    x[:8] = 0, -0.0, np.inf, -np.inf, np.nan, 2.0**-149, -(2.0**-126), 3.4028235e38
-    return x, n
-
-
-def test_corrected_fma_and_ldexp_are_exact() -> None:
-    f, i = vec(Base.F), vec(Base.I)
-    for name, types, given in (("fma", (f, f, f), triples()), ("ldexp", (f, i), powers())):
-        with np.errstate(all="ignore"):
-            wanted = ops.OPS[name].meaning(*given)
-        assert not differs(apply(definition(name, types), *given), wanted).any(), name
+def test_the_corrected_fma_is_exact() -> None:
+    a, b, c = triples()
+    with np.errstate(all="ignore"):
+        wanted = ops.OPS["fma"].meaning(a, b, c)
+    assert not differs(apply(definition("fma", (vec(Base.F),) * 3), a, b, c), wanted).any()
 
 
 @pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])
-def test_fma_and_ldexp_are_corrected(backend: str, lanes: Any, wrong: Any) -> None:
-    wrong("fma", "ldexp")
-    for program, given in ((fused, triples()), (scaled, powers())):
-        name = "fma" if program is fused else "ldexp"
-        kernel = compiled(program, backend, lanes=lanes)
-        assert f"{name}_corrected" in kernel.source
-        assert "rounds fma and ldexp wrong" in kernel.notes[0]
-        with np.errstate(all="ignore"):
-            wanted = ops.OPS[name].meaning(*given)
-        found = kernel(*given)
-        differ = differs(found, wanted)
-        if flushes_denormals(backend):
-            differ &= ~np.any([(np.abs(x) < 2.0**-126) & (x != 0) for x in (*given, wanted) if x.dtype.kind == "f"], 0)
-        assert not differ.any()
+def test_fma_is_corrected(backend: str, lanes: Any, wrong: Any) -> None:
+    wrong("fma")
+    kernel = compiled(fused, backend, lanes=lanes)
+    assert "fma_corrected(" in kernel.source
+    assert "rounds fma wrong" in kernel.notes[0]
+    given = triples()
+    with np.errstate(all="ignore"):
+        wanted = ops.OPS["fma"].meaning(*given)
+    differ = differs(kernel(*given), wanted)
+    if flushes_denormals(backend):
+        differ &= ~np.any([(np.abs(x) < 2.0**-126) & (x != 0) for x in (*given, wanted)], axis=0)
+    assert not differ.any()
 
 
 def test_an_fma_of_the_device_is_used_where_it_rounds_once(wrong: Any) -> None:
@@ -306,3 +288,16 @@ def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):
     monkeypatch.delitem(vars(machine), "abilities")
     monkeypatch.setattr(device, "works", None)  # not to be called again
     assert machine.abilities == asked
+
+
+def test_zeros_are_hidden_from_a_compiler_that_folds_them(wrong: Any) -> None:
+    wrong("zeros")
+    hidden = 0
+    for number, case in enumerate(zeros.cases()):
+        lanes = (1, 8)[number % 2]
+        kernel = compiled(case.program, "opencl", lanes=lanes, **case.options)
+        assert "takes 0 * x for 0" in kernel.notes[0]
+        hidden += "sh_zero" in kernel.source
+        assert not re.search(r"[^\w.]0\.0f", kernel.source), kernel.source
+        case.check(case.run(f"opencl-{lanes}"), f"opencl-{lanes}")
+    assert hidden > 10

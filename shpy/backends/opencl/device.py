@@ -32,7 +32,7 @@ from shpy.backends.opencl.spelling import ELEMENTWISE
 from shpy.backends.opencl.trial import Trial, works
 from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace
-from shpy.backends.probe import COUNT, FAULTS, PROBED, SCALED, hard_inputs, notes_of, wrong_operations
+from shpy.backends.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.tabledata import TableData
@@ -63,10 +63,10 @@ _TRIALS = {
     },
 }
 """Functions that a compiler may have besides OpenCL C."""
-_EXACTNESS = f"""\
+_EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
 __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *c, __global floatWIDE *nan,
-                    __global floatWIDE *r, __global intWIDE *n) {{
+                    __global floatWIDE *r, __global intWIDE *n) {
     size_t i = get_global_id(0), all = get_global_size(0);
     floatWIDE x = a[i], y = b[i];
     r[i] = x + y;
@@ -76,10 +76,10 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
     r[4 * all + i] = sqrt(x);
     r[5 * all + i] = floor(x);
     r[6 * all + i] = fma(x, y, c[i]);
-    r[7 * all + i] = ldexp(x, (intWIDE)({SCALED}));
     n[i] = convert_intWIDE_sat(x);
+    n[2 * all + i] = isnan(nan[i] * 0.0f) == 0;
     n[all + i] = convert_intWIDE_sat(nan[i]) | as_intWIDE(convert_uintWIDE_sat(nan[i]));
-}}
+}
 """
 _CPU_SECONDS = 0.5
 """Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
@@ -381,7 +381,7 @@ class Machine:
         with self.lock:
             given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32))
             inputs = [self.upload(array) for array in given]
-            results, ints = np.empty((8, COUNT), np.float32), np.empty((2, COUNT), np.int32)
+            results, ints = np.empty((7, COUNT), np.float32), np.empty((3, COUNT), np.int32)
             outputs = [self.take(array.nbytes) for array in (results, ints)]
             kernel = self.cl.Kernel(self.build(text), "probe")
             kernel.set_args(*inputs, *outputs)
@@ -391,7 +391,7 @@ class Machine:
             self.queue.finish()
             self.give_back([*inputs, *outputs])
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
-        return wrong | {"convert_nan"} if ints[1].any() else wrong
+        return wrong | {name for name, found in (("convert_nan", ints[1]), ("zeros", ints[2])) if found.any()}
 
     @cached_property
     def abilities(self) -> Abilities:

@@ -29,6 +29,7 @@ from shpy.ir.nodes import Function, Let, Module, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
+from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import Math
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import optimise
@@ -43,12 +44,18 @@ Functions of so many are not inlined either.
 """
 
 
-def print_packets(module: Module, lanes: int, abilities: Abilities, math: Math = "strict") -> Kernel:
-    """The kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do."""
+def print_packets(
+    module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, hides_zeros: bool = False
+) -> Kernel:
+    """The kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do.
+
+    `hides_zeros`: the compiler takes `0 * x` for 0.
+    """
     scalar = optimise(take_apart(module))
-    packets = widen(find_neighbours(vectorize(scalar, padded=True)), lanes)
+    whole = hide_derivable(scalar) if hides_zeros else scalar
+    packets = widen(find_neighbours(vectorize(whole, padded=True)), lanes)
     columns = lanes if _stay_together(packets) else QUAD
-    return PacketPrinter(packets, module.entry, lanes, columns, abilities, math).print()
+    return PacketPrinter(packets, module.entry, lanes, columns, abilities, math, hides_zeros=hides_zeros).print()
 
 
 def _stay_together(module: Module) -> bool:
@@ -70,9 +77,17 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
     """Prints one module of packets; `ports` has the inputs and outputs as they were before they were taken apart."""
 
     def __init__(
-        self, module: Module, ports: Function, lanes: int, columns: int, abilities: Abilities, math: Math = "strict"
+        self,
+        module: Module,
+        ports: Function,
+        lanes: int,
+        columns: int,
+        abilities: Abilities,
+        math: Math = "strict",
+        *,
+        hides_zeros: bool = False,
     ) -> None:
-        super().__init__(module, math)
+        super().__init__(module, math, hides_zeros=hides_zeros)
         self.lanes = lanes
         self.columns = columns
         self.ports = ports

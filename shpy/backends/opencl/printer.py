@@ -19,6 +19,7 @@ from shpy.backends.statements import Line, text_of
 from shpy.ir.nodes import Call, Function, Let, Loc, Module, Return, Store, Table, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
+from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import Math
 from shpy.passes.size import kept_apart
 
@@ -51,12 +52,15 @@ class Kernel:
     listed: bool = False
 
 
-def print_kernel(module: Module, math: Math = "strict", *, elementwise: bool = False) -> Kernel:
+def print_kernel(
+    module: Module, math: Math = "strict", *, elementwise: bool = False, hides_zeros: bool = False
+) -> Kernel:
     """Print the kernel of a prepared module; CompileError for what OpenCL cannot do.
 
-    `elementwise`: the compiler has the functions of `spelling.ELEMENTWISE`.
+    `elementwise`: the compiler has the functions of `spelling.ELEMENTWISE`; `hides_zeros`: it takes `0 * x` for 0.
     """
-    return OpenCLPrinter(module, math, elementwise=elementwise).print()
+    whole = hide_derivable(module) if hides_zeros else module
+    return OpenCLPrinter(whole, math, elementwise=elementwise, hides_zeros=hides_zeros).print()
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +78,12 @@ class Needs:
 class OpenCLPrinter(Spelling):
     """Prints one module."""
 
-    def __init__(self, module: Module, math: Math = "strict", *, elementwise: bool = False) -> None:
+    def __init__(
+        self, module: Module, math: Math = "strict", *, elementwise: bool = False, hides_zeros: bool = False
+    ) -> None:
         super().__init__(module, math)
         self.elementwise = elementwise
+        self.hides_zeros = hides_zeros
         self.count = self.globals.take("count")
         self.first = self.globals.take("first")
         self.grid_names = {op: self.globals.take(op) for op in (_INDEX, _SHAPE)}

@@ -109,6 +109,16 @@ double {name}(void) {
     volatile ulong bits = 0x8000000000000000ul;
     return as_double(bits);
 }""",
+    ("zero", Base.F): """\
+// 0.0, but the compiler must not know: it takes 0 * x for 0.
+float {name}(void) {
+    return as_float((int)get_global_offset(2));
+}""",
+    ("zero", Base.D): """\
+// 0.0, but the compiler must not know: it takes 0 * x for 0.
+double {name}(void) {
+    return as_double((long)get_global_offset(2));
+}""",
     ("bits_from_float", Base.F): """\
 // The bits of x; the same ones for every NaN.
 uint {name}(float x) {

@@ -99,13 +99,14 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math == "strict":
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    hides_zeros = options.math != "fast" and "zeros" in machine.wrong
     if lanes == 1:
         statements = (s for f in prepared.module.functions for s in walk(f.body))
         rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
         elementwise = rounds and machine.abilities.elementwise
-        kernel = print_kernel(prepared.module, options.math, elementwise=elementwise)
+        kernel = print_kernel(prepared.module, options.math, elementwise=elementwise, hides_zeros=hides_zeros)
     else:
-        kernel = print_packets(prepared.module, lanes, machine.abilities, options.math)
+        kernel = print_packets(prepared.module, lanes, machine.abilities, options.math, hides_zeros=hides_zeros)
     if kernel.doubles and not machine.doubles:
         raise CompileError(
             f"{machine.device.name.strip()} has no f64",

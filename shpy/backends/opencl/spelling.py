@@ -63,6 +63,8 @@ class Spelling(CLike):
 
     target: Target = "opencl"
     scalar_comparisons: ClassVar[bool] = True
+    hides_zeros = False
+    """True if the compiler must not know of a float that it is zero."""
     elementwise = False
     """True if the compiler has the functions of ELEMENTWISE."""
     inputs_are_variables: ClassVar[bool] = True
@@ -102,6 +104,9 @@ class Spelling(CLike):
         text = f"{component}u" if type.base is Base.U else str(component)
         if type.is_float:
             self.doubles = self.doubles or type.base is Base.D
+            if self.hides_zeros and component == 0:
+                zero = Expr(f"{self.prologue.use('zero', type.scalar)}()", Level.POSTFIX)
+                return ex.prefix("-", zero) if np.signbit(component) else zero
             if self.math == "strict" and component == 0 and np.signbit(component):
                 return Expr(f"{self.prologue.use('minus_zero', type.scalar)}()", Level.POSTFIX)
             text = _float_text(float(component), type.base)

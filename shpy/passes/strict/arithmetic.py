@@ -2,8 +2,8 @@
 
 Stage: improve. Division and square root start from an estimate: a quotient of mantissas is wanted to 25 bits; the
 device's own gives it to within 64 units in the last place (a root 16), and the remainder, exact modulo 2**32, tells how
-far off it is. Zeros, infinities, denormals and NaN are the device's affair. `fma` and `ldexp` compute with integers
-alone where all is finite, so that denormals are exact whatever the device makes of them.
+far off it is. Zeros, infinities, denormals and NaN are the device's affair. `fma` computes with integers alone
+where all is finite, so that denormals are exact whatever the device makes of them.
 """
 
 from __future__ import annotations
@@ -113,14 +113,6 @@ def _assembled(sign: Term, m: Term, e: Term) -> Term:
     return (sign | where(e >= 255, size.constant(0x7F800000), size)).op("float_from_bits")
 
 
-def ldexp(x: Term, n: Term) -> Term:
-    """X * 2**n, rounded once."""
-    bits = x.op("bits_from_float").named("bits")
-    m, e = _normalised(bits)
-    scaled = _assembled(bits & 0x80000000, m << 8, e + 150 + n.op("max", -1000).op("min", 1000))
-    return where(m.equals(0) | _exponent(bits).equals(255), x, scaled)
-
-
 _Wide = tuple[Term, Term]
 """A whole number of 64 bits: its higher and its lower half, as uints."""
 
@@ -185,5 +177,5 @@ def fma(a: Term, b: Term, c: Term) -> Term:
     return where(factors.op("max", _exponent(bits[2])).equals(255), special, finite)
 
 
-CORRECTED: Final[Mapping[str, Callable[..., Term]]] = {"div": div, "sqrt": sqrt, "ldexp": ldexp, "fma": fma}
+CORRECTED: Final[Mapping[str, Callable[..., Term]]] = {"div": div, "sqrt": sqrt, "fma": fma}
 """What an operation of binary32 is lowered to on a device that gets it wrong."""
