@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from io import StringIO
 from itertools import islice
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 from lark import Lark, Token
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
@@ -166,6 +166,8 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
 
     def __init__(self, source: str) -> None:
         super().__init__()
+        for name in _RULES:  # else lark wraps the method anew for each node
+            setattr(self, name, getattr(self, name))
         self.source = source
         self.files: dict[str, str] = {}
         self.functions: dict[str, Function] = {}
@@ -390,3 +392,6 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
             tuple(r for r in rest if isinstance(r, Table)),
             tuple(r for r in rest if isinstance(r, Function)),
         )
+
+
+_RULES: Final = [name for name in vars(_Reader) if not name.startswith("_")]

@@ -1,8 +1,9 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-500 in every run, each on one width of OpenCL: shard after shard the next width. 5,000 others run on every width:
-`pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or f16, where the interpreter is the
-reference. A failure prints the program as text that a person can run, the element and both answers.
+540 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next. 5,400
+others run on all of these: `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or f16, where
+the interpreter is the reference. A failure prints the program as text that a person can run, the element and both
+answers.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import pytest
 from backends.running import LANES
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
-from property.agreement import Precision, check
+from property.agreement import WITHOUT_PRECISE, Precision, check
 
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.inputs import elements
@@ -18,11 +19,14 @@ from shpy.testing.generated.source import source
 from shpy.testing.generated.strategy import trees
 from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
 
-SHARD = 25
 INPUTS = elements(16)
+RUN = 10
+"""Programs of one run of Hypothesis. From the eleventh on it repeats parts of earlier ones, five times each."""
+RUNS = 3
+"""Runs of a shard."""
 
 quietly = settings(
-    max_examples=SHARD,
+    max_examples=RUN,
     deadline=None,
     database=None,
     suppress_health_check=list(HealthCheck),
@@ -31,15 +35,18 @@ quietly = settings(
 
 
 def agree(shard: int, backends: tuple[str, ...], *, endless: bool = False, precision: Precision = "f32") -> None:
-    """SHARD programs of their own for each number; in every third shard a driver's compiler can derive numbers."""
+    """27 programs of their own for each number, and the simplest one.
 
-    @seed(shard)
+    In every third shard a driver's compiler can derive numbers.
+    """
+
     @quietly
     @given(trees(endless=endless, derives=shard % 3 == 2))
     def run(program: Tree) -> None:
         check(program, INPUTS, backends, precision)
 
-    run()
+    for part in range(RUNS):
+        seed(f"{shard}.{part}")(run)()
 
 
 ROTATION = ("opencl-1", "opencl-8", "opencl-1", "opencl-4", "opencl-1", "opencl-16")
@@ -47,8 +54,9 @@ ROTATION = ("opencl-1", "opencl-8", "opencl-1", "opencl-4", "opencl-1", "opencl-
 
 
 def rotated(shard: int) -> tuple[str, ...]:
-    """Every backend, OpenCL at one of its widths."""
-    return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], "glsl")
+    """Every backend; OpenCL at one of its widths, GLSL with `precise` or without."""
+    glsl = ("glsl", WITHOUT_PRECISE)[shard // 3 % 2]
+    return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], glsl)
 
 
 @pytest.mark.parametrize("shard", range(12))
@@ -71,7 +79,7 @@ def narrowed(precision: Precision, opencl: tuple[str, ...]) -> tuple[str, ...]:
     return ("prepared", "numpy", *opencl, *["glsl"] * (precision == "f16"))
 
 
-EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl")
+EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl", WITHOUT_PRECISE)
 
 
 @pytest.mark.slow
