@@ -83,7 +83,7 @@ def _add_certify(commands: Any) -> None:
     )
     command.add_argument("--backend", choices=NAMES, help="the backend to check (default: each that is available)")
     command.add_argument("--device", type=whole(0), help="the number of its device, as shpy doctor counts (default: 0)")
-    command.add_argument("--lanes", type=int, choices=(1, 4, 8, 16), help="opencl: lanes that run together")
+    command.add_argument("--lanes", type=int, choices=(1, 4, 8, 16, 32, 64), help="opencl: lanes that run together")
     command.add_argument(
         "--section", help="of conformance,functions,accuracy,examples,pictures, with commas between them (default: all)"
     )

@@ -58,7 +58,7 @@ else:
 
 _PRECISIONS = ("f16", "f32", "f64")
 _MODES = ("strict", "relaxed", "fast")
-_LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16)
+_LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 
 evaluate_with(evaluate)
 
@@ -156,9 +156,10 @@ class Program(Generic[_P, _R]):
         `precision` is the working float's, `loop_limit` the iterations of a loop without a known bound. `math` is
         "strict", the same bits on every backend; "relaxed", the target's own functions within OpenCL's bounds; or
         "fast", whatever is fastest, where NaN and infinity may vanish. `lanes` is how many elements OpenCL runs
-        together: 4, 8 or 16; 1; or "auto": 1 on a GPU, and on a CPU the width of its vectors or the one beside it,
-        whichever runs faster on the data of the first runs. Strict mode gives the same bits at every width; relaxed
-        and fast mode may not, so a width written out keeps their bits steady from run to run.
+        together: 4, 8 or 16; 32 or 64 where the driver's compiler takes such vectors; 1; or "auto": 1 on a GPU, and on
+        a CPU the width of its vectors or another one, whichever runs faster on the data of the first runs. Strict mode
+        gives the same bits at every width; relaxed and fast mode may not, so a width written out keeps their bits
+        steady from run to run.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
         """
         options = self._options(device, precision, math, lanes, loop_limit)
@@ -185,7 +186,7 @@ class Program(Generic[_P, _R]):
         if not (isinstance(math, str) and math in _MODES):
             refuse("math", math, 'math="strict", "relaxed" or "fast"')
         if not ((isinstance(lanes, str) or _is_int(lanes)) and lanes in _LANES):
-            refuse("lanes", lanes, 'lanes="auto", 1, 4, 8 or 16')
+            refuse("lanes", lanes, 'lanes="auto", 1, 4, 8, 16, 32 or 64')
         if not (loop_limit is None or (_is_int(loop_limit) and 0 < loop_limit < 2**31)):
             refuse("loop_limit", loop_limit, "a number of iterations, or None for no limit")
         device, loop_limit, lanes = (int(n) if _is_int(n) else n for n in (device, loop_limit, lanes))

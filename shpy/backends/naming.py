@@ -99,7 +99,7 @@ RESERVED: Final[Mapping[Target, frozenset[str]]] = {
     ),
     "opencl": frozenset(
         {*_C.split(), *_OPENCL.split(), *_OPENCL_FUNCTIONS.split(), *_OPENCL_MACROS.split()}
-        | _sized("char uchar short ushort int uint long ulong half float double bool", "2 3 4 8 16")
+        | _sized("char uchar short ushort int uint long ulong half float double bool", "2 3 4 8 16 32 64")
         | {"uchar", "ushort", "uint", "ulong"}
     ),
     "python": frozenset({*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "np", "self"}),

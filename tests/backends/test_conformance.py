@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from backends.running import BACKENDS, PACKETS, TILES
+from backends.running import BACKENDS, PACKETS, TILES, WIDE
 
 import shpy as sh
+from shpy.backends.opencl.device import machine_of
 from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL
 from shpy.ir.traverse import walk
@@ -57,6 +58,25 @@ def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
     """Each case takes one of the widths."""
     width = list(PACKETS)[STRUCTURED.index(case) % len(PACKETS)]
     case.check(case.run(width), width)
+
+
+def wide() -> list[str]:
+    """The widths beyond OpenCL C's vectors that the driver takes."""
+    return [name for name, lanes in WIDE.items() if lanes in machine_of(None).widths]
+
+
+@each(STRUCTURED[::8])
+def test_packets_wider_than_vectors_of_opencl_agree(case: Case) -> None:
+    """Each case takes one of the widths that the driver has."""
+    for width in wide()[STRUCTURED.index(case) // 8 % 2 :][:1]:
+        case.check(case.run(width), width)
+
+
+@pytest.mark.slow
+@each(CASES)
+def test_every_case_agrees_in_wide_packets(case: Case) -> None:
+    for width in wide():
+        case.check(case.run(width), width)
 
 
 @each([*zeros.cases(), *operations.ROWS[::4]])

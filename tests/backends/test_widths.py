@@ -1,7 +1,8 @@
-"""`lanes="auto"` tries a second width on the data of a run, keeps the faster one, and remembers it."""
+"""`lanes="auto"` tries other widths on the data of a run, keeps the fastest one, and remembers it."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 import shpy as sh
 from shpy.backends.base import Call
 from shpy.backends.opencl import widths
-from shpy.backends.opencl.widths import Choosing, known_width
+from shpy.backends.opencl.device import machine_of
+from shpy.backends.opencl.widths import Choosing, measured_widths, next_width
 from shpy.errors import CompileError
 
 
@@ -22,6 +24,16 @@ class Clock:
 
     def perf_counter(self) -> float:
         return self.now
+
+
+class Ticks:
+    """Time that goes on by a second whenever somebody looks: every run and every compilation takes as long."""
+
+    def __init__(self) -> None:
+        self.seconds = itertools.count(0.0)
+
+    def perf_counter(self) -> float:
+        return next(self.seconds)
 
 
 @dataclass
@@ -60,9 +72,11 @@ def call(*shape: int) -> Call:
     return Call(shape, (np.zeros(count, np.float32), np.zeros(1, np.float32)), (np.zeros(count, np.float32),), {}, {})
 
 
-def choosing(clock, paces, seconds=0.1):
-    kernels = {8: Fake(8, paces[0], clock), 16: Fake(16, paces[1], clock)}
-    return Choosing(kernels[8], 16, kernels.__getitem__, seconds, "0" * 64), kernels
+def choosing(clock, paces, seconds=0.1, measured=()):
+    """A choice that begins with the width that was measured first, or 8; `paces` are those of 8, 16, 32, 64."""
+    kernels = {lanes: Fake(lanes, pace, clock) for lanes, pace in zip((8, 16, 32, 64), paces, strict=False)}
+    first = kernels[measured[0] if measured else 8]
+    return Choosing(first, tuple(kernels), kernels.__getitem__, seconds, "0" * 64, measured), kernels
 
 
 @pytest.mark.parametrize(("paces", "chosen"), [((1e-6, 0.7e-6), 16), ((1e-6, 1.3e-6), 8), ((1e-6, 0.99e-6), 8)])
@@ -74,8 +88,63 @@ def test_the_faster_width_stays_and_is_remembered(clock, paces, chosen):
     assert (given.outputs[0] == chosen).all()
     assert choice.source == f"float{chosen}"
     assert choice.notes[-1].startswith(f"{chosen} lanes, whose runs of this program take ")
-    assert known_width("0" * 64, (8, 16)) == chosen
-    assert known_width("0" * 64, (4, 32)) is None
+    assert measured_widths("0" * 64, (8, 16)) == (chosen, 24 - chosen)
+    assert measured_widths("0" * 64, (4, 32)) == ()
+
+
+@pytest.mark.parametrize(
+    ("paces", "chosen", "tried"),
+    [
+        ((4e-6, 3e-6, 2e-6, 1e-6), 64, {8, 16, 32, 64}),
+        ((4e-6, 3e-6, 2e-6, 2e-6), 32, {8, 16, 32, 64}),
+        ((4e-6, 3e-6, 3e-6, 1e-6), 16, {8, 16, 32}),
+        ((4e-6, 4e-6, 1e-6, 1e-6), 8, {8, 16}),
+    ],
+)
+def test_wider_packets_are_tried_as_long_as_they_gain(clock, paces, chosen, tried):
+    choice, kernels = choosing(clock, paces)
+    for _ in range(40):
+        choice.run(call(20_000))
+    assert choice.source == f"float{chosen}"
+    assert {lanes for lanes, kernel in kernels.items() if kernel.shapes} == tried
+    kept = measured_widths("0" * 64, (4, 8, 16, 32, 64))
+    assert kept[0] == chosen
+    assert set(kept) == tried
+
+
+def test_each_trial_waits_until_runs_have_taken_as_long_as_compiling(clock):
+    choice, kernels = choosing(clock, (1e-6, 5e-7, 2.5e-7))
+    build = kernels.__getitem__
+
+    def slowly(lanes):
+        clock.now += 1.0
+        return build(lanes)
+
+    choice._build = slowly
+    for _ in range(6):
+        choice.run(call(20_000))
+    assert choice.notes[-1].startswith("16 lanes, whose runs of this program take 0.50 of the time of 8; 32 are tried")
+    for _ in range(99):
+        choice.run(call(20_000))
+    assert kernels[32].shapes == []
+    choice.run(call(20_000))
+    assert kernels[32].shapes != []
+
+
+def test_a_later_process_goes_on_with_what_was_measured(clock):
+    choice, kernels = choosing(clock, (4e-6, 3e-6, 2e-6, 2e-6), measured=(16, 8))
+    for _ in range(40):
+        choice.run(call(20_000))
+    assert kernels[8].shapes == []
+    assert choice.notes[-1].startswith("32 lanes, whose runs of this program take 0.67 of the time of 16 and 1.00")
+
+
+@pytest.mark.parametrize(
+    ("current", "measured", "wanted"),
+    [(8, {8}, 16), (8, {8, 16}, 4), (8, {4, 8, 16}, None), (16, {8, 16}, 32), (64, {32, 64}, None), (4, {4, 8}, None)],
+)
+def test_the_wider_neighbour_is_measured_first(current, measured, wanted):
+    assert next_width(current, measured, (4, 8, 16, 32, 64)) == wanted
 
 
 def test_nothing_is_tried_before_the_runs_have_taken_as_long_as_compiling(clock):
@@ -114,7 +183,7 @@ def test_a_width_that_does_not_compile_is_left_alone(clock):
     def refuse(lanes):
         raise CompileError("no float16 here")
 
-    choice = Choosing(Fake(8, 1e-4, clock), 16, refuse, 0.1, "0" * 64)
+    choice = Choosing(Fake(8, 1e-4, clock), (8, 16), refuse, 0.1, "0" * 64)
     choice.run(call(20_000))
     choice.run(call(20_000))
     assert choice.source == "float8"
@@ -123,17 +192,19 @@ def test_a_width_that_does_not_compile_is_left_alone(clock):
 
 def test_a_kernel_that_changes_its_width_gives_the_same_bits(monkeypatch, tmp_path):
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(widths, "_LEAST_SPENT", 0.0)
-    monkeypatch.setattr(widths, "_MOST_SPENT", 0.0)
-    monkeypatch.setattr(widths, "_GAIN", 1e9)  # the other width wins
+    monkeypatch.setattr(widths, "time", Ticks())
+    monkeypatch.setattr(widths, "_GAIN", 1e9)  # the other width always wins
 
     @sh.program
     def wave(x: sh.Attrib1f) -> sh.Attrib1f:
-        return sh.sin(x) * sh.exp(-x) + 0.125 * sh.grid_index(1)
+        return x * x / (1 + x) + 0.125 * sh.grid_index(1)
 
     x = np.linspace(0, 9, 20_000, dtype=np.float32)
-    kernel = wave.compile("opencl", loop_limit=12_345)
-    before, text = kernel(x), kernel.source
-    assert kernel.source != text or "tried" not in kernel.notes[-1]
-    assert np.array_equal(kernel(x), before)
-    assert np.array_equal(wave.compile("numpy")(x), before)
+    kernel, expected = wave.compile("opencl", loop_limit=12_345), wave.compile("numpy")(x)
+    machine, texts = machine_of(None), [kernel.source]
+    for _ in range(4):
+        assert np.array_equal(kernel(x), expected)
+        texts.append(kernel.source)
+    wider = [lanes for lanes in machine.widths if lanes > machine.lanes > 1]
+    assert len(set(texts)) == 1 + len(wider)
+    assert all(f"float{lanes} " in kernel.source for lanes in wider[-1:])

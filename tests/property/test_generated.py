@@ -9,7 +9,7 @@ answers.
 from __future__ import annotations
 
 import pytest
-from backends.running import LANES
+from backends.running import LANES, WIDE
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from property.agreement import WITHOUT_PRECISE, Precision, check
 
@@ -92,6 +92,12 @@ def test_many_programs_agree(shard: int) -> None:
 @pytest.mark.parametrize("shard", range(1000, 1060))
 def test_many_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
     agree(shard, EVERYWHERE, endless=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shard", range(2000, 2010))
+def test_many_programs_agree_in_wide_packets(shard: int) -> None:
+    agree(shard, tuple(WIDE))
 
 
 @pytest.mark.slow

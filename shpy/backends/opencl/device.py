@@ -26,8 +26,9 @@ import numpy as np
 from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
+from shpy.backends.opencl.packet_halves import try_wide
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
-from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.spelling import ELEMENTWISE
 from shpy.backends.opencl.trial import Trial, works
 from shpy.backends.opencl.waiting import Waiter
@@ -60,6 +61,12 @@ _TRIALS = {
     **{
         f"signs{n}": Trial(f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};", (0, -1, *[0] * (n - 2)), (2, -1))
         for n, text in SIGNS.items()
+    },
+    **{
+        f"wide{n}": Trial(
+            "float16", try_wide(n), tuple(range(16)), tuple(float(k + k % 2 * k) for k in range(15, -1, -1))
+        )
+        for n in WIDER
     },
 }
 """Functions that a compiler may have besides OpenCL C."""
@@ -354,13 +361,6 @@ class Machine:
             return 1
         return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
 
-    @property
-    def other_width(self) -> int | None:
-        """The width that may be faster than `lanes`: two registers a value, or half a register for the widest."""
-        if self.lanes == 1:
-            return None
-        return 2 * self.lanes if 2 * self.lanes in WIDTHS else self.lanes // 2
-
     def width_key(self, program: str) -> str:
         """The name under which the width of a program's packets on this device is kept."""
         return self._key(f"width of {program}", "strict")
@@ -399,7 +399,13 @@ class Machine:
         key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), "strict")
         known = store.known_names(key, _TRIALS, lambda: works(self._place(), self.options("strict"), _TRIALS))
         signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
-        return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs)
+        wider = frozenset(n for n in WIDER if f"wide{n}" in known)
+        return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs, wider)
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Lanes that packets may have on this device."""
+        return (*WIDTHS, *(n for n in WIDER if n in self.abilities.wider))
 
     def _place(self) -> tuple[int, int]:
         """The indices of the platform and of its device, as the driver lists them."""

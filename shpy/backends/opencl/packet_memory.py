@@ -19,15 +19,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from shpy.backends.opencl.packet_halves import LONGEST
 from shpy.backends.opencl.packet_types import rows_of
 from shpy.backends.opencl.prologue import NOINLINE, SCALARS
 from shpy.ir.types import Base, Type
 
-__all__ = ["HEX", "INLINE", "QUAD", "PacketMemory", "spelled_wide", "struct_text"]
+__all__ = ["INLINE", "QUAD", "PacketMemory", "lane_of", "spelled_wide", "struct_text"]
 
 QUAD: Final = 4
 """Numbers that are loaded, stored and sorted together; the columns of a packet that is a block."""
-HEX: Final = "0123456789abcdef"
+_HEX: Final = "0123456789abcdef"
 _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
 INLINE: Final = "__attribute__((always_inline))"
@@ -42,6 +43,16 @@ def spelled_wide(type: Type) -> str:
     lanes = getattr(type, "lanes", None)
     base = SCALARS[Base.I if type.is_bool else type.base]
     return f"{base}{type.size}" if lanes is None else f"{base}{lanes}x{type.size}"
+
+
+def lane_of(lane: int, lanes: int, count: int = 1) -> str:
+    """How `count` lanes from this one on are picked from a vector: `.s4567`, and `.hi.s4567` of its upper 16."""
+    halves = ""
+    while lanes > LONGEST:
+        lanes //= 2
+        halves += ".lo" if lane < lanes else ".hi"
+        lane %= lanes
+    return f"{halves}.s{_HEX[lane : lane + count]}"
 
 
 def struct_text(type: Type) -> str:
@@ -64,7 +75,9 @@ def _element(base: Base) -> str:
 
 
 def _place(place: str, size: int, component: int) -> str:
-    scaled = f"(size_t){place} * {size}" if size > 1 else place
+    if size == 1:
+        return place
+    scaled = f"(size_t)({place}) * {size}" if " " in place else f"(size_t){place} * {size}"
     return f"{scaled} + {component}" if component else scaled
 
 
@@ -154,10 +167,10 @@ typedef struct {{
         lanes, element, fields = self.lanes, _element(base), _fields(size)
         result = spelled_wide(rows_of(base, size, lanes))
         same = [f"v{f} = {self._loaded(f'({element}{lanes})(a[{k}])', base)};" for k, f in enumerate(fields)]
-        parts = [f"v{f} = {self._loaded(f'vload{lanes}(0, part{k})', base)};" for k, f in enumerate(fields)]
+        parts = [f"v{f} = {self._loaded(self._vload(element, f'part{k}'), base)};" for k, f in enumerate(fields)]
         what = "A vector" if size > 1 else "A number"
         places = [] if self.listed else [f"    int place[{lanes}];", f"    vstore{lanes}(at, 0, place);"]
-        place = "(k < left ? k : 0)" if self.listed else "place[k]"
+        place = "k < left ? k : 0" if self.listed else "place[k]"
         return "\n".join([
             f"// {what} for each lane of an array, one after the other.",
             f"{NOINLINE} {result} {name}_each(__global const {element} *a, {self._which}) {{",
@@ -182,7 +195,7 @@ typedef struct {{
             f"    if ({self._partial}) {{",
             f"        return {name}_each(a, {'p.left' if self.listed else 'p.at'});",
             "    }",
-            *self._if_list(size, f"v = {self._loaded(f'vload{lanes}(0, a)', base)};", "return v;"),
+            *self._if_list(size, f"v = {self._loaded(self._vload(element, 'a'), base)};", "return v;"),
             *(f"    {line}" for line in self._block_loads(base, size)),
             "    return v;",
             "}",
@@ -261,9 +274,9 @@ typedef struct {{
             f"{INLINE} {result} {name}(__global const {pointer} *a, int{lanes} at) {{",
         ]
         if size == 1:
-            loads = ", ".join(f"a[at.s{HEX[k]}]" for k in range(lanes))
+            loads = ", ".join(f"a[at{lane_of(k, lanes)}]" for k in range(lanes))
             return "\n".join([*lines, f"    return {self._loaded(f'({element}{lanes})({loads})', base)};", "}"])
-        places = [f"at.s{HEX[k]}" for k in range(lanes)]
+        places = [f"at{lane_of(k, lanes)}" for k in range(lanes)]
         body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
         return "\n".join([*lines, f"    {result} v;", *(f"    {line}" for line in body), "    return v;", "}"])
 
@@ -305,7 +318,7 @@ typedef struct {{
         """The statements that load quads of a table that are `pitch` elements apart."""
         element, rows = _element(base), range(self.lanes // QUAD)
         if size == 1 and pitch == str(QUAD):
-            return [f"return {self._loaded(f'vload{self.lanes}(0, a)', base)};"]
+            return [f"return {self._loaded(self._vload(element, 'a'), base)};"]
         if size == 1:
             starts = ["a", *(f"a + {f'{r} * ' if r > 1 else ''}{pitch}" for r in rows[1:])]
             loads = ", ".join(f"vload4(0, {start})" for start in starts)
@@ -314,6 +327,13 @@ typedef struct {{
         places = [f"{f'{r} * {pitch} + ' if r else ''}{c}" for r in rows for c in range(QUAD)]
         body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
         return [f"{result} v;", *body, "return v;"]
+
+    def _vload(self, element: str, array: str) -> str:
+        """The first numbers of an array: `vload16(0, a)`."""
+        if self.lanes <= LONGEST:
+            return f"vload{self.lanes}(0, {array})"
+        loads = ", ".join(f"vload{LONGEST}({k}, {array})" for k in range(self.lanes // LONGEST))
+        return f"({element}{self.lanes})({loads})"
 
     # Shuffles
 
@@ -325,7 +345,7 @@ typedef struct {{
         """A packet of numbers of two vectors at most, picked within each group of four."""
         chosen, groups = list(picks), range(self.lanes // 4)
         if not self.shuffle:
-            numbers = ", ".join(f"{name}.s{HEX[4 * g + k]}" for g in groups for name, k in chosen)
+            numbers = ", ".join(f"{name}{lane_of(4 * g + k, self.lanes)}" for g in groups for name, k in chosen)
             return f"({element}{self.lanes})({numbers})"
         first, second = (list(dict.fromkeys(name for name, _ in chosen)) * 2)[:2]
         places = ", ".join(str(4 * g + k + self.lanes * (name != first)) for g in groups for name, k in chosen)
@@ -351,7 +371,7 @@ typedef struct {{
         element, quads = _element(base), range(self.lanes // QUAD)
         wide, lines = f"{element}{self.lanes}", []
         if size == 1 and self.lanes == self.columns:
-            return [f"v = {self._loaded(f'vload{self.lanes}(0, a)', base)};"]
+            return [f"v = {self._loaded(self._vload(element, 'a'), base)};"]
         for k, part in enumerate(_PARTS[:size]):
             loads = ", ".join(f"vload4({k}, {self._start(size, q)})" for q in quads)
             if size == 1:
@@ -382,8 +402,8 @@ typedef struct {{
             steps, made = self._sorted(element, part, picks)
             lines += [*steps, f"{wide} {part} = {made};"]
         for q in range(self.lanes // QUAD):
-            picked = HEX[QUAD * q : QUAD * (q + 1)]
-            lines += [f"vstore4({part}.s{picked}, {k}, {self._start(size, q)});" for k, part in enumerate(parts)]
+            picked = lane_of(QUAD * q, self.lanes, QUAD)
+            lines += [f"vstore4({part}{picked}, {k}, {self._start(size, q)});" for k, part in enumerate(parts)]
         return lines
 
     def _start(self, size: int, quad: int) -> str:

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from shpy.backends.opencl.packet_memory import HEX, INLINE, QUAD, PacketMemory, spelled_wide, struct_text
+from shpy.backends.opencl.packet_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
 from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
 from shpy.backends.opencl.prologue import LDEXP, SCALARS, Prologue
 from shpy.ir.types import Base, Type
@@ -45,13 +45,14 @@ SIGNS: Final = {
 class Abilities:
     """What a compiler has besides OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`.
 
-    `signs`: the widths of which it has the functions of SIGNS.
+    `signs`: the widths of which it has the functions of SIGNS; `wider`: those of WIDER whose vectors it takes.
     """
 
     reduce: bool = False
     elementwise: bool = False
     shuffle: bool = False
     signs: frozenset[int] = frozenset()
+    wider: frozenset[int] = frozenset()
 
 
 _TEXTS: Final = {
@@ -233,8 +234,12 @@ class PacketPrologue(Prologue):
 _SHORT: Final = {"bits_from_float": "bits"}
 
 
+def _each(lanes: int) -> list[str]:
+    return [lane_of(k, lanes) for k in range(lanes)]
+
+
 def _each_lane(name: str, op: str, wide: str, lanes: int) -> str:
-    calls = ", ".join(f"{op}(a.s{h}, b.s{h})" for h in HEX[:lanes])
+    calls = ", ".join(f"{op}(a{h}, b{h})" for h in _each(lanes))
     return f"""\
 // One lane after the other: PoCL's {op} of many doubles is wrong beside an infinity.
 {wide} {name}({wide} a, {wide} b) {{
@@ -272,7 +277,7 @@ def _pick(name: str, scalar: str, length: int, lanes: int) -> str:
     )
     if length <= IN_REGISTERS:
         return f"{head}{_tests(scalar, lanes)}    return {_choice(f'a[{k}]' for k in range(length))};\n}}"
-    loads = ", ".join(f"flat[i.s{h}]" for h in HEX[:lanes])
+    loads = ", ".join(f"flat[i{h}]" for h in _each(lanes))
     return f"""{head}\
     const {scalar} *flat = (const {scalar} *)a;
     i = clamp(i, 0, {length - 1}) * {lanes} + {_numbers(lanes)};
@@ -287,7 +292,7 @@ def _pick_uniform(name: str, scalar: str, length: int, lanes: int) -> str:
     if length <= IN_REGISTERS:
         choice = _choice(f"({held}{lanes})({minus}a[{k}])" for k in range(length))
         return f"{head}{_tests(scalar, lanes)}    return {choice};\n}}"
-    loads = ", ".join(f"{minus}a[i.s{h}]" for h in HEX[:lanes])
+    loads = ", ".join(f"{minus}a[i{h}]" for h in _each(lanes))
     return f"{head}    i = clamp(i, 0, {length - 1});\n    return ({held}{lanes})({loads});\n}}"
 
 
@@ -297,7 +302,7 @@ def _put(name: str, scalar: str, length: int, lanes: int) -> str:
         stores = "".join(f"    a[{k}] = n == {k} ? v : a[{k}];\n" for k in range(length))
         told = "// Each lane's number into the element at its own index, if there is one.\n"
         return f"{told}{head}{_tests(scalar, lanes)}{stores}}}"
-    stores = "".join(f"    flat[i.s{h}] = v.s{h};\n" for h in HEX[:lanes])
+    stores = "".join(f"    flat[i{h}] = v{h};\n" for h in _each(lanes))
     return f"""\
 // Each lane's number into the element at its own index; element {length} takes what is out of range.
 {head}\

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from shpy.backends.expressions import Expr
+from shpy.backends.opencl.packet_halves import declare_wide
 from shpy.backends.opencl.packet_memory import QUAD, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packet_spelling import PacketSpelling
@@ -110,6 +111,12 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         made = super().print()
         doubles = made.doubles or self.prologue.doubles
         return replace(made, doubles=doubles, lanes=self.lanes, columns=self.columns, listed=self.listed)
+
+    def declared(self) -> list[str]:
+        """Vectors of more numbers than OpenCL C has."""
+        text = "\n".join([self.prologue.text(), *(text for text, _ in self.lines)])
+        wide = declare_wide(text, self.lanes)
+        return ["", *wide.splitlines()] if wide else []
 
     # What a function needs besides its arguments
 

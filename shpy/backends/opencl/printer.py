@@ -108,6 +108,7 @@ class OpenCLPrinter(Spelling):
         head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math == 'strict' else 'ON'}"]
         if self.doubles:
             head.append("#pragma OPENCL EXTENSION cl_khr_fp64 : enable")
+        head += self.declared()
         lines: list[Line] = [(text, None) for text in [*head, "", *self.prologue.text().splitlines()]]
         lines += self.lines if self.prologue.text() else self.lines[1:]
         entry = self.needs[self.module.entry.name]
@@ -121,6 +122,10 @@ class OpenCLPrinter(Spelling):
             tuple(t for t in self.module.tables if t.name in entry.tables),
             tuple(p for p in self.params if p in entry.params),
         )
+
+    def declared(self) -> list[str]:
+        """Lines that declare types which the text uses and OpenCL C does not have."""
+        return []
 
     # What a function needs besides its arguments
 

@@ -22,11 +22,11 @@ import numpy as np
 
 from shpy.backends.base import Array, Call, Device, Executable, Options
 from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
-from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
 from shpy.backends.opencl.spelling import ELEMENTWISE, FAST
-from shpy.backends.opencl.widths import Choosing, known_width
+from shpy.backends.opencl.widths import Choosing, measured_widths, next_width
 from shpy.backends.pace import Pace
 from shpy.backends.probe import refuse_wrong
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
@@ -62,16 +62,19 @@ class OpenCLBackend:
     def compile(self, module: Module, options: Options) -> Executable:
         """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
 
-        `lanes="auto"` is the faster of two widths on a CPU (see `widths`), and 1 on a GPU or for a program that no
+        `lanes="auto"` is the fastest of several widths on a CPU (see `widths`), and 1 on a GPU or for a program that no
         packet can run, which is a ShpyWarning with the cause.
         """
         machine = machine_of(options.device)
         lanes = machine.lanes if options.lanes == "auto" else options.lanes
-        if lanes not in (1, *WIDTHS):
-            raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, WIDTHS))}')
+        if lanes not in (1, *WIDTHS, *WIDER):
+            raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, (*WIDTHS, *WIDER)))}')
+        if lanes in WIDER and lanes not in machine.widths:
+            name = machine.device.name.strip()
+            raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure='lanes="auto", or 16')
         try:
-            if options.lanes == "auto" and (other := machine.other_width):
-                return _choosing(machine, module, options, (lanes, other))
+            if options.lanes == "auto" and lanes > 1:
+                return _choosing(machine, module, options)
             return _built(machine, module, options, lanes)
         except CompileError as e:
             if options.lanes != "auto" or lanes == 1:
@@ -82,15 +85,18 @@ class OpenCLBackend:
             return replace(single, remarks=(remark,))
 
 
-def _choosing(machine: Machine, module: Module, options: Options, widths: tuple[int, int]) -> Executable:
-    """The kernel at the width that an earlier trial chose, or one that will try both widths."""
+def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
+    """Return the kernel at the width that earlier trials chose, or one that will try other widths."""
     key = machine.width_key(f"{print_module(module)}{options}")
-    known = known_width(key, widths)
+    measured = measured_widths(key, machine.widths)
+    lanes = measured[0] if measured else machine.lanes
     start = time.perf_counter()
-    first = _built(machine, module, options, known or widths[0])
-    if known:
-        return replace(first, remarks=(f"{known} lanes: a trial of {widths[0]} and {widths[1]} chose them",))
-    return Choosing(first, widths[1], partial(_built, machine, module, options), time.perf_counter() - start, key)
+    first = _built(machine, module, options, lanes)
+    if measured and next_width(lanes, measured, machine.widths) is None:
+        others = ", ".join(map(str, measured[1:]))
+        return replace(first, remarks=(f"{lanes} lanes: trials against {others} chose them",))
+    build = partial(_built, machine, module, options)
+    return Choosing(first, machine.widths, build, time.perf_counter() - start, key, measured)
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:

@@ -2,16 +2,18 @@
 
 Stage: run. No rule finds the fastest width: two registers a value hide the latency of one kernel and cost another its
 registers, and processors differ. So `lanes="auto"` begins with the width of the device's vectors. Once the kernel has
-run for as long as it took to compile, another width is compiled and both run on that run's own data; the faster one
-stays, and the outcome is kept on disk. Strict mode gives the same bits at every width, so nothing else can be seen.
+run for as long as it took to compile, the next width is compiled and both run on that run's own data; the faster one
+stays, and the outcome is kept on disk. So it goes on, to wider packets first, until both neighbours of the width in use
+have been measured. Strict mode gives the same bits at every width, so nothing else can be seen.
 
-    build(8) ──run, run, …──▶ spent > compiling ──▶ build(16) ──run both──▶ the faster one, kept under the kernel's key
+    build(8) ──run, run, …──▶ spent > compiling ──▶ build(16) ──run both─┬─▶ 16 is faster ──run, run, …──▶ build(32)
+                                                                         └─▶ 8 is faster ──run, run, …──▶ build(4)
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Final, Protocol
 
@@ -22,14 +24,14 @@ from shpy.backends.base import Array, Call, Executable
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
 
-__all__ = ["Choosing", "known_width"]
+__all__ = ["Choosing", "measured_widths", "next_width"]
 
 _ENOUGH: Final = 1 << 14
 """Elements of a run that says something about a width: shorter runs are all overhead."""
 _LEAST_SPENT: Final = 0.05
 """Seconds of running before a trial pays, however fast the compiler was."""
 _MOST_SPENT: Final = 0.5
-"""Seconds of running after which a trial is made, however slow the compiler was."""
+"""Seconds of running after which the first trial is made, however slow the compiler was."""
 _LONGEST: Final = 0.2
 """Seconds of a run that is made again as a whole; of a longer one a part is."""
 _ROUNDS: Final = 5
@@ -46,27 +48,47 @@ class Sized(Executable, Protocol):
         """Elements of a packet."""
 
 
-def known_width(key: str, widths: tuple[int, ...]) -> int | None:
-    """Return the width that an earlier trial chose, or None where there was none."""
+def measured_widths(key: str, widths: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the widths that earlier trials measured, the one that they chose first; () where there were none."""
     kept = store.load(key)
-    if kept is None or not kept.isdigit():
-        return None
-    return int(kept) if int(kept) in widths else None
+    words = [] if kept is None else kept.decode(errors="replace").split()
+    found = tuple(int(word) for word in words if word.isdecimal())
+    return found if found and set(found) <= set(widths) and len(found) == len(words) else ()
+
+
+def next_width(current: int, measured: Collection[int], widths: tuple[int, ...]) -> int | None:
+    """Return the neighbour of `current` to measure next, the wider one first; None where both are measured."""
+    at = widths.index(current)
+    beside = (*widths[at + 1 : at + 2], *widths[max(at - 1, 0) : at])
+    return next((width for width in beside if width not in measured), None)
 
 
 class Choosing:
-    """An executable that tries a second width on its own data: see `base.Executable`."""
+    """An executable that tries other widths on its own data: see `base.Executable`."""
 
-    def __init__(self, first: Sized, other: int, build: Callable[[int], Sized], seconds: float, key: str) -> None:
-        """Start with `first`, whose compilation took `seconds`; `build(other)` compiles the width to try."""
+    def __init__(
+        self,
+        first: Sized,
+        widths: tuple[int, ...],
+        build: Callable[[int], Sized],
+        seconds: float,
+        key: str,
+        measured: tuple[int, ...] = (),
+    ) -> None:
+        """Start with `first`, whose compilation took `seconds`; `build` compiles for one of the `widths`.
+
+        `measured`: the widths that need no trial; the outcome of each trial is kept under `key`.
+        """
         self._current = first
-        self._other = other
+        self._widths = widths
         self._build = build
         self._worth = min(max(seconds, _LEAST_SPENT), _MOST_SPENT)
         self._spent = 0.0
         self._key = key
-        self._settled = False
-        self._remark = f"{first.lanes} lanes; {other} are tried once runs have taken as long as compiling"
+        self._measured = {first.lanes, *measured}
+        self._trying = False
+        self._shares: list[str] = []
+        self._refusal = ""
 
     @property
     def source(self) -> str:
@@ -79,6 +101,18 @@ class Choosing:
         return (*self._current.notes, self._remark)
 
     @property
+    def _other(self) -> int | None:
+        """The width to try next."""
+        return next_width(self._current.lanes, self._measured, self._widths)
+
+    @property
+    def _remark(self) -> str:
+        shares = f", whose runs of this program take {' and '.join(self._shares)}" if self._shares else ""
+        remark = f"{self._current.lanes} lanes{shares}{self._refusal}"
+        other = self._other
+        return f"{remark}; {other} are tried once runs have taken as long as compiling" if other else remark
+
+    @property
     def loops(self) -> tuple[Loc | None, ...]:
         """The lines of the limited loops."""
         return self._current.loops
@@ -89,25 +123,31 @@ class Choosing:
         return self._current.writes_all
 
     def run(self, call: Call) -> Array | None:
-        """Run it; once enough time was spent, this call's data decide the width."""
-        if self._settled or call.count < _ENOUGH:
+        """Run it; once enough time was spent, this call's data decide between two widths."""
+        other = self._other
+        if self._trying or other is None or call.count < _ENOUGH:
             return self._current.run(call)
         start = time.perf_counter()
         status = self._current.run(call)
         taken = time.perf_counter() - start
         self._spent += taken
         if self._spent >= self._worth:
-            self._settled = True  # before the trial: another thread goes on with the first width
-            self._try(call, taken)
+            self._trying = True  # before the trial: another thread goes on with the first width
+            try:
+                self._try(other, call, taken)
+            finally:
+                self._trying = False
         return status
 
-    def _try(self, call: Call, taken: float) -> None:
-        first = self._current
+    def _try(self, width: int, call: Call, taken: float) -> None:
+        first, start = self._current, time.perf_counter()
+        self._measured.add(width)
         try:
-            other = self._build(self._other)
+            other = self._build(width)
         except CompileError as error:
-            self._remark = f"{first.lanes} lanes, since {self._other} do not compile: {error.message}"
+            self._refusal = f", since {width} do not compile: {error.message}"
             return
+        self._worth, self._spent = max(time.perf_counter() - start, _LEAST_SPENT), 0.0
         part = _part(call, _LONGEST / 2 / taken) if taken > _LONGEST else _scratch(call)
         rounds = _ROUNDS if taken < _LONGEST / _ROUNDS else 1
         _seconds(other, part)  # the first run of a kernel is not like the others
@@ -117,11 +157,11 @@ class Choosing:
                 times[sized.lanes].append(_seconds(sized, part))
         mine, its = min(times[first.lanes]), min(times[other.lanes])
         if its < _GAIN * mine:
-            self._current = other
-        chosen, left = (other, first) if self._current is other else (first, other)
-        share = min(times[chosen.lanes]) / min(times[left.lanes])
-        self._remark = f"{chosen.lanes} lanes, whose runs of this program take {share:.2f} of the time of {left.lanes}"
-        store.save(self._key, str(chosen.lanes).encode())
+            self._current, self._shares = other, []
+            mine, its, width = its, mine, first.lanes
+        self._shares.append(f"{mine / its:.2f} of the time of {width}")
+        kept = (self._current.lanes, *sorted(self._measured - {self._current.lanes}))
+        store.save(self._key, " ".join(map(str, kept)).encode())
 
 
 def _seconds(executable: Executable, call: Call) -> float:

@@ -37,6 +37,8 @@ TILES = {"numpy-5": 5}
 WIDTHS = (*TILES, *PACKETS)
 LANES = {"opencl-1": 1, "opencl-4": 4, "opencl-8": 8, "opencl-16": 16}
 """Every width of OpenCL by itself: one element a work item is what a GPU runs."""
+WIDE = {"opencl-32": 32, "opencl-64": 64}
+"""Those of which a driver may have no vectors."""
 TINY = {np.dtype(t): np.finfo(t).tiny for t in (np.float16, np.float32, np.float64)}
 
 
@@ -73,16 +75,16 @@ OWN: dict[str, Any] = {
 
 
 def kernel(program: sh.Program, backend: str, **options: Any) -> Kernel:
-    """The program, compiled for one of BACKENDS, WIDTHS or LANES."""
+    """The program, compiled for one of BACKENDS, WIDTHS, LANES or WIDE."""
     if backend in OWN:
         return Kernel(program._recorded, OWN[backend], Options(**options))
-    if backend in LANES:
-        return program.compile("opencl", lanes=LANES[backend], **options)
+    if backend in LANES | WIDE:
+        return program.compile("opencl", lanes=(LANES | WIDE)[backend], **options)
     return program.compile(backend, **options)
 
 
 def run(program: sh.Program, backend: str, *arrays: Any, out: Any = None, shape: Any = None, **options: Any) -> Result:
-    """Run it on arrays on one of BACKENDS, WIDTHS or LANES; `options` are those of `Program.compile`."""
+    """Run it on arrays on one of BACKENDS, WIDTHS, LANES or WIDE; `options` are those of `Program.compile`."""
     return kernel(program, backend, **options).run(*arrays, out=out, shape=shape)
 
 
