@@ -68,7 +68,7 @@ def test_lanes_are_as_many_as_a_cpu_holds_or_as_asked_for() -> None:
 
 
 def test_what_no_packet_can_run_is_run_one_element_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*args: Any) -> Any:
+    def refuse(*args: Any, **options: Any) -> Any:
         raise sh.CompileError("nested too deeply")
 
     monkeypatch.setattr(runtime, "print_packets", refuse)

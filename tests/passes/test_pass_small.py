@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from before_after import check, module, text
 
+import shpy as sh
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.parser import parse
+from shpy.ir.traverse import variables_of
 from shpy.ir.types import Base, vec
 from shpy.ir.verifier import verify
+from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.half import lower_half
@@ -293,3 +296,45 @@ def test_select_outputs_drops_what_the_others_needed():
 def test_count_ops():
     given = module("%4: f = mul %a.0, %a.0\nif %c.3 {\n%5: f = mul %4, %a.0\nstore $o.0 = %5\n}")
     assert count_ops(given) == {"mul": 2, "if": 1, "store": 1}
+
+
+def test_arrays_of_bools_are_held_as_ints():
+    @sh.program
+    def marked(k: sh.Attrib1i, c: sh.Attrib1b):
+        seen, kept = sh.Array(sh.Attrib2b, 3), sh.Attrib1b(c)
+        seen[1] = sh.Attrib2b(c, ~c)
+        seen[k] = sh.Attrib2b(kept, True)
+        return seen[1], seen[k].y
+
+    changed = hold_bools_as_ints(marked.ir)
+    verify(changed)
+    arrays = [v for f in changed.functions for v in variables_of(f) if v.length is not None]
+    assert [v.type for v in arrays] == [vec("i", 2)]
+    run, reference = Interpreter(changed), Interpreter(marked.ir)
+    for k in range(-1, 4):
+        given = [np.int32(k), np.bool_(k & 1)]
+        for found, wanted in zip(run.run_element(given)[0], reference.run_element(given)[0], strict=True):
+            assert np.array_equal(found, wanted)
+    assert hold_bools_as_ints(changed) is changed
+
+
+def test_an_int_of_nan_is_chosen_where_a_device_gets_it_wrong():
+    def corrected(given):
+        return lower(given, frozenset(), frozenset({"convert_nan"}))
+
+    check(
+        corrected,
+        """
+        %4: i = convert %a.0
+        %5: f = convert %4
+        store $o.0 = %5
+        """,
+        """
+        %6: b = eq %a.0, %a.0
+        %7: i = convert %a.0
+        %8: i = const 0
+        %4: i = cond %6, %7, %8
+        %5: f = convert %4
+        store $o.0 = %5
+        """,
+    )

@@ -24,6 +24,7 @@ from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
 from shpy.ir.nodes import Loc, Module, Value, Variable
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base
+from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
@@ -90,7 +91,8 @@ class GlslBackend:
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")
         exact = options.math != "fast"
-        whole = hide_derivable(prepared.module) if exact else prepared.module
+        whole = hold_bools_as_ints(prepared.module)
+        whole = hide_derivable(whole) if exact else whole
         count = len(whole.entry.outputs)
         groups = tuple(
             tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
