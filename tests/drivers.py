@@ -1,10 +1,11 @@
 """The conformance list on every OpenGL and OpenCL driver that can be had without a GPU, each in a process of its own.
 
-    python -m tests.drivers                         # what is installed; writes docs/drivers.md
-    python -m tests.drivers softpipe --print        # one of them; writes nothing
+    python -m tests.drivers --get                   # downloads what is not installed to a folder of its own
+    python -m tests.drivers                         # runs the list on what is there; writes docs/drivers.md
+    python -m tests.drivers softpipe rusticl        # on these; the other rows of the table stay
+    python -m tests.drivers PoCL --print            # writes nothing
 
-Drivers that are not on the system are looked for in the folder SHPY_DRIVERS (default: ~/.cache/shpy-drivers), as
-`NAME/*.icd` for OpenCL and `NAME/lvp_icd.json` for zink.
+Drivers that are not on the system are in the folder SHPY_DRIVERS (default: ~/.cache/shpy-drivers), one folder each.
 """
 
 from __future__ import annotations
@@ -14,9 +15,13 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
+import zipfile
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from shpy.backends.opencl.packet_types import WIDTHS
 from shpy.backends.registry import backends
 from shpy.errors import CompileError, ShpyError
 from shpy.testing.conformance.cases import all_cases
@@ -25,59 +30,120 @@ ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "drivers.md"
 PRIVATE = Path(os.environ.get("SHPY_DRIVERS") or Path.home() / ".cache" / "shpy-drivers")
 MESA = {"EGL_PLATFORM": "surfaceless", "LIBGL_ALWAYS_SOFTWARE": "1"}
+ZINK = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "LIBGL_KOPPER_DRI2": "1"}
 SECONDS = 1800
+OVERLAY = ("unshare", "--mount", "--map-root-user", "sh", "-c",
+           'mount -t overlay overlay -o lowerdir="$0/usr/lib:/usr/lib" /usr/lib && exec "$@"')  # fmt: skip
+"""Runs a command where a private folder's usr/lib lies over that of the system; the folder comes first."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Packages that hold a driver: `library` is the file that a loader opens, by its pattern.
+
+    `fixed`: the driver looks for its own files in /usr/lib.
+    """
+
+    folder: str
+    library: str
+    debian: tuple[str, ...] = ()
+    pypi: tuple[str, ...] = ()
+    fixed: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The folder of its files."""
+        return PRIVATE / self.folder
+
+    def found(self) -> Path | None:
+        """The library; None where it was not downloaded."""
+        return next(iter(sorted(self.path.rglob(self.library))), None)
+
+    def get(self) -> None:
+        """Download the packages, without those that they depend on, and take them apart."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory() as scratch:
+            for package in self.debian:
+                subprocess.run(["apt-get", "download", package], cwd=scratch, check=True)
+            for package in self.pypi:
+                command = [sys.executable, "-m", "pip", "download", "--no-deps", "-d", scratch, package]
+                subprocess.run(command, check=True)
+            for archive in Path(scratch).iterdir():
+                if archive.suffix == ".deb":
+                    subprocess.run(["dpkg", "-x", archive, self.path], check=True)
+                else:
+                    zipfile.ZipFile(archive).extractall(self.path)
+
+    def environment(self, target: str) -> dict[str, str]:
+        """What selects it, beside a file that tells a loader where the library is."""
+        library = self.found()
+        assert library is not None
+        folders = {str(other.parent) for other in self.path.rglob("*.so*")} - {str(library.parent)}
+        paths = [str(library.parent), *sorted(folders), os.environ.get("LD_LIBRARY_PATH", "")]
+        tell = self.path / "loader"
+        tell.mkdir(exist_ok=True)
+        if target == "glsl":
+            (tell / "icd.json").write_text(
+                json.dumps(
+                    {"file_format_version": "1.0.0", "ICD": {"library_path": str(library), "api_version": "1.1"}}
+                )
+            )
+            return {"VK_ICD_FILENAMES": str(tell / "icd.json"), "LD_LIBRARY_PATH": ":".join(filter(None, paths))}
+        (tell / "driver.icd").write_text(f"{library}\n")
+        return {"OCL_ICD_VENDORS": str(tell), "LD_LIBRARY_PATH": ":".join(filter(None, paths))}
 
 
 @dataclass(frozen=True)
 class Driver:
-    """A driver, what runs on it, the environment that selects it, and the command that gets it."""
+    """A driver, what runs on it, the environment that selects it, and where it comes from if not from the system."""
 
     name: str
     target: str
-    get: str
     environment: dict[str, str] = field(default_factory=dict)
-    private: str = ""
+    source: Source | None = None
 
-    def selected(self) -> dict[str, str] | None:
-        """The environment that selects it; None where it is not installed."""
-        if not self.private:
-            return self.environment
-        folder = PRIVATE / self.private
-        found = sorted(folder.glob("lvp_icd*.json" if self.target == "glsl" else "*.icd"))
-        if not found:
-            return None
-        libraries = sorted({str(library.parent) for library in folder.rglob("*.so*")})
-        which = ("VK_ICD_FILENAMES", found[0]) if self.target == "glsl" else ("OCL_ICD_VENDORS", folder)
-        paths = ":".join(filter(None, [*libraries, os.environ.get("LD_LIBRARY_PATH", "")]))
-        return {**self.environment, which[0]: str(which[1]), "LD_LIBRARY_PATH": paths}
+    @property
+    def installed(self) -> bool:
+        """Whether it can be run."""
+        return self.source is None or self.source.found() is not None
+
+    def command(self, *arguments: str) -> list[str]:
+        """The command that runs this module for it."""
+        command = [sys.executable, "-m", "tests.drivers", *arguments]
+        return [*OVERLAY, str(self.source.path), *command] if self.source and self.source.fixed else command
+
+    def selected(self) -> dict[str, str]:
+        """The whole environment that selects it."""
+        own = self.source.environment(self.target) if self.source else {}
+        return {**os.environ, "SHPY_CACHE_DIR": "", **self.environment, **own}
 
 
-MESA_PACKAGES = "apt install libegl1 libgl1-mesa-dri"
+LAVAPIPE = Source("lavapipe", "libvulkan_lvp.so", debian=("mesa-vulkan-drivers", "libvulkan1"))
+INTEL = Source("intel", "libintelocl.so", pypi=("intel-opencl-rt", "intel-cmplr-lib-rt", "tbb", "tcmlib"))
+OCLGRIND = Source("oclgrind", "liboclgrind-rt-icd.so", debian=("oclgrind", "liboclgrind-21.10"))
+RUSTICL = Source(
+    "rusticl", "libRusticlOpenCL.so.1", debian=("mesa-opencl-icd", "libclc-15", "libllvmspirvlib15"), fixed=True
+)
+POCL = Source("pocl-pypi", "libpocl-*.so*", pypi=("pocl-binary-distribution",))
+
+
+def lanes_of(name: str, widths: tuple[int, ...], **more: object) -> list[Driver]:
+    """An OpenCL driver at several widths."""
+    return [Driver(f"{name}, {n} lane{'s' * (n > 1)}", f"opencl-{n}", **more) for n in widths]  # type: ignore[arg-type]
+
+
 DRIVERS = [
-    Driver("llvmpipe", "glsl", MESA_PACKAGES, MESA),
-    Driver("llvmpipe at GL 3.3", "glsl", MESA_PACKAGES, {**MESA, "MESA_GL_VERSION_OVERRIDE": "3.3"}),
-    Driver(
-        "llvmpipe without gpu_shader5",
-        "glsl",
-        MESA_PACKAGES,
-        {**MESA, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader5"},
-    ),
-    Driver("softpipe", "glsl", MESA_PACKAGES, {**MESA, "GALLIUM_DRIVER": "softpipe"}),
-    Driver(
-        "zink on lavapipe",
-        "glsl",
-        "apt-get download mesa-vulkan-drivers; dpkg -x",
-        {**MESA, "MESA_LOADER_DRIVER_OVERRIDE": "zink", "LIBGL_KOPPER_DRI2": "1"},
-        private="lavapipe",
-    ),
-    *(Driver(f"PoCL, {n} lane{'s' * (n > 1)}", f"opencl-{n}", "apt install pocl-opencl-icd") for n in (1, 4, 8, 16)),
-    Driver("Intel CPU", "opencl-8", "pip install --target intel-opencl-rt intel-cmplr-lib-rt tbb", private="intel"),
-    Driver("Oclgrind", "opencl-1", "apt-get download oclgrind; dpkg -x", private="oclgrind"),
-    Driver(
-        "rusticl", "opencl-1", "apt-get download mesa-opencl-icd; dpkg -x", {"RUSTICL_ENABLE": "llvmpipe"}, "rusticl"
-    ),
-    Driver("PoCL of PyPI", "opencl-8", "pip install --target pocl-binary-distribution", private="pocl-pypi"),
-]
+    Driver("llvmpipe", "glsl", MESA),
+    Driver("llvmpipe at GL 3.3", "glsl", {**MESA, "MESA_GL_VERSION_OVERRIDE": "3.3"}),
+    Driver("llvmpipe without gpu_shader5", "glsl", {**MESA, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader5"}),
+    Driver("softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}),
+    Driver("zink on lavapipe", "glsl", {**MESA, **ZINK}, LAVAPIPE),
+    *lanes_of("PoCL", (1, *WIDTHS)),
+    *lanes_of("Intel CPU", (1, 8), source=INTEL),
+    *lanes_of("Oclgrind", (1, 8), source=OCLGRIND),
+    *lanes_of("rusticl", (1, 8), environment={"RUSTICL_ENABLE": "llvmpipe"}, source=RUSTICL),
+    *lanes_of("PoCL of PyPI", (1, 8, 16), source=POCL),
+]  # fmt: skip
 
 
 def run_here(target: str, skip: set[str], every: int) -> None:
@@ -109,30 +175,38 @@ class Report:
     notes: list[str] = field(default_factory=list)
     outcomes: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def faults(self) -> list[str]:
+        """The programs that gave other bits or ended the process."""
+        return sorted(f"{n}: {o}" for n, o in self.outcomes.items() if o.partition(":")[0] in ("wrong", "crashed"))
+
     def row(self, driver: Driver) -> str:
         """Its row of the table."""
-        kinds = [o.partition(":")[0] for o in self.outcomes.values()]
-        cells = [f"same bits: {kinds.count('same')} programs"]
-        for kind in ("refused", "wrong", "crashed"):
-            if kind in kinds:
-                names = sorted(n for n, o in self.outcomes.items() if o.startswith(kind))
-                why = sorted({o.partition(": ")[2] for o in self.outcomes.values() if o.startswith("refused")})
-                cells.append(f"{kind}: {'; '.join(why if kind == 'refused' else names)}")
-        return f"| {driver.name} | {self.device}, {self.version} | {'. '.join([*cells, *self.notes])} |"
+        same = sum(o == "same" for o in self.outcomes.values())
+        cells = [f"same bits: {same} programs"] if same else []
+        for note in self.notes:
+            fault, _, cure = note.removeprefix("this device ").partition(": ")
+            cells.append(f"corrected: {fault} ({cure})" if cure else fault)
+        reasons = Counter(o.partition(": ")[2] for o in self.outcomes.values() if o.startswith("refused"))
+        cells += [
+            f"refused: {reason.removeprefix(self.device)} ({n} programs)" for reason, n in sorted(reasons.items())
+        ]
+        cells += self.faults
+        return f"| {driver.name} | {self.device}, {self.version} | {'; '.join(cells).replace('|', '/')} |"
 
 
-def run(driver: Driver, environment: dict[str, str], every: int) -> Report:
+def run(driver: Driver, every: int = 1) -> Report:
     """Run the list in processes of their own: one more for each program that ends its process."""
     report = Report()
     while True:
-        skip = sorted(report.outcomes)
-        command = [sys.executable, "-m", "tests.drivers", "--here", driver.target, "--every", str(every)]
         done = subprocess.run(
-            command, input=json.dumps(skip), cwd=ROOT, env={**os.environ, "SHPY_CACHE_DIR": "", **environment},
-            capture_output=True, text=True, timeout=SECONDS, check=False,
+            driver.command("--here", driver.target, "--every", str(every)), input=json.dumps(sorted(report.outcomes)),
+            cwd=ROOT, env=driver.selected(), capture_output=True, text=True, timeout=SECONDS, check=False,
         )  # fmt: skip
         begun = None
         for line in done.stdout.splitlines():
+            if not line.startswith("{"):
+                continue  # the driver's own
             told = json.loads(line)
             if "device" in told:
                 report.device, report.version, report.notes = told["device"], told["version"], told["notes"]
@@ -142,7 +216,8 @@ def run(driver: Driver, environment: dict[str, str], every: int) -> Report:
         if done.returncode == 0:
             return report
         if begun is None:
-            raise SystemExit(f"{driver.name} ends at once:\n{done.stderr[-2000:]}")
+            report.outcomes["the first use"] = f"crashed: the process ended ({done.stderr.strip()[-200:]})"
+            return report
         report.outcomes[begun] = "crashed: the process ended"
 
 
@@ -151,17 +226,31 @@ HEAD = """\
 
 What `python -m tests.drivers` found: the conformance list on each driver of OpenGL and OpenCL that runs without a GPU.
 The reference is the interpreter. Elements that meet a denormal on the way are not compared on a device that flushes
-denormals. A program is refused with a `CompileError` that names the operation which the device gets wrong.
+denormals. "Corrected" is what probes find when a device is first used, and the way around it; a program is "refused"
+with a `CompileError` that names the operation or type which the device gets wrong or does not have.
+
+`python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
+system as it is.
 
 | driver | device and version | results |
 |---|---|---|
 """
 
 
+def write_table(rows: dict[str, str]) -> None:
+    """Write the document: these rows by driver, and its own for others."""
+    old = DOCUMENT.read_text().splitlines() if DOCUMENT.exists() else []
+    kept = {line.split("|")[1].strip(): line for line in old if line.startswith("| ")}
+    missing = {d.name: f"| {d.name} | | not run yet |" for d in DRIVERS}
+    whole = {**missing, **{name: line for name, line in kept.items() if name in missing}, **rows}
+    DOCUMENT.write_text(HEAD + "".join(f"{line}\n" for line in whole.values()))
+
+
 def main() -> None:
-    """Run what is asked for, print the table, and write the document."""
+    """Run what is asked for, print the rows, and write the document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", help="drivers (default: all)")
+    parser.add_argument("names", nargs="*", help="drivers, by the beginning of their names (default: all)")
+    parser.add_argument("--get", action="store_true", help="download drivers instead")
     parser.add_argument("--print", action="store_true", help="do not write docs/drivers.md")
     parser.add_argument("--every", type=int, default=1, help="run every n-th program")
     parser.add_argument("--here", help=argparse.SUPPRESS)
@@ -169,16 +258,20 @@ def main() -> None:
     if given.here:
         run_here(given.here, set(json.load(sys.stdin)), given.every)
         return
-    rows = []
-    for driver in DRIVERS:
-        if given.names and not any(name in driver.name for name in given.names):
-            continue
-        environment = driver.selected()
-        missing = f"| {driver.name} | | not installed: `{driver.get}` |"
-        rows.append(missing if environment is None else run(driver, environment, given.every).row(driver))
-        print(rows[-1], flush=True)
-    if not given.print:
-        DOCUMENT.write_text(HEAD + "".join(f"{row}\n" for row in rows))
+    chosen = [d for d in DRIVERS if not given.names or d.name in given.names] or [
+        d for d in DRIVERS if any(d.name.startswith(name) for name in given.names)
+    ]
+    for driver in chosen:
+        if given.get:
+            if driver.source and not driver.installed:
+                driver.source.get()
+        elif driver.installed:
+            row = run(driver, given.every).row(driver)
+            print(row, flush=True)
+            if not given.print:
+                write_table({driver.name: row})
+        else:
+            print(f"{driver.name} is not installed: python -m tests.drivers --get '{driver.name}'")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import numpy as np
 import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.backends.numpy.runtime import NumpyBackend, NumpyExecutable
+from shpy.backends.opencl.packet_types import WIDTHS as PACKET_WIDTHS
 from shpy.backends.registry import backend as backend_named
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Function, Let, Loc, Module
@@ -35,7 +36,7 @@ PACKETS = {"opencl-1": 1, "opencl-4": 4, "opencl-16": 16}
 TILES = {"numpy-5": 5}
 """Other widths, with lanes that are left over: as many elements together in OpenCL and in a tile of numpy."""
 WIDTHS = (*TILES, *PACKETS)
-LANES = {"opencl-1": 1, "opencl-4": 4, "opencl-8": 8, "opencl-16": 16}
+LANES = {f"opencl-{n}": n for n in (1, *PACKET_WIDTHS)}
 """Every width of OpenCL by itself: one element a work item is what a GPU runs."""
 WIDE = {"opencl-32": 32, "opencl-64": 64}
 """Those of which a driver may have no vectors."""
