@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -277,6 +279,20 @@ def test_a_trial_that_fails_is_silent_and_one_that_ends_the_process_costs_no_oth
     tried = {"first": good, "broken": broken, "deadly": deadly, "wrong": wrong, "last": good}
     assert trial.works(place, [], tried) == {"first", "last"}
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_trial_leaves_no_temporary_files(monkeypatch):
+    """With drivers that keep no programs of their own, pyopencl writes a text that fails to a temporary file."""
+    folders = []
+
+    def failing(_command, *, env, **_options):
+        folders.append(Path(env["TMPDIR"]))
+        (folders[-1] / "text.cl").write_text("no such text")
+        return subprocess.CompletedProcess((), 1, stdout="")
+
+    monkeypatch.setattr(subprocess, "run", failing)
+    assert not trial.works((0, 0), [], {"any": trial.Trial("int", "", (3,), (6,))})
+    assert not folders[0].exists()
 
 
 def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):

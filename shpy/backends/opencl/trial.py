@@ -10,8 +10,10 @@ driver. This file is what that process runs; it needs pyopencl and numpy alone.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -40,8 +42,15 @@ def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial
 
     A trial that ends the process has failed, and the others go on in another one.
     """
+    with tempfile.TemporaryDirectory() as folder:
+        return _works(place, options, trials, folder)
+
+
+def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial], folder: str) -> frozenset[str]:
+    """The same. For some drivers pyopencl leaves the text of a build that fails among the temporary files: in `folder`."""
     left = dict(trials)
     found: set[str] = set()
+    environment = {**os.environ, "TMPDIR": folder, "TEMP": folder, "TMP": folder}
     while left:
         asked = {name: {**asdict(trial), "text": trial.text(name)} for name, trial in left.items()}
         task = json.dumps({"place": place, "options": options, "trials": asked})
@@ -53,6 +62,7 @@ def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial
                 text=True,
                 timeout=_SECONDS,
                 check=False,
+                env=environment,
             ).stdout
         except (OSError, subprocess.TimeoutExpired):
             return frozenset(found)
