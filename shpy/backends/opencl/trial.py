@@ -47,7 +47,7 @@ def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial
 
 
 def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial], folder: str) -> frozenset[str]:
-    """The same. For some drivers pyopencl leaves the text of a build that fails among the temporary files: in `folder`."""
+    """The same. pyopencl may leave the text of a build that fails among the temporary files: in `folder`."""
     left = dict(trials)
     found: set[str] = set()
     environment = {**os.environ, "TMPDIR": folder, "TEMP": folder, "TMP": folder}
