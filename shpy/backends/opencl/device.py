@@ -63,6 +63,15 @@ _TRIALS = {
         for n, text in SIGNS.items()
     },
     **{
+        f"floats{n}": Trial(
+            f"float{n}",
+            f"float{n} x = a[0]; a[0] = fma(floor(sqrt(x)), x, convert_float{n}(convert_int{n}_sat(x)));",
+            tuple(k + 0.5 for k in range(n)),
+            tuple(math.floor(math.sqrt(k + 0.5)) * (k + 0.5) + k for k in range(n)),
+        )
+        for n in WIDTHS
+    },
+    **{
         f"wide{n}": Trial(
             "float16", try_wide(n), tuple(range(16)), tuple(float(k + k % 2 * k) for k in range(15, -1, -1))
         )
@@ -359,7 +368,8 @@ class Machine:
         """Elements that a work item should compute: as many as a CPU's vectors hold, one on any other device."""
         if not self.device.type & self.cl.device_type.CPU:
             return 1
-        return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
+        widths = [w for w in self.widths if w <= self.device.native_vector_width_float]
+        return max((w for w in widths if w in WIDTHS), default=1)
 
     def width_key(self, program: str) -> str:
         """The name under which the width of a program's packets on this device is kept."""
@@ -373,6 +383,12 @@ class Machine:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this device."""
+        native = min(self.device.native_vector_width_float, max(WIDTHS))
+        if self.lanes < native and self.device.type & self.cl.device_type.CPU:
+            return (
+                *notes_of(self.wrong),
+                f"this device fails at vectors of {native}: {self.lanes} lanes take their place",
+            )
         return notes_of(self.wrong)
 
     def _asked(self) -> frozenset[str]:
@@ -394,18 +410,27 @@ class Machine:
         return wrong | {name for name, found in (("convert_nan", ints[1]), ("zeros", ints[2])) if found.any()}
 
     @cached_property
-    def abilities(self) -> Abilities:
-        """The functions that the compiler has besides OpenCL C, tried once for each driver version and kept on disk."""
+    def _succeeded(self) -> frozenset[str]:
+        """Those of _TRIALS that work: tried once for each driver version, and kept on disk."""
         key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), "strict")
-        known = store.known_names(key, _TRIALS, lambda: works(self._place(), self.options("strict"), _TRIALS))
+        return store.known_names(key, _TRIALS, lambda: works(self._place(), self.options("strict"), _TRIALS))
+
+    @cached_property
+    def abilities(self) -> Abilities:
+        """The functions that the compiler has besides OpenCL C."""
+        known = self._succeeded
         signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
         wider = frozenset(n for n in WIDER if f"wide{n}" in known)
         return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs, wider)
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Lanes that packets may have on this device."""
-        return (*WIDTHS, *(n for n in WIDER if n in self.abilities.wider))
+        """Lanes that packets may have on this device: a driver may end the process for functions of some vectors.
+
+        Where no trial at all could be made, nothing is known against any width.
+        """
+        known = self._succeeded
+        return (*(n for n in WIDTHS if f"floats{n}" in known or not known), *sorted(self.abilities.wider))
 
     def _place(self) -> tuple[int, int]:
         """The indices of the platform and of its device, as the driver lists them."""

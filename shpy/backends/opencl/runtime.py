@@ -69,9 +69,10 @@ class OpenCLBackend:
         lanes = machine.lanes if options.lanes == "auto" else options.lanes
         if lanes not in (1, *WIDTHS, *WIDER):
             raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, (*WIDTHS, *WIDER)))}')
-        if lanes in WIDER and lanes not in machine.widths:
+        if lanes > 1 and lanes not in machine.widths:
             name = machine.device.name.strip()
-            raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure='lanes="auto", or 16')
+            cure = f'lanes="auto", or {max((1, *machine.widths))}'
+            raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure=cure)
         try:
             if options.lanes == "auto" and lanes > 1:
                 return _choosing(machine, module, options)
