@@ -5,6 +5,7 @@
     python -m benchmarks --only primary,secondary --mesh bunny.obj
     python -m benchmarks --quick                          # small sizes, few rounds: does it work?
     python -m benchmarks --json bench.json --plot bench.png --markdown bench.md
+    python -m benchmarks --only widths                    # lanes="auto" against every width, minutes
     python -m benchmarks record                           # seconds of recording and printing alone
 
 The exit status is 1 if an answer is wrong or a contender fails.
@@ -18,7 +19,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import frames, functions, machine, peers, plot, rays, record, report, rounds, startup, studies, trades
+from benchmarks import (
+    frames,
+    functions,
+    machine,
+    peers,
+    plot,
+    rays,
+    record,
+    report,
+    rounds,
+    startup,
+    studies,
+    trades,
+    widths,
+)
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
@@ -40,6 +55,7 @@ STUDIES = (
         "starting": startup.starting,
         "functions": functions.functions,
         "modes": functions.modes,
+        "widths": widths.widths,
     }
 )
 """Studies of shpy, most of them without a peer."""

@@ -32,10 +32,13 @@ _LEAST_SPENT: Final = 0.05
 """Seconds of running before a trial pays, however fast the compiler was."""
 _MOST_SPENT: Final = 0.5
 """Seconds of running after which the first trial is made, however slow the compiler was."""
-_LONGEST: Final = 0.2
-"""Seconds of a run that is made again as a whole; of a longer one a part is."""
-_ROUNDS: Final = 5
-"""Runs of each width where they are short; long ones take one."""
+_TRIED: Final = 0.2
+"""Seconds for the runs of each width in a trial."""
+_LEAST_ROUNDS, _MOST_ROUNDS = 5, 25
+"""Runs of each width: as many as fit. The fastest one counts, because other programs can only slow a run.
+
+Of a run that is too long for so many, a part is tried.
+"""
 _GAIN: Final = 0.97
 """The other width stays if it takes at most this much of the time: less is noise."""
 
@@ -148,8 +151,9 @@ class Choosing:
             self._refusal = f", since {width} do not compile: {error.message}"
             return
         self._worth, self._spent = max(time.perf_counter() - start, _LEAST_SPENT), 0.0
-        part = _part(call, _LONGEST / 2 / taken) if taken > _LONGEST else _scratch(call)
-        rounds = _ROUNDS if taken < _LONGEST / _ROUNDS else 1
+        longest = _TRIED / _LEAST_ROUNDS
+        part = _part(call, longest / taken) if taken > longest else _scratch(call)
+        rounds = min(max(int(_TRIED / taken), _LEAST_ROUNDS), _MOST_ROUNDS)
         _seconds(other, part)  # the first run of a kernel is not like the others
         times: dict[int, list[float]] = {sized.lanes: [] for sized in (first, other)}
         for _ in range(rounds):
