@@ -116,23 +116,26 @@ _PREFIXES: Final[Mapping[Target, tuple[str, ...]]] = {
 class Names:
     """The names that are taken in one scope of the emitted text. `scope` opens an inner one."""
 
-    def __init__(self, target: Target, taken: Iterable[str] = ()) -> None:
+    def __init__(self, target: Target, taken: Iterable[str] = (), outer: Names | None = None) -> None:
         self.target = target
+        self.outer = outer
         self._taken = set(taken)
         self._next: dict[str, int] = {}
 
     def scope(self) -> Names:
-        """A scope inside this one: what is taken here is taken there, not the other way round."""
-        inner = Names(self.target, self._taken)
-        inner._next = dict(self._next)
-        return inner
+        """A scope inside this one: what is taken here, now or later, is taken there, not the other way round."""
+        return Names(self.target, outer=self)
 
     def reserve(self, name: str) -> None:
         """`name` is in use from now on."""
         self._taken.add(name)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._taken
+        return name in self._taken or (self.outer is not None and name in self.outer)
+
+    def _count(self, stem: str) -> int:
+        """The last number that was put behind the stem here, or in a scope around this one."""
+        return self._next.get(stem) or (self.outer._count(stem) if self.outer else 1)
 
     def take(self, wanted: str | None, default: str = "t") -> str:
         """An identifier as close to `wanted` as the target allows, from now on taken.
@@ -145,8 +148,8 @@ class Names:
             base = stem  # `M_2` would begin as the target's own names do; `M2` does not
         stem = stem or default
         name = stem
-        count = self._next.get(stem, 1)
-        while name in self._taken or name in RESERVED[self.target]:
+        count = self._count(stem)
+        while name in self or name in RESERVED[self.target]:
             count += 1
             name = f"{base}{count}"
         self._next[stem] = count

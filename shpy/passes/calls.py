@@ -62,6 +62,7 @@ class Callees:
         self.statuses = _statuses(module)
         self.taken = set(self.functions)
         self.made: dict[tuple[str, tuple[bool, ...], bool], LaneFunction] = {}
+        self.copies: dict[str, Function] = {}
 
     def entry(self) -> LaneFunction:
         """The entry, whose inputs all vary."""
@@ -82,13 +83,13 @@ class Callees:
             given |= {mask.id}
         copy = self._made(function, fresh(name, self.taken), given, mask)
         self.made[key] = copy
+        self.copies[copy.function.name] = copy.function
         return copy
 
     def _made(self, function: Function, name: str, given: frozenset[int], mask: Value | None) -> LaneFunction:
         function, of = replace(function, name=name), function.name
         made, facts = self.make(returns_outside_loops(function, self.statuses.get(of)), given, mask, self)
-        functions = {copy.function.name: copy.function for copy in self.made.values()}
-        made = without_dead(without_dead_stores(made, functions), functions)
+        made = without_dead(without_dead_stores(made, self.copies), self.copies)
         masked = mask is not None and any(mask.id in uses(s) for s in walk(made.body))
         if mask is not None and not masked:
             made = replace(made, inputs=made.inputs[:-1])
@@ -105,11 +106,13 @@ class Callees:
             if copy.function.name in needed:
                 needed |= {s.function for s in walk(copy.function.body) if isinstance(s, Call)}
         names: dict[str, str] = {}
+        named: set[str] = set()
         taken = set(self.functions)
         kept = [copy for copy in (*self.made.values(), entry) if copy.function.name in needed]
         for copy in kept:
-            first = copy.of not in names.values()
-            names[copy.function.name] = copy.of if first else fresh(copy.of, taken)
+            name = fresh(copy.of, taken) if copy.of in named else copy.of
+            names[copy.function.name] = name
+            named.add(name)
         renamed = [replace(copy, function=_renamed(copy.function, names)) for copy in kept]
         return {copy.function.name: copy for copy in renamed}
 

@@ -16,8 +16,10 @@ from shpy.errors import CompileError
 from shpy.ir.nodes import Call, Function, Let, Module, Stmt
 from shpy.ir.traverse import walk
 
-__all__ = ["callee_of", "calls_of", "check_growth", "count_ops", "inlined_sizes", "kept_apart"]
+__all__ = ["callee_of", "calls_of", "check_growth", "check_size", "count_ops", "inlined_sizes", "kept_apart"]
 
+MOST_STATEMENTS = 100_000
+"""Statements of a whole program, each function counted once, that a driver's compiler is given at most."""
 WORTH_KEEPING = 20_000
 """Statements of a whole program, all calls inlined, from which on functions are kept apart."""
 _SMALL = 30
@@ -100,6 +102,21 @@ def check_growth(module: Module, most: int, why: str, apart: Container[str] = ()
         loc=module.entry.loc,
         cure="loops (SH_FOR) around the calls, or fewer calls of calls",
     )
+
+
+def check_size(module: Module, compiler: str) -> None:
+    """Raise CompileError if the module has more statements than a driver's compiler takes in reasonable time.
+
+    Its time and memory grow faster than the text: PoCL takes a minute for 40,000 additions in a row.
+    """
+    total = sum(1 for f in module.functions for _ in walk(f.body))
+    if total > MOST_STATEMENTS:
+        raise CompileError(
+            f"this program has {spoken(total)} statements, and {compiler} would take very long for so many: "
+            f"at most {MOST_STATEMENTS:,} are compiled",
+            loc=module.entry.loc,
+            cure='loops (SH_FOR) instead of unrolled statements, several programs, or compile("numpy")',
+        )
 
 
 def shortened(name: str, most: int = 60) -> str:

@@ -29,7 +29,7 @@ from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Target, prepare
-from shpy.passes.size import check_growth
+from shpy.passes.size import check_growth, check_size
 from shpy.passes.specialise import select_outputs
 
 __all__ = ["GlslBackend", "GlslExecutable", "backend"]
@@ -87,6 +87,7 @@ class GlslBackend:
         limits = runtime.context.limits
         prepared = prepare(module, options, replace(TARGET, wrong=limits.wrong & CORRECTABLE))
         _refuse(prepared.module)
+        check_size(prepared.module, "OpenGL's compiler")
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")

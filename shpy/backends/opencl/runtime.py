@@ -38,7 +38,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
-from shpy.passes.size import check_growth
+from shpy.passes.size import check_growth, check_size
 
 TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
 PACKET_TARGET: Final = replace(TARGET, vector=True)
@@ -103,6 +103,7 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     target = TARGET if lanes == 1 else PACKET_TARGET
     prepared = prepare(module, options, replace(target, wrong=machine.wrong & CORRECTABLE))
+    check_size(prepared.module, "OpenCL's compiler")
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math == "strict":
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
