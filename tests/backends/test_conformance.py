@@ -65,10 +65,10 @@ def wide() -> list[str]:
     return [name for name, lanes in WIDE.items() if lanes in machine_of(None).widths]
 
 
-@each(STRUCTURED[::8])
+@each(STRUCTURED[::16])
 def test_packets_wider_than_vectors_of_opencl_agree(case: Case) -> None:
     """Each case takes one of the widths that the driver has."""
-    for width in wide()[STRUCTURED.index(case) // 8 % 2 :][:1]:
+    for width in wide()[STRUCTURED.index(case) // 16 % 2 :][:1]:
         case.check(case.run(width), width)
 
 
