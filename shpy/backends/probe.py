@@ -27,9 +27,9 @@ __all__ = ["COUNT", "FAULTS", "PROBED", "hard_inputs", "notes_of", "refuse_wrong
 
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """Operations that are asked for: `convert` is a float to an int."""
-FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", "zeros"})
+FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", "zeros", "optimiser"})
 """What may be found: an operation that is wrong, ints that are not 0 for a NaN, denormals that become zero, and a
-compiler that takes `0 * x` for 0."""
+compiler that takes `0 * x` for 0, or makes errors where it optimises."""
 COUNT: Final = 2048
 """Triples of inputs."""
 _TINY: Final = np.float32(2.0**-126)
@@ -91,13 +91,15 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
 
 def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
     """What to tell of a device: which operations are corrected, which cannot be, and whether denormals become zero."""
-    operations = set(wrong) - {"denormals", "zeros"}
+    operations = set(wrong) - {"denormals", "zeros", "optimiser"}
     notes = []
     if corrected := sorted(operations & CORRECTABLE):
         names = " and ".join(_NAMES.get(name, name) for name in corrected)
         notes.append(f"this device rounds {names} wrong: strict and relaxed mode correct it")
     if hopeless := sorted(operations - CORRECTABLE):
         notes.append(f"this device gets {' and '.join(hopeless)} wrong: strict mode refuses programs with it")
+    if "optimiser" in wrong:
+        notes.append("this device makes errors in optimised programs: they are built with -cl-opt-disable")
     if "zeros" in wrong:
         notes.append("this device takes 0 * x for 0: strict and relaxed mode hide zeros from it")
     if "denormals" in wrong:

@@ -308,9 +308,10 @@ def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):
 
 def test_a_width_at_which_a_driver_fails_is_not_taken(monkeypatch):
     machine = machine_of(None)
+    monkeypatch.setitem(vars(machine), "abilities", device.Abilities())
     monkeypatch.setitem(vars(machine), "_succeeded", frozenset({"shuffle", "floats4"}))
     assert machine.lanes == 4
-    assert "fails at vectors of 8: 4 lanes" in machine.notes[-1]
+    assert "fails at vectors of 8: packets of 4 take their place" in machine.notes[-1]
     assert quotient.compile("opencl", lanes=4)(6, 2)[0] == 3
     with pytest.raises(sh.CompileError, match="has no vectors of 8") as error:
         compiled(quotient, "opencl", lanes=8)
@@ -330,3 +331,35 @@ def test_zeros_are_hidden_from_a_compiler_that_folds_them(wrong: Any) -> None:
         assert not re.search(r"[^\w.]0\.0f", kernel.source), kernel.source
         case.check(case.run(f"opencl-{lanes}"), f"opencl-{lanes}")
     assert hidden > 10
+
+
+@sh.program
+def absolute(i: sh.Attrib1i, v: sh.Attrib3i, c: sh.Attrib2b):
+    return sh.abs(i), sh.sign(v), sh.Attrib2f(c)
+
+
+def test_a_compiler_that_makes_errors_where_it_optimises_is_told_not_to(wrong: Any) -> None:
+    wrong("optimiser")
+    kernel = compiled(absolute, "opencl", lanes=1)
+    assert "-cl-opt-disable" in machine_of(None).options("strict")
+    assert "-cl-opt-disable" in kernel.notes[0]
+    assert "clamp(v, (int3)(-1), (int3)(1))" in kernel.source  # Oclgrind takes scalar bounds for one component alone
+    size, sign, number = kernel(np.int32([-7, 2]), np.int32([[5, 0, -5], [-1, 1, 2]]), np.array([[True, False]] * 2))
+    assert size.tolist() == [7, 2]
+    assert sign.tolist() == [[1, 0, -1], [-1, 1, 1]]
+    assert number.tolist() == [[1, 0]] * 2
+
+
+def test_a_kernel_that_a_driver_builds_but_refuses_is_asked_for_without_optimisation(monkeypatch: Any) -> None:
+    machine = machine_of(None)
+    asked = []
+
+    def found(options: list[str]) -> frozenset[str]:
+        asked.append(options)
+        if "-cl-opt-disable" not in options:
+            raise machine.cl.LogicError("clCreateKernel failed: INVALID_KERNEL_NAME")
+        return frozenset({"convert_nan"})
+
+    monkeypatch.setattr(machine, "_found", found)
+    assert machine._asked() == {"convert_nan", "optimiser"}
+    assert len(asked) == 2

@@ -65,9 +65,9 @@ _TRIALS = {
     **{
         f"floats{n}": Trial(
             f"float{n}",
-            f"float{n} x = a[0]; a[0] = fma(floor(sqrt(x)), x, convert_float{n}(convert_int{n}_sat(x)));",
+            f"float{n} x = a[0]; a[0] = fma(floor(sqrt(x)), x, convert_float{n}(clamp(convert_int{n}_sat(x), 0, 3)));",
             tuple(k + 0.5 for k in range(n)),
-            tuple(math.floor(math.sqrt(k + 0.5)) * (k + 0.5) + k for k in range(n)),
+            tuple(math.floor(math.sqrt(k + 0.5)) * (k + 0.5) + min(k, 3) for k in range(n)),
         )
         for n in WIDTHS
     },
@@ -82,7 +82,7 @@ _TRIALS = {
 _EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
 __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *c, __global floatWIDE *nan,
-                    __global floatWIDE *r, __global intWIDE *n) {
+                    __global uchar2 *flags, __global floatWIDE *r, __global intWIDE *n) {
     size_t i = get_global_id(0), all = get_global_size(0);
     floatWIDE x = a[i], y = b[i];
     r[i] = x + y;
@@ -94,9 +94,14 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
     r[6 * all + i] = fma(x, y, c[i]);
     n[i] = convert_intWIDE_sat(x);
     n[2 * all + i] = isnan(nan[i] * 0.0f) == 0;
+    int2 set = -(convert_int2(flags[i]) != 0);
+    int less = set.x - 1;
+    n[3 * all + i] = (set.y != 1) | ((less < 0 ? (int)(0u - (uint)less) : less) - 1);
     n[all + i] = convert_intWIDE_sat(nan[i]) | as_intWIDE(convert_uintWIDE_sat(nan[i]));
 }
 """
+_PLAIN = "-cl-opt-disable"
+"""The option for a compiler that makes errors where it optimises."""
 _CPU_SECONDS = 0.5
 """Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
 _POOLED_BYTES = 1 << 28
@@ -222,7 +227,8 @@ class Machine:
 
     def options(self, math: Math) -> list[str]:
         """What a program of this mode is built with."""
-        return [*self._options, "-cl-fast-relaxed-math"] if math == "fast" else self._options
+        plain = [*self._options, _PLAIN] if "optimiser" in self.wrong else self._options
+        return [*plain, "-cl-fast-relaxed-math"] if math == "fast" else plain
 
     def build(self, text: str, math: Math = "strict") -> Any:
         """The program of this text, from memory if it was built before; pyopencl's error if the driver refuses it."""
@@ -236,14 +242,14 @@ class Machine:
             self._programs[text, math] = program
         return program
 
-    def _key(self, text: str, math: Math) -> str:
+    def _key(self, text: str, options: list[str]) -> str:
         device = self.device
         parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
-        return store.key("opencl", *parts, " ".join(self.options(math)), text)
+        return store.key("opencl", *parts, " ".join(options), text)
 
     def _kept(self, text: str, math: Math) -> Any:
         """The program from an earlier process's binary; None where there is none that the driver takes."""
-        key = self._key(text, math)
+        key = self._key(text, self.options(math))
         binary = store.load(key)
         if binary is None:
             return None
@@ -261,7 +267,7 @@ class Machine:
             self._on_disk.add(program)
             # PoCL generates code for another size of group to make this binary: a third of a compilation.
             binary = program.get_info(self.cl.program_info.BINARIES)[0]
-            store.save(self._key(text, math), bytes(binary))
+            store.save(self._key(text, self.options(math)), bytes(binary))
 
     def pace(self) -> Pace:
         """The pace of a new kernel. What stops long dispatches does so on anything but a CPU."""
@@ -373,12 +379,12 @@ class Machine:
 
     def width_key(self, program: str) -> str:
         """The name under which the width of a program's packets on this device is kept."""
-        return self._key(f"width of {program}", "strict")
+        return self._key(f"width of {program}", self.options("strict"))
 
     @cached_property
     def wrong(self) -> frozenset[str]:
         """The operations that this device gets wrong: asked once, and kept on disk."""
-        return store.known_names(self._key(_EXACTNESS, "strict"), FAULTS, self._asked)
+        return store.known_names(self._key(_EXACTNESS, self._options), FAULTS, self._asked)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -387,19 +393,29 @@ class Machine:
         if self.lanes < native and self.device.type & self.cl.device_type.CPU:
             return (
                 *notes_of(self.wrong),
-                f"this device fails at vectors of {native}: {self.lanes} lanes take their place",
+                f"this device fails at vectors of {native}: packets of {self.lanes} take their place",
             )
         return notes_of(self.wrong)
 
     def _asked(self) -> frozenset[str]:
+        try:
+            found = self._found(self._options)
+        except self.cl.Error:
+            found = frozenset({"optimiser"})
+        return found if "optimiser" not in found else self._found([*self._options, _PLAIN]) | found
+
+    def _found(self, options: list[str]) -> frozenset[str]:
+        """What the device gets wrong in programs that are built with these options."""
         lanes = self.lanes
         text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
+        flags = np.tile(np.array([0, 1], np.uint8), COUNT)
         with self.lock:
-            given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32))
+            program = self.cl.Program(self.context, text).build(options, cache_dir=False)
+            kernel = self.cl.Kernel(program, "probe")
+            given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
             inputs = [self.upload(array) for array in given]
-            results, ints = np.empty((7, COUNT), np.float32), np.empty((3, COUNT), np.int32)
+            results, ints = np.empty((7, COUNT), np.float32), np.empty((4, COUNT), np.int32)
             outputs = [self.take(array.nbytes) for array in (results, ints)]
-            kernel = self.cl.Kernel(self.build(text), "probe")
             kernel.set_args(*inputs, *outputs)
             self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // lanes,), None)
             self.download(results, outputs[0])
@@ -407,13 +423,14 @@ class Machine:
             self.queue.finish()
             self.give_back([*inputs, *outputs])
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
-        return wrong | {name for name, found in (("convert_nan", ints[1]), ("zeros", ints[2])) if found.any()}
+        others = zip(("convert_nan", "zeros", "optimiser"), ints[1:], strict=True)
+        return wrong | {name for name, found in others if found.any()}
 
     @cached_property
     def _succeeded(self) -> frozenset[str]:
         """Those of _TRIALS that work: tried once for each driver version, and kept on disk."""
-        key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), "strict")
-        return store.known_names(key, _TRIALS, lambda: works(self._place(), self.options("strict"), _TRIALS))
+        key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), self._options)
+        return store.known_names(key, _TRIALS, lambda: works(self._place(), self._options, _TRIALS))
 
     @cached_property
     def abilities(self) -> Abilities:

@@ -222,11 +222,12 @@ class Spelling(CLike):
         if type.is_float:
             return ex.infix("+", Level.ADD, ex.call("sign", e), self.literal(type.scalar, 0.0))
         if type.base is Base.U:
-            return ex.call("min", e, self._ones(type))
-        return ex.call("clamp", e, Expr("-1"), Expr("1"))
+            return ex.call("min", e, self._each(type, "1u"))
+        return ex.call("clamp", e, self._each(type, "-1"), self._each(type, "1"))
 
-    def _ones(self, type: Type) -> Expr:
-        one = Expr("1u")
+    def _each(self, type: Type, number: str) -> Expr:
+        """The number, for each component: Oclgrind takes a scalar bound for the first component alone."""
+        one = Expr(number)
         return one if type.size == 1 else self.construct(type, [one], [type.scalar])
 
     def repeated(self, scalar: Expr, type: Type) -> Expr:
