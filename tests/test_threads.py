@@ -5,6 +5,7 @@ import threading
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import shpy as sh
@@ -156,3 +157,72 @@ def test_executables_are_evicted_while_others_compile(impatient, monkeypatch):
     assert at_once(*(lambda first=first: work(first) for first in range(0, 8 * THREADS, 8))) == []
     assert wrong == []
     assert len(kernel._executables) <= 3
+
+
+TABLE = sh.Table(np.linspace(-1, 1, 9, dtype=np.float32), sh.Attrib1f)
+GAIN = sh.Param(sh.Attrib1f, 1.5, name="gain")
+MACHINES = (("numpy", "auto"), ("opencl", 1), ("opencl", 8), ("glsl", "auto"))
+
+
+def summed(k):
+    def summed(x: sh.Attrib3f, n: sh.Attrib1i) -> sh.Attrib1f:
+        y = sh.Attrib1f(k)
+        with SH_FOR(0, n) as i:
+            y += x.y * TABLE[i] * GAIN
+            with SH_IF(y > 4):
+                SH_RETURN(y - x.z)
+        return y + falloff(x.x, 3)
+
+    return summed
+
+
+def parted(k):
+    def parted(x: sh.Attrib3f, n: sh.Attrib1i) -> tuple[sh.Attrib3f, sh.Attrib1i]:
+        v = sh.normalize(x + k) * sh.exp(-x.x)
+        with SH_IF((n & 1) == 0):
+            v.yz = v.zy * GAIN
+        return v, n * k + sh.Attrib1i(x.z)
+
+    return parted
+
+
+def run_everything(threads, rounds, different):
+    """Threads that record, compile and run programs, some the same and some different, and kernels that they share."""
+    rng = np.random.default_rng(8)
+    x, n = rng.uniform(0.25, 3, (600, 3)).astype(np.float32), rng.integers(0, 9, 600).astype(np.int32)
+    makers = [(make, k) for make in (summed, parted) for k in range(1, 1 + different)]
+    wanted = {key: outputs_of(sh.program(key[0](key[1])).compile("numpy")(x, n)) for key in makers}
+    shared = [(makers[0], sh.program(summed(1)).compile(b, lanes=lanes)) for b, lanes in MACHINES]
+    wrong = []
+
+    def work(first):
+        for k in range(rounds):
+            key, (name, lanes) = makers[(first + k) % len(makers)], MACHINES[(first + k // 2) % len(MACHINES)]
+            kernel = sh.program(key[0](key[1])).compile(name, lanes=lanes)
+            for (make, number), one in ((key, kernel), shared[(first + k) % len(shared)]):
+                part = slice(first, 600 - first * k % 7)
+                found = outputs_of(one(x[part], n[part]))
+                if any((a != b[part]).any() for a, b in zip(found, wanted[make, number], strict=True)):
+                    wrong.append((make.__name__, number, one.backend))
+
+    assert at_once(*(lambda first=first: work(first) for first in range(threads))) == []
+    assert wrong == []
+
+
+def outputs_of(found):
+    return found if isinstance(found, tuple) else (found,)
+
+
+def test_eight_threads_record_compile_and_run_on_every_backend(impatient, monkeypatch):
+    """Results are those of one thread on numpy, bit for bit, also while kernels are evicted."""
+    monkeypatch.setattr(kernel, "_executables", {})
+    monkeypatch.setattr(kernel, "_KEPT", 6)
+    run_everything(threads=8, rounds=3, different=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [6, 512])
+def test_eight_threads_run_for_long(impatient, monkeypatch, kept):
+    monkeypatch.setattr(kernel, "_executables", {})
+    monkeypatch.setattr(kernel, "_KEPT", kept)
+    run_everything(threads=8, rounds=60, different=12)

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import threading
 
 import numpy as np
 import pytest
@@ -38,6 +39,15 @@ def test_programs_that_were_evicted_are_released(backend, monkeypatch):
     run_distinct(backend, 20_000, 12)
     assert programs_of(backend) <= held
     assert len(os.listdir("/proc/self/fd")) <= files
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_kernels_start_no_threads_of_their_own(backend):
+    """Each kernel of GLSL looked for one more device, and left the thread that had not found it."""
+    run_distinct(backend, 30_000, 2)
+    before = threading.active_count()
+    run_distinct(backend, 40_000, 3)
+    assert threading.active_count() <= before
 
 
 def measured():

@@ -69,15 +69,20 @@ class GlslBackend:
 
     def __init__(self) -> None:
         self._runtimes: dict[int, Runtime] = {}
+        self._count: int | None = None
 
     def devices(self) -> list[Device]:
-        """Every device that EGL lists; BackendUnavailable without one."""
+        """Every device that EGL lists; BackendUnavailable without one.
+
+        The first call tries one device after the other until there is none; later ones know their number.
+        """
         found = [_described(open_context(0))]
-        while True:
+        while self._count is None or len(found) < self._count:
             try:
                 found.append(_described(open_context(len(found))))
             except BackendUnavailable:
-                return found
+                self._count = len(found)
+        return found
 
     def compile(self, module: Module, options: Options) -> GlslExecutable:
         """Prepare, print and build; CompileError, at the user's line, for what GLSL or the device has not."""

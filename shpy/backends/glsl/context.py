@@ -109,7 +109,8 @@ class Context:
 
     def __init__(self, index: int | None) -> None:
         self.moderngl = _moderngl()
-        self._jobs: SimpleQueue[tuple[Callable[[], Any], Future[Any], threading.Event]] = SimpleQueue()
+        self._jobs: SimpleQueue[tuple[Callable[[], Any], Future[Any], threading.Event] | None] = SimpleQueue()
+        """Jobs for the thread; None ends it."""
         self._ending = False
         self.doomed: list[Any] = []
         """GL objects whose owner is gone; released before the next job."""
@@ -118,6 +119,7 @@ class Context:
             threading.Thread(target=self._serve, name="shpy-gl", daemon=True).start()
             self.gl = self._do(lambda: self._create(index))
         except Exception as e:
+            self._jobs.put(None)
             raise BackendUnavailable(
                 f"glsl needs OpenGL 3.3 without a window: {e}",
                 cure="apt install libegl1 libgl1-mesa-dri (or the EGL library of the GPU's driver)",
@@ -145,15 +147,15 @@ class Context:
             raise
 
     def _serve(self) -> None:
-        while True:
-            job, future, self._wanted = self._jobs.get()
+        while (taken := self._jobs.get()) is not None:
+            job, future, self._wanted = taken
             try:
                 while self.doomed:
                     self.doomed.pop().release()
                 future.set_result(job())
             except BaseException as error:
                 future.set_exception(error)
-            del job, future  # and what they hold
+            del taken, job, future  # and what they hold
 
     def go_on(self) -> None:
         """Raise an error, which nobody sees, if the caller waits no longer: after Ctrl-C, or as the process ends."""
