@@ -21,7 +21,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.registry import backends
 from shpy.errors import CompileError, ShpyError
 from shpy.testing.conformance.cases import all_cases
@@ -138,7 +138,7 @@ DRIVERS = [
     Driver("llvmpipe without gpu_shader5", "glsl", {**MESA, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader5"}),
     Driver("softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}),
     Driver("zink on lavapipe", "glsl", {**MESA, **ZINK}, LAVAPIPE),
-    *lanes_of("PoCL", (1, *WIDTHS)),
+    *lanes_of("PoCL", (1, *WIDTHS, *WIDER)),
     *lanes_of("Intel CPU", (1, 8), source=INTEL),
     *lanes_of("Oclgrind", (1, 8), source=OCLGRIND),
     *lanes_of("rusticl", (1, 8), environment={"RUSTICL_ENABLE": "llvmpipe"}, source=RUSTICL),
@@ -180,10 +180,11 @@ class Report:
         """The programs that gave other bits or ended the process."""
         return sorted(f"{n}: {o}" for n, o in self.outcomes.items() if o.partition(":")[0] in ("wrong", "crashed"))
 
-    def row(self, driver: Driver) -> str:
+    def row(self, driver: Driver, every: int = 1) -> str:
         """Its row of the table."""
         same = sum(o == "same" for o in self.outcomes.values())
-        cells = [f"same bits: {same} programs"] if same else []
+        part = f" (one of {every} was run)" if every > 1 else ""
+        cells = [f"same bits: {same} programs{part}"] if same else []
         for note in self.notes:
             fault, _, cure = note.removeprefix("this device ").partition(": ")
             cells.append(f"corrected: {fault} ({cure})" if cure else fault)
@@ -266,7 +267,7 @@ def main() -> None:
             if driver.source and not driver.installed:
                 driver.source.get()
         elif driver.installed:
-            row = run(driver, given.every).row(driver)
+            row = run(driver, given.every).row(driver, given.every)
             print(row, flush=True)
             if not given.print:
                 write_table({driver.name: row})

@@ -447,7 +447,10 @@ class Machine:
         Where no trial at all could be made, nothing is known against any width.
         """
         known = self._succeeded
-        return (*(n for n in WIDTHS if f"floats{n}" in known or not known), *sorted(self.abilities.wider))
+        if not known:
+            return WIDTHS
+        halves = sorted(self.abilities.wider) if "floats16" in known else ()
+        return (*(n for n in WIDTHS if f"floats{n}" in known), *halves)
 
     def _place(self) -> tuple[int, int]:
         """The indices of the platform and of its device, as the driver lists them."""
