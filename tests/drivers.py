@@ -231,7 +231,8 @@ denormals. "Corrected" is what probes find when a device is first used, and the 
 with a `CompileError` that names the operation or type which the device gets wrong or does not have.
 
 `python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
-system as it is.
+system as it is. rusticl looks for the files of libclc in /usr/lib, so it runs in a mount namespace (`unshare`) where
+they are. Not run: GPUs; PoCL newer than 3.1, which neither Debian 12 nor PyPI has.
 
 | driver | device and version | results |
 |---|---|---|

@@ -308,8 +308,9 @@ def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):
 
 def test_a_width_at_which_a_driver_fails_is_not_taken(monkeypatch):
     machine = machine_of(None)
-    monkeypatch.setitem(vars(machine), "abilities", device.Abilities())
+    monkeypatch.setitem(vars(machine), "abilities", device.Abilities(wider=frozenset({32})))
     monkeypatch.setitem(vars(machine), "_succeeded", frozenset({"shuffle", "floats4"}))
+    assert machine.widths == (4,)
     assert machine.lanes == 4
     assert "fails at vectors of 8: packets of 4 take their place" in machine.notes[-1]
     assert quotient.compile("opencl", lanes=4)(6, 2)[0] == 3
