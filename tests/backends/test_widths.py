@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,12 +19,20 @@ from shpy.errors import CompileError
 
 @dataclass
 class Clock:
-    """Time as the fake kernels spend it."""
+    """Time as the fake kernels spend it, and how much of it other programs took."""
 
     now: float = 0.0
+    others: float = 0.0
+    resolution: float = 1e-9
 
     def perf_counter(self) -> float:
+        return self.now + self.others
+
+    def process_time(self) -> float:
         return self.now
+
+    def get_clock_info(self, name):
+        return self
 
 
 class Ticks:
@@ -34,6 +43,11 @@ class Ticks:
 
     def perf_counter(self) -> float:
         return next(self.seconds)
+
+    process_time = perf_counter
+
+    def get_clock_info(self, name):
+        return SimpleNamespace(resolution=1e-9)
 
 
 @dataclass
@@ -72,11 +86,11 @@ def call(*shape: int) -> Call:
     return Call(shape, (np.zeros(count, np.float32), np.zeros(1, np.float32)), (np.zeros(count, np.float32),), {}, {})
 
 
-def choosing(clock, paces, seconds=0.1, measured=()):
+def choosing(clock, paces, seconds=0.1, measured=(), spread=0):
     """A choice that begins with the width that was measured first, or 8; `paces` are those of 8, 16, 32, 64."""
     kernels = {lanes: Fake(lanes, pace, clock) for lanes, pace in zip((8, 16, 32, 64), paces, strict=False)}
     first = kernels[measured[0] if measured else 8]
-    return Choosing(first, tuple(kernels), kernels.__getitem__, seconds, "0" * 64, measured), kernels
+    return Choosing(first, tuple(kernels), kernels.__getitem__, seconds, "0" * 64, measured, spread), kernels
 
 
 @pytest.mark.parametrize(("paces", "chosen"), [((1e-6, 0.7e-6), 16), ((1e-6, 1.3e-6), 8), ((1e-6, 0.99e-6), 8)])
@@ -158,10 +172,17 @@ def test_nothing_is_tried_before_the_runs_have_taken_as_long_as_compiling(clock)
 
 
 def test_short_runs_say_nothing_about_a_width(clock):
-    choice, kernels = choosing(clock, (1e-3, 1e-4))
-    for _ in range(9):
+    choice, kernels = choosing(clock, (0.9e-6, 1e-7))
+    for _ in range(999):
         choice.run(call(1000))
     assert kernels[16].shapes == []
+
+
+def test_long_runs_of_few_elements_do(clock):
+    choice, _ = choosing(clock, (1e-5, 0.7e-5))
+    for _ in range(19):
+        choice.run(call(1000))
+    assert choice.source == "float16"
 
 
 def test_the_results_of_the_run_that_is_tried_stay(clock):
@@ -181,17 +202,34 @@ def test_a_part_of_a_long_run_is_enough(clock):
 def test_a_disturbed_run_does_not_decide(clock):
     """Other programs slow most of the runs of the faster width."""
     choice, kernels = choosing(clock, (1e-6, 0.7e-6), seconds=0.02)
-    disturbances = itertools.cycle((0.02, 0.01, 0.03, 0.0, 0.02, 0.01, 0.04))
-    run = kernels[16].run
-
-    def disturbed(given):
-        clock.now += next(disturbances)
-        run(given)
-
-    kernels[16].run = disturbed
+    disturb(kernels[16], clock, (0.02, 0.01, 0.03, 0.0, 0.02, 0.01, 0.04))
     for _ in range(9):
         choice.run(call(20_000))
     assert choice.source == "float16"
+
+
+def disturb(kernel, clock, seconds):
+    """Let other programs take these seconds of a kernel's runs, over and over."""
+    run, taken = kernel.run, itertools.cycle(seconds)
+
+    def disturbed(given):
+        clock.others += next(taken)
+        run(given)
+
+    kernel.run = disturbed
+
+
+@pytest.mark.parametrize(
+    ("spread", "resolution", "chosen"), [(20_000 // 16, 1e-9, 16), (20_000, 1e-9, 8), (1, 1e-2, 8)]
+)
+def test_cpu_time_decides_where_all_cores_have_work(clock, spread, resolution, chosen):
+    """A run that leaves cores idle, or a clock that is too coarse, needs the time on the wall."""
+    clock.resolution = resolution
+    choice, kernels = choosing(clock, (1e-6, 0.7e-6), seconds=0.02, spread=spread)
+    disturb(kernels[16], clock, (0.02, 0.01, 0.03))
+    for _ in range(9):
+        choice.run(call(20_000))
+    assert choice.source == f"float{chosen}"
 
 
 def test_a_width_that_does_not_compile_is_left_alone(clock):

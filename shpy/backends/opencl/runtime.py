@@ -46,6 +46,8 @@ _MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """What a component is in a buffer."""
 _MOST_STATEMENTS: Final = 1 << 26
 """All calls followed: PoCL follows every path of calls, inlined or not, so its time doubles with each level."""
+_GROUPS: Final = 4
+"""Groups of packets for each core, with which all cores end at nearly the same time."""
 _WIDE: Final = 32
 """Images of fewer columns are run as lists: too many lanes would hold no element."""
 
@@ -97,7 +99,8 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
         others = ", ".join(map(str, measured[1:]))
         return replace(first, remarks=(f"{lanes} lanes: trials against {others} chose them",))
     build = partial(_built, machine, module, options)
-    return Choosing(first, machine.widths, build, time.perf_counter() - start, key, measured)
+    spread = _GROUPS * PACKETS * machine.device.max_compute_units
+    return Choosing(first, machine.widths, build, time.perf_counter() - start, key, measured, spread)
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:

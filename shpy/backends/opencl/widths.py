@@ -26,8 +26,8 @@ from shpy.ir.nodes import Loc
 
 __all__ = ["Choosing", "measured_widths", "next_width"]
 
-_ENOUGH: Final = 1 << 14
-"""Elements of a run that says something about a width: shorter runs are all overhead."""
+_ENOUGH, _LONG_ENOUGH = 1 << 14, 1e-3
+"""Elements of a run that says something about a width, and seconds of one with fewer: shorter runs are all overhead."""
 _LEAST_SPENT: Final = 0.05
 """Seconds of running before a trial pays, however fast the compiler was."""
 _MOST_SPENT: Final = 0.5
@@ -39,6 +39,8 @@ _LEAST_ROUNDS, _MOST_ROUNDS = 5, 25
 
 Of a run that is too long for so many, a part is tried.
 """
+_FINE: Final = 1e-4
+"""Seconds: a clock of CPU time that is coarser says nothing about a run."""
 _GAIN: Final = 0.97
 """The other width stays if it takes at most this much of the time: less is noise."""
 
@@ -77,10 +79,12 @@ class Choosing:
         seconds: float,
         key: str,
         measured: tuple[int, ...] = (),
+        spread: int = 0,
     ) -> None:
         """Start with `first`, whose compilation took `seconds`; `build` compiles for one of the `widths`.
 
-        `measured`: the widths that need no trial; the outcome of each trial is kept under `key`.
+        `measured`: the widths that need no trial; the outcome of each trial is kept under `key`. `spread`: elements a
+        lane with which all cores have work to the end of a run.
         """
         self._current = first
         self._widths = widths
@@ -89,6 +93,7 @@ class Choosing:
         self._spent = 0.0
         self._key = key
         self._measured = {first.lanes, *measured}
+        self._spread = spread
         self._trying = False
         self._shares: list[str] = []
         self._refusal = ""
@@ -128,11 +133,13 @@ class Choosing:
     def run(self, call: Call) -> Array | None:
         """Run it; once enough time was spent, this call's data decide between two widths."""
         other = self._other
-        if self._trying or other is None or call.count < _ENOUGH:
+        if self._trying or other is None:
             return self._current.run(call)
         start = time.perf_counter()
         status = self._current.run(call)
         taken = time.perf_counter() - start
+        if call.count < _ENOUGH and taken < _LONG_ENOUGH:
+            return status
         self._spent += taken
         if self._spent >= self._worth:
             self._trying = True  # before the trial: another thread goes on with the first width
@@ -141,6 +148,12 @@ class Choosing:
             finally:
                 self._trying = False
         return status
+
+    def _clock(self, count: int, lanes: int) -> Callable[[], float]:
+        """Return the clock of a trial: CPU time, which other programs hardly change, where no core can be idle."""
+        if count >= self._spread * lanes and time.get_clock_info("process_time").resolution <= _FINE:
+            return time.process_time
+        return time.perf_counter
 
     def _try(self, width: int, call: Call, taken: float) -> None:
         first, start = self._current, time.perf_counter()
@@ -154,11 +167,12 @@ class Choosing:
         longest = _TRIED / _LEAST_ROUNDS
         part = _part(call, longest / taken) if taken > longest else _scratch(call)
         rounds = min(max(int(_TRIED / taken), _LEAST_ROUNDS), _MOST_ROUNDS)
-        _seconds(other, part)  # the first run of a kernel is not like the others
+        clock = self._clock(part.count, max(first.lanes, other.lanes))
+        _seconds(other, part, clock)  # the first run of a kernel is not like the others
         times: dict[int, list[float]] = {sized.lanes: [] for sized in (first, other)}
         for _ in range(rounds):
             for sized in (first, other):
-                times[sized.lanes].append(_seconds(sized, part))
+                times[sized.lanes].append(_seconds(sized, part, clock))
         mine, its = min(times[first.lanes]), min(times[other.lanes])
         if its < _GAIN * mine:
             self._current, self._shares = other, []
@@ -168,10 +182,10 @@ class Choosing:
         store.save(self._key, " ".join(map(str, kept)).encode())
 
 
-def _seconds(executable: Executable, call: Call) -> float:
-    start = time.perf_counter()
+def _seconds(executable: Executable, call: Call, clock: Callable[[], float]) -> float:
+    start = clock()
     executable.run(call)
-    return time.perf_counter() - start
+    return clock() - start
 
 
 def _scratch(call: Call) -> Call:
