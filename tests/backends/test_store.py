@@ -342,3 +342,21 @@ def test_no_driver_is_asked_for_a_binary_that_is_not_kept(monkeypatch):
 
     assert shifted.compile("opencl", lanes=4)(1) == 124.25
     assert saved == []
+
+
+def test_names_are_asked_for_once_and_again_where_they_make_no_sense(tmp_path, monkeypatch):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
+    asked = []
+
+    def ask():
+        asked.append(1)
+        return {"div", "sqrt"}
+
+    name = store.key("a driver")
+    for _ in range(2):
+        assert store.known_names(name, {"div", "sqrt", "mul"}, ask) == {"div", "sqrt"}
+    assert len(asked) == 1
+    assert store.known_names(name, {"div"}, lambda: []) == frozenset()  # what is kept is not possible any more
+    assert store.known_names(name, {"div"}, ask) == frozenset()
+    store.save(name, b"\xff\x00 div")
+    assert store.known_names(name, {"div", "sqrt"}, ask) == {"div", "sqrt"}
