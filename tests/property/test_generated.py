@@ -19,7 +19,7 @@ from shpy.testing.generated.source import source
 from shpy.testing.generated.strategy import trees
 from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
 
-INPUTS = elements(16)
+INPUTS = elements(24)
 RUN = 10
 """Programs of one run of Hypothesis. From the eleventh on it repeats parts of earlier ones, five times each."""
 RUNS = 3

@@ -51,6 +51,8 @@ FLOAT_BINARY = ("add", "sub", "mul", "div", "min", "max", "floormod", "step", "f
 FLOAT_TERNARY = ("clamp", "mix", "mad", "smoothstep", "fma")
 INT_UNARY = ("neg", "not", "abs", "popcount", "sign")
 INT_BINARY = ("add", "sub", "mul", "and", "or", "xor", "floordiv", "floormod", "min", "max", "shl", "shr")
+SIGNED = ("min", "max", "floormod", "floordiv", "shr", "mul")
+"""Operations that tell a negative int from a large unsigned one."""
 LOGIC = ("and", "or", "xor", "eq", "ne")
 TO_SCALAR = ("dot", "distance", "length")
 TO_VECTOR = ("normalize", "reflect", "faceforward")
@@ -118,7 +120,12 @@ class Expressions:
         kind = kinds.get(type.base, self.whole)
         return self.pick((kind, kind, self.moved))(type, depth - 1)  # type: ignore[no-any-return]
 
-    def row(self, type: Type, op: str, of: tuple[Type, ...], depth: int) -> Apply:
+    def edged(self, type: Type) -> Expr:
+        """An int at the ends of its range for some elements, where C has another type than the language."""
+        op = self.pick(("abs", "abs", "neg", "sign", "popcount"))
+        return Apply(type, op, (self.leaf(type),))
+
+    def row(self, type: Type, op: str, of: tuple[Type, ...], depth: int, first: Expr | None = None) -> Apply:
         """An op on operands of these types; beside one vector the others may be scalars, on either side."""
         whole = self.draw(st.integers(0, len(of) - 1))
         args = [
@@ -127,17 +134,34 @@ class Expressions:
             else self.expr(t, depth)
             for k, t in enumerate(of)
         ]
+        if first is not None:
+            args[0] = first
         return Apply(type, op, tuple(args))
 
-    def same(self, type: Type, op: str, count: int, depth: int) -> Apply:
+    def assembled(self, type: Type, depth: int) -> Expr:
+        """An argument of a function that takes vectors: as often as not, one made of parts that come from outside."""
+        if type.size == 1 or not self.chance(50):
+            return self.expr(type, depth)
+        parts = self.pick(PARTS[type.size])
+        return Construct(type, tuple(self.outside(n) if n > 1 else self.expr(F, depth) for n in parts))
+
+    def outside(self, size: int) -> Expr:
+        """Floats from an input, a uniform or a table: targets that take vectors apart leave those whole."""
+        read = Read(F2, "grid", (self.place(1, 30), self.place(1, 30)))
+        vector = self.pick([read, *(Name(self.names[n], n) for n in ("v", "pv") if n in self.names)])
+        return Swizzle(
+            vec("f", size), vector, tuple(self.draw(st.integers(0, vector.type.size - 1)) for _ in range(size))
+        )
+
+    def same(self, type: Type, op: str, count: int, depth: int, first: Expr | None = None) -> Apply:
         """An op whose operands are all of the result's type."""
-        return self.row(type, op, (type,) * count, depth)
+        return self.row(type, op, (type,) * count, depth, first)
 
     def arithmetic(self, type: Type, depth: int) -> Expr:
         """An expression of floats."""
         if self.chance(4):
             op = self.pick(FUNCTIONS)
-            return self.same(type, op, OPS[op].signature.count("T") - 1, depth)
+            return Apply(type, op, tuple(self.assembled(type, depth) for _ in range(OPS[op].signature.count("T") - 1)))
         if self.derives and self.chance(25):
             return self.derived(type, depth)
         kind = self.draw(st.integers(0, 10))
@@ -166,10 +190,10 @@ class Expressions:
         if type.size > 1:
             op = self.pick(TO_VECTOR)
             count = OPS[op].signature.count("T") - 1
-            return Apply(type, op, tuple(self.expr(type, depth) for _ in range(count)))
+            return Apply(type, op, tuple(self.assembled(type, depth) for _ in range(count)))
         vector = vec("f", self.draw(st.integers(2, 4)))
         op = self.pick(TO_SCALAR)
-        return Apply(type, op, tuple(self.expr(vector, depth) for _ in range(1 if op == "length" else 2)))
+        return Apply(type, op, tuple(self.assembled(vector, depth) for _ in range(1 if op == "length" else 2)))
 
     def derived(self, type: Type, depth: int) -> Expr:
         """An operation with a number that the compiler of a driver can come to know, and this package does not."""
@@ -196,6 +220,8 @@ class Expressions:
 
     def whole(self, type: Type, depth: int) -> Expr:
         """An expression of ints."""
+        if type.base is Base.I and self.chance(10):
+            return self.same(type, self.pick(SIGNED), 2, 0, self.edged(type))
         kind = self.draw(st.integers(0, 9))
         if kind < 6:
             op = self.pick(INT_BINARY)
@@ -265,9 +291,9 @@ class Expressions:
             return Read(I, "counts", (self.place(depth),))
         return self.leaf(type)
 
-    def place(self, depth: int) -> Expr:
-        """The index of a table."""
-        if self.chance(10):
+    def place(self, depth: int, lanes: int = 10) -> Expr:
+        """The index of a table; what other lanes do chooses it in `lanes` of a hundred."""
+        if self.chance(lanes):
             return LaneIndex(I, self.pick(("any_lane", "all_lanes")), self.expr(B, depth))
         return self.index(depth)
 
@@ -290,8 +316,9 @@ class Expressions:
         """An expression of bools."""
         kind = self.draw(st.integers(0, 10))
         if kind < 5:
-            of = self.pick((Base.F, Base.I, Base.U))
-            return self.row(type, self.pick(COMPARE), (type.based(of),) * 2, depth)
+            of = type.based(self.pick((Base.F, Base.I, Base.U)))
+            first = self.edged(of) if of.base is Base.I and self.chance(30) else None
+            return self.row(type, self.pick(COMPARE), (of, of), depth, first)
         if kind < 7:
             return self.same(type, self.pick(LOGIC), 2, depth)
         if kind == 7:

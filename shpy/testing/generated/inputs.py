@@ -76,4 +76,7 @@ def _array(type: Type, count: int, rng: np.random.Generator) -> Any:
     ordinary = rng.integers(0 if base is Base.U else -3, 6, shape).astype(dtype)
     if type.is_float:
         ordinary = rng.uniform(-4, 4, shape).astype(dtype)
-    return np.where(rng.random(shape) < 0.3, rng.choice(special, shape), ordinary)
+    # Each special number once before any comes twice.
+    picked = np.flatnonzero(rng.random(ordinary.size) < 0.3)
+    ordinary.flat[picked] = np.resize(rng.permutation(special), picked.size)
+    return ordinary

@@ -121,7 +121,9 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     for k in range(0 if shallow else draw(st.integers(0, 2))):
         functions.append(_function(draw, f"sub{k}", functions))
     known = {v.name: v.type for v in (*INPUTS, *UNIFORMS)}
-    w = Statements(draw, known, [i.name for i in INPUTS], functions=functions, endless=endless, derives=derives)
+    # An input that is never stored into comes as it is to what uses it.
+    stored = [i.name for i in INPUTS if draw(st.booleans())]
+    w = Statements(draw, known, stored, functions=functions, endless=endless, derives=derives)
     types = list(CORE)
     while len(types) < OUTPUTS:
         types.append(w.pick([t for t in OTHERS if t not in types]))
