@@ -15,6 +15,7 @@ import dataclasses
 import itertools
 import json
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -205,7 +206,7 @@ def errors(image: Image, reference: Image) -> dict[str, float]:
 def _flip(seen: Pixels, wanted: Pixels) -> dict[str, float]:
     try:
         from flip_evaluator import evaluate
-    except ImportError:
+    except ImportError:  # the table then has no such column, as `errors` says
         return {}
     _, mean, _ = evaluate(wanted.astype(np.float32), seen.astype(np.float32), "LDR", applyMagma=False)
     return {"flip": float(mean)}
@@ -294,7 +295,12 @@ def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
     accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # which differ in time alone
     try:
         return Renderer(scene, backend=backend, bounces=bounces, precision="f64", accel=accel)
-    except sh.CompileError:
+    except sh.CompileError as error:
+        warnings.warn(
+            f"the reference is rendered on numpy, which is slower: {backend} has no f64 ({error.message})",
+            sh.ShpyWarning,
+            stacklevel=2,
+        )
         return Renderer(scene, backend="numpy", bounces=bounces, precision="f64", accel=accel)
 
 

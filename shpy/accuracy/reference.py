@@ -115,7 +115,7 @@ class _Multiprecision:
         given = list(self.setting.element(n).values())
         try:
             return self.exactly(given, n)
-        except self.mp.Unsayable:
+        except self.mp.Unsayable:  # the sign of a zero, an infinity: binary64 says it, and docs/accuracy.md says so
             index = self.setting.index(n)
             values, status = self.double.run_element(given, self.params, self.tables, index, self.setting.element_shape)
             return values, status == Status.WRITTEN

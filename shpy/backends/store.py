@@ -91,7 +91,7 @@ def save(name: str, binary: bytes) -> None:
                 raise
             _prune(folder)
         except OSError as error:
-            _tell(f"a kernel could not be written to {_place()} ({error.strerror})")
+            tell(f"a kernel could not be written to {_place()} ({error.strerror})")
 
 
 def known_names(name: str, possible: Container[str], ask: Callable[[], Iterable[str]]) -> frozenset[str]:
@@ -134,11 +134,11 @@ def _opened_folder() -> Iterator[int | None]:
             descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             fault = _fault(path, os.fstat(descriptor))
             if fault:
-                _tell(f"the folder {path} {fault}")
+                tell(f"the folder {path} {fault}")
                 os.close(descriptor)
                 descriptor = None
     except (OSError, RuntimeError) as error:
-        _tell(f"the folder {_place_named()} cannot be used ({getattr(error, 'strerror', None) or error})")
+        tell(f"the folder {_place_named()} cannot be used ({getattr(error, 'strerror', None) or error})")
     try:
         yield descriptor
     finally:
@@ -160,8 +160,8 @@ def _fault(path: Path, state: os.stat_result) -> str | None:
     return "can be written by other users" if state.st_mode & 0o022 else None
 
 
-def _tell(reason: str) -> None:
-    """Warn, once for each reason, that kernels are compiled anew in each process."""
+def tell(reason: str) -> None:
+    """Warn, once for each reason, that kernels are not kept for other processes: each compiles them anew."""
     if reason not in _told:
         _told.add(reason)
         warnings.warn(
@@ -182,17 +182,17 @@ def _read(folder: int, name: str, most: int) -> bytes | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        _tell(f"the entry {name} cannot be opened ({error.strerror})")
+        tell(f"the entry {name} cannot be opened ({error.strerror})")
         return None
     try:
         state = os.fstat(descriptor)
         if not stat.S_ISREG(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o022:
-            _tell(f"the entry {name} is no file that only this user can write")
+            tell(f"the entry {name} is no file that only this user can write")
             return None
         with open(descriptor, "rb", closefd=False) as file:
             return file.read(most)
     except OSError as error:
-        _tell(f"the entry {name} cannot be read ({error.strerror})")
+        tell(f"the entry {name} cannot be read ({error.strerror})")
         return None
     finally:
         os.close(descriptor)

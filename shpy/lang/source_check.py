@@ -16,9 +16,12 @@ scope.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from types import CodeType
 
+from shpy.errors import ShpyWarning
+from shpy.ir.nodes import Loc
 from shpy.lang.source.explain import explain_bool, explain_conversion
 from shpy.lang.source.flow import Flow
 from shpy.lang.source.scope import scope_of, unwrapped, uses_shpy
@@ -50,6 +53,13 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         flow = Flow(node, scope_of(plain, node, given, is_value), is_program=is_program)
         try:
             flow.check()
-        except RecursionError:  # an expression deeper than Python's stack: nothing can be said
+        except RecursionError:
+            loc = Loc(plain.__code__.co_filename, plain.__code__.co_firstlineno)
+            warnings.warn(
+                f"{loc}: {plain.__name__} holds an expression that is nested too deep for shpy's check of names that "
+                "Python binds anew in a block; write it in several lines",
+                ShpyWarning,
+                stacklevel=2,
+            )
             continue
         waiting.extend(flow.called)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 from dataclasses import replace
@@ -291,8 +292,39 @@ def test_a_trial_leaves_no_temporary_files(monkeypatch):
         return subprocess.CompletedProcess((), 1, stdout="")
 
     monkeypatch.setattr(subprocess, "run", failing)
-    assert not trial.works((0, 0), [], {"any": trial.Trial("int", "", (3,), (6,))})
+    with pytest.raises(trial.Unfinished, match="exit status 1"):
+        trial.works((0, 0), [], {"any": trial.Trial("int", "", (3,), (6,))})
     assert not folders[0].exists()
+
+
+def test_a_trial_that_does_not_end_has_failed_and_the_others_go_on(monkeypatch):
+    asked = []
+
+    def hanging(command, *, input, timeout, **_options):
+        names = list(json.loads(input)["trials"])
+        asked.append(names)
+        if "endless" in names:
+            told = b"trial first begun\ntrial first works\ntrial endless begun\n"
+            raise subprocess.TimeoutExpired(command, timeout, output=told)
+        return subprocess.CompletedProcess(command, 0, "trial last begun\ntrial last works\n", "")
+
+    monkeypatch.setattr(subprocess, "run", hanging)
+    any_trial = trial.Trial("int", "", (3,), (6,))
+    assert trial.works((0, 0), [], dict.fromkeys(("first", "endless", "last"), any_trial)) == {"first", "last"}
+    assert asked == [["first", "endless", "last"], ["last"]]
+
+
+def test_abilities_that_could_not_be_tried_are_told_and_not_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
+    machine = device.Machine(machine_of(None).device)
+
+    def refused(*_command, **_options):
+        raise OSError("no more processes")
+
+    monkeypatch.setattr(subprocess, "run", refused)
+    with pytest.warns(sh.ShpyWarning, match=r"may be slower than they could be: .* \(no more processes\)"):
+        assert machine._succeeded == frozenset()
+    assert not list((tmp_path / "kept").iterdir())
 
 
 def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+import shpy as sh
 from raytracer import Material, PointLight, Scene, SceneError, render, trade, tradeoff
 from raytracer.cli import main
 from raytracer.meshes.shapes import box, floor
@@ -117,3 +118,9 @@ def test_the_command_prints_and_draws(tmp_path, capsys):
     assert held["scene"] == "boxes"
     assert len(held["candidates"]) == said.count("bounces") - 1
     assert list(tmp_path.glob(".*")) == []
+
+
+def test_a_reference_on_numpy_is_told():
+    with pytest.warns(sh.ShpyWarning, match="the reference is rendered on numpy, which is slower: glsl has no f64"):
+        exact = trade.reference(mirrors(), "glsl", 0)
+    assert exact.backend == "numpy"

@@ -30,12 +30,12 @@ from shpy.backends.opencl.packet_halves import try_wide
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.spelling import ELEMENTWISE
-from shpy.backends.opencl.trial import Trial, works
+from shpy.backends.opencl.trial import Trial, Unfinished, works
 from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.processes import Driver
-from shpy.errors import BackendUnavailable, ShpyTypeError
+from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ir.tabledata import TableData
 
 LOCAL_SIZE = 64
@@ -255,7 +255,8 @@ class Machine:
             return None
         try:
             program = self.cl.Program(self.context, [self.device], [binary]).build(self.options(math), cache_dir=False)
-        except self.cl.Error:
+        except self.cl.Error as error:
+            store.tell(f"{self.device.name.strip()} refuses the binary of an earlier process ({error})")
             return None
         self._on_disk.add(program)
         return program
@@ -430,7 +431,16 @@ class Machine:
     def _succeeded(self) -> frozenset[str]:
         """Those of _TRIALS that work: tried once for each driver version, and kept on disk."""
         key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), self._options)
-        return store.known_names(key, _TRIALS, lambda: works(self._place(), self._options, _TRIALS))
+        try:
+            return store.known_names(key, _TRIALS, lambda: works(self._place(), self._options, _TRIALS))
+        except Unfinished as error:  # which is not kept: the next process tries again
+            warnings.warn(
+                f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
+                f"not found out ({error})",
+                ShpyWarning,
+                stacklevel=2,
+            )
+            return error.found
 
     @cached_property
     def abilities(self) -> Abilities:

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Trial", "works"]
+__all__ = ["Trial", "Unfinished", "works"]
 
 _SECONDS = 120
 
@@ -37,10 +37,19 @@ class Trial:
         return f"__kernel void try_{name}(__global {self.type} *a) {{\n    {self.statements}\n}}\n"
 
 
+class Unfinished(Exception):
+    """The trials could not be made, by no fault of the driver's: `found` are the names of those that did succeed."""
+
+    def __init__(self, reason: str, found: frozenset[str]) -> None:
+        super().__init__(reason)
+        self.found = found
+
+
 def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial]) -> frozenset[str]:
     """The names of the trials that succeed on this device of this platform, in a process of their own.
 
-    A trial that ends the process has failed, and the others go on in another one.
+    A trial that ends the process, or does not end, has failed, and the others go on in another one. Raises Unfinished
+    where there is no such process, or it comes to no trial.
     """
     with tempfile.TemporaryDirectory() as folder:
         return _works(place, options, trials, folder)
@@ -55,7 +64,7 @@ def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Tria
         asked = {name: {**asdict(trial), "text": trial.text(name)} for name, trial in left.items()}
         task = json.dumps({"place": place, "options": options, "trials": asked})
         try:
-            done = subprocess.run(
+            ended = subprocess.run(
                 [sys.executable, "-P", __file__],
                 input=task,
                 capture_output=True,
@@ -63,16 +72,27 @@ def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Tria
                 timeout=_SECONDS,
                 check=False,
                 env=environment,
-            ).stdout
-        except (OSError, subprocess.TimeoutExpired):
-            return frozenset(found)
+            )
+            done, why = (
+                ended.stdout,
+                ((ended.stderr or "").strip().splitlines() or [f"exit status {ended.returncode}"])[-1],
+            )
+        except subprocess.TimeoutExpired as late:
+            done, why = _text(late.stdout), f"no answer after {_SECONDS} s"
+        except OSError as error:
+            raise Unfinished(str(error), frozenset(found)) from error
         told = [line.split() for line in done.splitlines() if line.startswith("trial ")]
         found |= {name for _, name, outcome in told if outcome == "works"}
         begun = {name for _, name, _ in told}
         if not begun:
-            return frozenset(found)
+            raise Unfinished(why, frozenset(found))
         left = {name: trial for name, trial in left.items() if name not in begun}
     return frozenset(found)
+
+
+def _text(output: bytes | str | None) -> str:
+    """What a process wrote until it was killed: bytes, whatever was asked for."""
+    return output.decode(errors="replace") if isinstance(output, bytes) else output or ""
 
 
 def _main() -> None:

@@ -160,7 +160,7 @@ class Choosing:
         self._measured.add(width)
         try:
             other = self._build(width)
-        except CompileError as error:
+        except CompileError as error:  # the first width stays, which is no slower than before: a note says so
             self._refusal = f", since {width} do not compile: {error.message}"
             return
         self._worth, self._spent = max(time.perf_counter() - start, _LEAST_SPENT), 0.0

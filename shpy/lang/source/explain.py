@@ -55,7 +55,7 @@ def explain_bool(loc: Loc | None, frame: FrameType | None = None) -> Hint | None
         sites = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
         site = _chosen(sites, loc, frame) or _in_a_call(roots, loc, frame)
         return None if site is None else _bool_hint(site, spelling)
-    except RecursionError:  # an expression deeper than Python's stack
+    except RecursionError:  # an expression deeper than Python's stack: the error comes without this hint
         return None
 
 
@@ -76,7 +76,7 @@ def explain_conversion(loc: Loc | None, kind: str, frame: FrameType | None = Non
             return None
         index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
         return _conversion_hint(site.tested, _Spelling.of(loc.file), index.id if isinstance(index, ast.Name) else "i")
-    except RecursionError:
+    except RecursionError:  # as above
         return None
 
 

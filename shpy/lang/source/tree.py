@@ -31,7 +31,7 @@ def parsed(file: str) -> ast.Module | None:
     if lines:
         try:
             tree = ast.parse("".join(lines))
-        except (SyntaxError, ValueError, RecursionError, MemoryError):
+        except (SyntaxError, ValueError, RecursionError, MemoryError):  # `rebinding` checks frames instead
             tree = None
     _files[file] = (lines, tree)
     return tree
