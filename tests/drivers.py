@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 import zipfile
 from collections import Counter
 from dataclasses import dataclass, field
@@ -24,7 +25,8 @@ from pathlib import Path
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.registry import backends
 from shpy.errors import CompileError, ShpyError
-from shpy.testing.conformance.cases import all_cases
+from shpy.testing.certify.sections import mixed
+from shpy.testing.conformance.cases import Case, all_cases
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "drivers.md"
@@ -146,15 +148,23 @@ DRIVERS = [
 ]  # fmt: skip
 
 
-def run_here(target: str, skip: set[str], every: int) -> None:
-    """Run the list in this process; a line of JSON tells each beginning and outcome."""
+def cases_of(target: str) -> list[Case]:
+    """The list, without programs that GLSL cannot hold, in an order of which any beginning holds all kinds."""
+    return mixed([case for case in all_cases() if target != "glsl" or "glsl" not in case.refused])
+
+
+def run_here(target: str, skip: set[str], seconds: float) -> None:
+    """Run the list in this process for so long; a line of JSON tells each beginning and outcome."""
+    started = time.monotonic()
     name = target.partition("-")[0]
     device = next(b for b in backends() if b.name == name).devices[0]
     tell = {"device": device.name, "version": device.version, "notes": device.notes}
     print(json.dumps(tell), flush=True)
-    for case in all_cases()[::every]:
-        if case.name in skip or (name == "glsl" and "glsl" in case.refused):
+    for case in cases_of(target):
+        if case.name in skip:
             continue
+        if time.monotonic() - started > seconds:
+            break
         print(json.dumps({"begun": case.name}), flush=True)
         try:
             case.check(case.run(target), target)
@@ -180,10 +190,10 @@ class Report:
         """The programs that gave other bits or ended the process."""
         return sorted(f"{n}: {o}" for n, o in self.outcomes.items() if o.partition(":")[0] in ("wrong", "crashed"))
 
-    def row(self, driver: Driver, every: int = 1) -> str:
+    def row(self, driver: Driver) -> str:
         """Its row of the table."""
-        same = sum(o == "same" for o in self.outcomes.values())
-        part = f" (one of {every} was run)" if every > 1 else ""
+        same, whole = sum(o == "same" for o in self.outcomes.values()), len(cases_of(driver.target))
+        part = f" of {len(self.outcomes)} that were run" if len(self.outcomes) < whole else ""
         cells = [f"same bits: {same} programs{part}"] if same else []
         for note in self.notes:
             fault, _, cure = note.removeprefix("this device ").partition(": ")
@@ -196,13 +206,14 @@ class Report:
         return f"| {driver.name} | {self.device}, {self.version} | {'; '.join(cells).replace('|', '/')} |"
 
 
-def run(driver: Driver, every: int = 1) -> Report:
-    """Run the list in processes of their own: one more for each program that ends its process."""
+def run(driver: Driver, seconds: float = SECONDS) -> Report:
+    """Run the list in processes of their own, for about so long: one more for each program that ends its process."""
     report = Report()
     while True:
+        command = driver.command("--here", driver.target, "--seconds", str(seconds))
         done = subprocess.run(
-            driver.command("--here", driver.target, "--every", str(every)), input=json.dumps(sorted(report.outcomes)),
-            cwd=ROOT, env=driver.selected(), capture_output=True, text=True, timeout=SECONDS, check=False,
+            command, input=json.dumps(sorted(report.outcomes)),
+            cwd=ROOT, env=driver.selected(), capture_output=True, text=True, timeout=2 * SECONDS, check=False,
         )  # fmt: skip
         begun = None
         for line in done.stdout.splitlines():
@@ -254,11 +265,11 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="drivers, by the beginning of their names (default: all)")
     parser.add_argument("--get", action="store_true", help="download drivers instead")
     parser.add_argument("--print", action="store_true", help="do not write docs/drivers.md")
-    parser.add_argument("--every", type=int, default=1, help="run every n-th program")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of each driver, after which no program begins")
     parser.add_argument("--here", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.here:
-        run_here(given.here, set(json.load(sys.stdin)), given.every)
+        run_here(given.here, set(json.load(sys.stdin)), given.seconds)
         return
     chosen = [d for d in DRIVERS if not given.names or d.name in given.names] or [
         d for d in DRIVERS if any(d.name.startswith(name) for name in given.names)
@@ -268,7 +279,7 @@ def main() -> None:
             if driver.source and not driver.installed:
                 driver.source.get()
         elif driver.installed:
-            row = run(driver, given.every).row(driver, given.every)
+            row = run(driver, given.seconds).row(driver)
             print(row, flush=True)
             if not given.print:
                 write_table({driver.name: row})
