@@ -76,6 +76,11 @@ def _look_inside(file: str) -> bool:
     return ours
 
 
+def is_users(file: str) -> bool:
+    """Whether the code of a file is neither shpy's nor numpy's."""
+    return not _look_inside(file)
+
+
 _IN_PLACE = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
 
 

@@ -7,13 +7,12 @@ inputs and outputs, and the params and tables that it uses by closure.
 from __future__ import annotations
 
 import inspect
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
 
-from shpy.errors import RecordError, ShpyTypeError
+from shpy.errors import RecordError, ShpyError, ShpyTypeError
 from shpy.ir import nodes
 from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
@@ -134,15 +133,15 @@ def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
     }
     try:
         return function(*positional, **named)
-    except TypeError as error:
-        if "does not support ufuncs" not in str(error):
+    except (TypeError, AttributeError) as error:
+        if isinstance(error, ShpyError):
             raise
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        raise RecordError(
-            "numpy's functions cannot take values of the language",
-            loc=Loc(place.filename, place.lineno or 0),
-            cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
-        ) from error
+        from shpy.lang.python_errors import explain_python_error  # here: few programs need it
+
+        explained = explain_python_error(error)
+        if explained is None:
+            raise
+        raise explained from error
 
 
 def record_body(

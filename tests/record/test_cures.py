@@ -1,5 +1,7 @@
 """Cures for host arrays, and what an index or a hash takes."""
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,87 @@ def test_names_of_shpy_and_of_values_can_be_asked_for():
     with pytest.raises(sh.ShpyAttributeError, match=r"shpy has no 'vec5'") as caught:
         sh.vec5  # noqa: B018
     assert caught.value.cure
+
+
+NUMBERS = sh.Table([1.0, 2.0, 3.0], sh.Attrib1f)
+
+
+def set_by_index(x: sh.Attrib1f, i: sh.Attrib1i) -> sh.Attrib1f:
+    both = {1.0, 2.0}
+    return both[i]  # here
+
+
+def dict_by_value(x: sh.Attrib1f, i: sh.Attrib1i) -> sh.Attrib1f:
+    return {0: 1.0, 1: 2.0}[i]  # here
+
+
+def called_size(v: sh.Attrib3f) -> sh.Attrib1f:
+    return v.x * v.size()  # here
+
+
+def called_table(i: sh.Attrib1i) -> sh.Attrib1f:
+    return NUMBERS(i)  # here
+
+
+def called_array(i: sh.Attrib1i) -> sh.Attrib1f:
+    a = sh.Array(sh.Attrib1f, 4)
+    return a(i)  # here
+
+
+def called_value(v: sh.Attrib3f) -> sh.Attrib3f:
+    return v(v + 1)  # here
+
+
+def called_matrix(m: sh.Matrix3f) -> sh.Attrib1f:
+    return m(0, 1)  # here
+
+
+def summed_array(x: sh.Attrib1f) -> sh.Attrib1f:
+    a = sh.Array(sh.Attrib1f, 4)
+    a[0] = x
+    return a.sum()  # here
+
+
+def summed_table(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * NUMBERS.sum()  # here
+
+
+def summed_by_numpy(v: sh.Attrib3f) -> sh.Attrib1f:
+    return np.sum(v)  # here
+
+
+@pytest.mark.parametrize(
+    ("function", "said", "cure"),
+    [
+        (set_by_index, "is a set, which has no order", "sh.Array(sh.Attrib1f, [a, b])[i]"),
+        (dict_by_value, "this Attrib1i is known only when the program runs", "sh.cond(i == 0, a, b)"),
+        (called_size, "v.size is no method", "v.size, or len(v)"),
+        (called_table, "this Table is read by an index, not called", "table[i]"),
+        (called_array, "this Array is read by an index, not called", "array[i]"),
+        (called_value, "this Attrib3f is a value, which nothing can call", "a * (b + c)"),
+        (called_matrix, "this Matrix3f is read by an index, not called", "m[r, c]"),
+        (summed_array, "'Array' object has no attribute 'sum'", "with SH_FOR(0, len(a)) as i"),
+        (summed_table, "'Table' object has no attribute 'sum'", "with SH_FOR(0, NUMBERS.shape[0]) as i"),
+        (summed_by_numpy, "numpy's functions cannot take values", "sh.sin(x) for np.sin(x)"),
+    ],
+)
+def test_what_python_raises_is_told_at_the_users_line(function, said, cure):
+    with pytest.raises(sh.ShpyError) as caught:
+        sh.program(function)
+    assert said in caught.value.message
+    assert cure in caught.value.cure
+    lines = inspect.getsource(function).splitlines()
+    line = function.__code__.co_firstlineno + next(n for n, text in enumerate(lines) if text.endswith("# here"))
+    assert (caught.value.loc.file, caught.value.loc.line) == (__file__, line)
+
+
+def test_the_users_own_errors_stay_as_they_are():
+    class Thing:
+        pass
+
+    def own(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * Thing().weight
+
+    with pytest.raises(AttributeError, match="'Thing' object has no attribute 'weight'") as caught:
+        sh.program(own)
+    assert not isinstance(caught.value, sh.ShpyError)
