@@ -159,7 +159,8 @@ def known(corners, eye, ray):
     inside = (whole != 0) & ((w >= 0).all(axis=2) | (w <= 0).all(axis=2))
     outside = clear_outside(x, y, scale)
     along = parts[2] / ray[rows, z]
-    t = (w / whole[..., None] * along).sum(axis=2)
+    # A triangle that is seen as a line has no such mean: a hit lies between its corners.
+    t = np.where(whole == 0, along.mean(axis=2), (w / whole[..., None] * along).sum(axis=2))
     spread = np.ptp(along, axis=2)
     reach = np.maximum(np.abs(x), np.abs(y)).max(axis=2)
     of_mean = 64 * UNIT * scale * (reach * spread / np.abs(whole) + 1)
