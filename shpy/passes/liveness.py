@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import or_
 
 from shpy.ir.nodes import Break, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, walk
@@ -25,62 +27,92 @@ from shpy.passes.uniformity import LoopFacts
 __all__ = ["Note", "annotate", "loops", "stored_in"]
 
 Set = frozenset[int]
-_NONE: Set = frozenset()
+Bits = int
+"""A set of variables, the bit 1 << id for each: statements are many, and so may be the variables that are live."""
+
+
+def _members(bits: Bits) -> Set:
+    return frozenset(n for n, digit in enumerate(reversed(f"{bits:b}")) if digit == "1")
 
 
 @dataclass(slots=True)
 class Note:
     """What is known about one statement.
 
-    `regions` holds the notes of the regions directly inside it: then and orelse, or body and continuing; `inner` the
-    variables live where each of them begins. `stored` are the variables that it stores anywhere inside, `exits`
-    whether it leaves a region around it, `ends` whether an If always does. For a loop, `dirty_at_until` is what is
+    `live` are the variables live before and after it, `dirt` those dirty before it. `regions` holds the notes of the
+    regions directly inside it: then and orelse, or body and continuing; `entries` what is live where each of them
+    begins. `stored` are the variables that it stores anywhere inside, `exits`
+    whether it leaves a region around it, `ends` whether an If always does. For a loop, `dirt_at_until` is what is
     dirty when `until` is tested.
     """
 
-    before: Set
-    after: Set
-    dirty: Set = _NONE
+    live: tuple[Bits, Bits]
+    dirt: Bits = 0
     regions: tuple[list[Note], ...] = ()
-    inner: tuple[Set, ...] = ()
-    stored: Set = _NONE
+    entries: tuple[Bits, ...] = ()
+    stored: Set = frozenset()
     exits: bool = False
     ends: bool = False
-    dirty_at_until: Set = _NONE
+    dirt_at_until: Bits = 0
     facts: LoopFacts = field(default_factory=LoopFacts)
+
+    @property
+    def before(self) -> Set:
+        """The variables live before the statement."""
+        return _members(self.live[0])
+
+    @property
+    def after(self) -> Set:
+        """The variables live after it."""
+        return _members(self.live[1])
+
+    @property
+    def inner(self) -> tuple[Set, ...]:
+        """The variables live where each region inside begins."""
+        return tuple(map(_members, self.entries))
+
+    @property
+    def dirty(self) -> Set:
+        """The variables dirty before it."""
+        return _members(self.dirt)
+
+    @property
+    def dirty_at_until(self) -> Set:
+        """The variables dirty when `until` is tested."""
+        return _members(self.dirt_at_until)
 
 
 @dataclass(frozen=True, slots=True)
 class _Targets:
     """What is live where exits lead to."""
 
-    leave: Set
-    turn: Set
-    end: Set
-    discard: Set
+    leave: Bits
+    turn: Bits
+    end: Bits
+    discard: Bits
 
 
 def annotate(function: Function) -> list[Note]:
     """The notes of the function's body."""
-    end = frozenset(v.id for v in function.outputs)
-    targets = _Targets(end, end, end, frozenset(v.id for v in function.outputs[-1:]))
-    notes = _notes(function.body, end, targets, frozenset(v.id for v in function.variables if v.length is not None))
-    _dirty(function.body, notes, _NONE, _Leaving())
+    end = sum(1 << v.id for v in function.outputs)
+    targets = _Targets(end, end, end, sum(1 << v.id for v in function.outputs[-1:]))
+    notes = _notes(function.body, end, targets)
+    _dirty(function.body, notes, 0, _Leaving())
     return notes
 
 
-def _before(statement: Stmt, after: Set, targets: _Targets) -> Set:
+def _before(statement: Stmt, after: Bits, targets: _Targets) -> Bits:
     """What is live before the statement."""
     match statement:
         case Let(_, "load", _, int(variable)):
-            return after | {variable}
+            return after | 1 << variable
         case Store(variable, _, None, None):
-            return after - {variable}
+            return after & ~(1 << variable)
         case If(_, then, orelse):
             return _live(then, after, targets) | _live(orelse, after, targets)
         case Loop():
             # Liveness is G | (X & P) in what is live at the head X: its least fixed point is its value at nothing.
-            return _loop_heads(statement, after, targets, _NONE)[0]
+            return _loop_heads(statement, after, targets, 0)[0]
         case Break():
             return targets.leave
         case Continue():
@@ -92,60 +124,59 @@ def _before(statement: Stmt, after: Set, targets: _Targets) -> Set:
     return after
 
 
-def _live(region: Region, after: Set, targets: _Targets) -> Set:
+def _live(region: Region, after: Bits, targets: _Targets) -> Bits:
     for statement in reversed(region):
         after = _before(statement, after, targets)
     return after
 
 
-def _loop_heads(loop: Loop, after: Set, targets: _Targets, head: Set) -> tuple[Set, Set]:
+def _loop_heads(loop: Loop, after: Bits, targets: _Targets, head: Bits) -> tuple[Bits, Bits]:
     """What is live where a turn begins and where `continuing` begins, if `head` is where the next turn begins."""
     test = head if loop.until is None else head | after
     step = _live(loop.continuing, test, targets)
     return _live(loop.body, step, _Targets(after, step, targets.end, targets.discard)), step
 
 
-def _notes(region: Region, after: Set, targets: _Targets, arrays: Set) -> list[Note]:
+def _notes(region: Region, after: Bits, targets: _Targets) -> list[Note]:
     made = []
     for statement in reversed(region):
-        note = _note(statement, after, targets, arrays)
+        note = _note(statement, after, targets)
         made.append(note)
-        after = note.before
+        after = note.live[0]
     made.reverse()
     return made
 
 
-def _note(statement: Stmt, after: Set, targets: _Targets, arrays: Set) -> Note:
+def _note(statement: Stmt, after: Bits, targets: _Targets) -> Note:
     before = _before(statement, after, targets)
     match statement:
         case If(_, then, orelse):
-            sides = _notes(then, after, targets, arrays), _notes(orelse, after, targets, arrays)
+            sides = _notes(then, after, targets), _notes(orelse, after, targets)
             return Note(
-                before,
-                after,
+                (before, after),
                 regions=sides,
-                inner=(_first(sides[0], after), _first(sides[1], after)),
+                entries=(_first(sides[0], after), _first(sides[1], after)),
                 stored=stored_in(then) | stored_in(orelse),
                 exits=any(note.exits for side in sides for note in side),
             )
         case Loop(body, continuing, until):
-            head = _loop_heads(statement, after, targets, _NONE)[0]
+            head = _loop_heads(statement, after, targets, 0)[0]
             step = _loop_heads(statement, after, targets, head)[1]
             inside = _Targets(after, step, targets.end, targets.discard)
             parts = (
-                _notes(body, step, inside, arrays),
-                _notes(continuing, head if until is None else head | after, inside, arrays),
+                _notes(body, step, inside),
+                _notes(continuing, head if until is None else head | after, inside),
             )
             return Note(
-                before, after, regions=parts, inner=(head, step), stored=stored_in(body) | stored_in(continuing)
+                (before, after), regions=parts, entries=(head, step), stored=stored_in(body) | stored_in(continuing)
             )
         case Break() | Continue() | Return() | Discard():
-            return Note(before, after, exits=True)
-    return Note(before, after)
+            return Note((before, after), exits=True)
+    return Note((before, after))
 
 
-def _first(notes: Sequence[Note], after: Set) -> Set:
-    return notes[0].before if notes else after
+def _first(notes: Sequence[Note], after: Bits) -> Bits:
+    return notes[0].live[0] if notes else after
 
 
 def stored_in(region: Region) -> Set:
@@ -157,19 +188,19 @@ def stored_in(region: Region) -> Set:
 class _Leaving:
     """What is dirty along the ways out of a loop's body."""
 
-    exits: Set = _NONE
-    turns: Set = _NONE
+    exits: Bits = 0
+    turns: Bits = 0
 
 
-def _dirty(region: Region, notes: list[Note] | None, dirty: Set, leaving: _Leaving) -> Set | None:
+def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leaving) -> Bits | None:
     """What is dirty at the region's end, None if that is never reached; fills in the notes if they are given."""
     for at, statement in enumerate(region):
         note = None if notes is None else notes[at]
         if note is not None:
-            note.dirty = dirty
+            note.dirt = dirty
         match statement:
             case Store(variable):
-                dirty = dirty | {variable}
+                dirty |= 1 << variable
             case If(_, then, orelse):
                 sides = note.regions if note is not None else (None, None)
                 ends = [_dirty(r, n, dirty, leaving) for r, n in zip((then, orelse), sides, strict=True)]
@@ -178,9 +209,9 @@ def _dirty(region: Region, notes: list[Note] | None, dirty: Set, leaving: _Leavi
                     if note is not None:
                         note.ends = True
                     return None
-                dirty = frozenset().union(*reached)
+                dirty = reduce(or_, reached)
             case Loop():
-                dirty = dirty | _dirty_loop(statement, note)
+                dirty |= _dirty_loop(statement, note)
             case Break() | Discard():
                 leaving.exits |= dirty
                 return None
@@ -192,19 +223,19 @@ def _dirty(region: Region, notes: list[Note] | None, dirty: Set, leaving: _Leavi
     return dirty
 
 
-def _dirty_loop(loop: Loop, note: Note | None) -> Set:
+def _dirty_loop(loop: Loop, note: Note | None) -> Bits:
     """What is dirty where the loop is left.
 
     What is dirty only ever grows along a way, so what one turn adds is what all turns add.
     """
     leaving = _Leaving()
-    one_turn = _turn(loop, None, _NONE, leaving)
+    one_turn = _turn(loop, None, 0, leaving)
     if note is not None:
-        note.dirty_at_until = _turn(loop, note, one_turn, _Leaving())
+        note.dirt_at_until = _turn(loop, note, one_turn, _Leaving())
     return leaving.exits | one_turn
 
 
-def _turn(loop: Loop, note: Note | None, dirty: Set, leaving: _Leaving) -> Set:
+def _turn(loop: Loop, note: Note | None, dirty: Bits, leaving: _Leaving) -> Bits:
     """What is dirty after one turn that begins with `dirty`."""
     body, continuing = note.regions if note is not None else (None, None)
     end = _dirty(loop.body, body, dirty, leaving)
