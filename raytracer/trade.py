@@ -217,8 +217,9 @@ def tradeoff(
 ) -> Tradeoff:
     """Measure every variant of rendering `scene` on one backend.
 
-    `max_error` is the root mean square error that is allowed, in 255ths of sRGB; the reference has `bounces`. Raises
-    SceneError for a scene without triangles, and for an error that is not positive.
+    `max_error` is the root mean square error that is allowed, in 255ths of sRGB; the reference has `bounces`.
+    `progress` is told how many of the reference's pictures and of the variants are done, and how many there are.
+    Raises SceneError for a scene without triangles, and for an error that is not positive.
     """
     return _measured(scene, max_error, backend, bounces, progress)[0]
 
@@ -239,19 +240,22 @@ def _measured(
     backend = backend or sh.default_backend()
     cameras = (scene.camera, beside(scene.camera), *(turned(scene.camera, angle) for angle in AROUND))
     exact = reference(scene, backend, bounces)
-    references = [exact.render(SIZE, camera=camera) for camera in cameras]
     variants = list(_variants(scene, bounces))
+    told: Told = progress or (lambda done, total: None)
+    total = len(cameras) + len(variants)
+    references: list[Image] = []
+    for camera in cameras:
+        told(len(references), total)
+        references.append(exact.render(SIZE, camera=camera))
     made: list[tuple[Variant, Renderer]] = []
     skipped = []
-    for done, variant in enumerate(variants):
-        if progress is not None:
-            progress(done, len(variants))
+    for done, variant in enumerate(variants, len(cameras)):
+        told(done, total)
         try:
             made.append((variant, Renderer(scene, backend=backend, **dataclasses.asdict(variant))))
         except sh.CompileError as error:
             skipped.append((str(variant), error.message))
-    if progress is not None:
-        progress(len(variants), len(variants))
+    told(total, total)
     candidates = [_candidate(v, r, t, cameras, references) for (v, r), t in zip(made, _times(made), strict=True)]
     candidates.sort(key=lambda c: c.seconds)
     return Tradeoff(scene.name, backend, max_error, tuple(candidates), tuple(skipped)), dict(made)

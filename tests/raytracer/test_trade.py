@@ -124,3 +124,11 @@ def test_a_reference_on_numpy_is_told():
     with pytest.warns(sh.ShpyWarning, match="the reference is rendered on numpy, which is slower: glsl has no f64"):
         exact = trade.reference(mirrors(), "glsl", 0)
     assert exact.backend == "numpy"
+
+
+def test_progress_counts_the_references_too(monkeypatch):
+    seen = []
+    monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [Variant("f32", "strict", "bvh", 0)])
+    tradeoff(mirrors(), max_error=200, backend="numpy", progress=lambda *counts: seen.append(counts))
+    pictures = 2 + len(trade.AROUND)
+    assert seen == [(n, pictures + 1) for n in range(pictures + 2)]
