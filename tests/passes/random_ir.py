@@ -1,7 +1,9 @@
 """Random modules that are valid and end, to run before and after a pass.
 
-They have what passes can get wrong: variables stored in parts, in branches and in loops, arrays, exits from any
-depth, `continuing` parts, subroutines with arguments by reference that return early, loops without a known bound.
+They have what passes can get wrong: vectors of every base and of mixed parts, ints at the ends of their range,
+variables stored in parts, in branches and in loops, arrays, exits from any depth, `continuing` parts, subroutines with
+arguments by reference that return early, loops without a known bound. The IR has no structs: the language takes them
+apart.
 """
 
 from __future__ import annotations
@@ -33,7 +35,11 @@ from shpy.ir.nodes import (
 from shpy.ir.types import Base, Type, vec
 
 F, F2, F3, I, U, B, B3 = vec("f"), vec("f", 2), vec("f", 3), vec("i"), vec("u"), vec("b"), vec("b", 3)  # noqa: E741
-TYPES = (F, F, F, F3, F2, I, I, U, B)
+F4, I2, I3, U2, B2 = vec("f", 4), vec("i", 2), vec("i", 3), vec("u", 2), vec("b", 2)
+TYPES = (F, F, F, F3, F2, F4, I, I, I2, I3, U, U2, B, B2, B3)
+PARTS = {2: ((1, 1),), 3: ((1, 1, 1), (1, 2), (2, 1)), 4: ((1, 1, 1, 1), (2, 2), (1, 3), (3, 1), (2, 1, 1))}
+"""The sizes of what a vector can be made of."""
+INTS = {Base.I: (0, 1, 2, 3, 31, 33, -1, -7, 2**31 - 1, -(2**31)), Base.U: (0, 1, 2, 3, 31, 33, 2**31, 2**32 - 1)}
 FLOATS = (0.0, -0.0, 1.0, 2.0, -1.5, 0.1, 3.0, 1e-3, 1e30, float("inf"), float("nan"))
 LOOP_LIMIT = 6
 
@@ -115,9 +121,11 @@ class Generator:
         return self.b.finish()
 
     def body(self, outputs: list[Variable]) -> None:
-        for n, type in enumerate((F, F, F3, F3, F2, I, U, B)):
+        others = self.random.sample((F4, I2, I3, U2, B2, B3), 2)
+        for n, type in enumerate((F, F, F3, F3, F2, I, U, B, *others)):
             self.slots.append(self.b.variable(type, name=f"v{n}" if self.random.random() < 0.7 else None))
         self.arrays += [self.b.variable(F, 3, "array"), self.b.variable(F2, 2, "pairs")]
+        self.arrays.append(self.b.variable(self.random.choice((I, B, F3, *others)), 2, "more"))
         self.slots += outputs
         self.statements()
         if not isinstance(self.b.region[-1] if self.b.region else None, EXITS):
@@ -262,17 +270,40 @@ class Generator:
         elif type.is_bool:
             numbers = [self.random.random() < 0.5 for _ in range(type.size)]
         else:
-            numbers = [self.random.choice((0, 1, 2, 3, 31, 33)) for _ in range(type.size)]
+            numbers = [self.random.choice(INTS[type.base]) for _ in range(type.size)]
         return self.b.const(type, numbers)
 
     def make(self, type: Type) -> Value:
         if self.random.random() < 0.25:
             return self.constant(type)
+        arrays = [a for a in self.arrays if a.type is type]
+        if arrays and self.random.random() < 0.15:
+            return self.b.load(self.random.choice(arrays), self.simple(I))
+        if type.size > 1 and self.random.random() < 0.4:
+            return self.make_vector(type) if type.is_float else self.assemble(type)
+        if self.random.random() < 0.1:
+            return self.choose(type)
         if type.is_bool:
             return self.make_bool(type)
-        if type.is_int:
-            return self.make_int(type)
-        return self.make_vector(type) if type.size > 1 and self.random.random() < 0.5 else self.make_float(type)
+        return self.make_int(type) if type.is_int else self.make_float(type)
+
+    def assemble(self, type: Type) -> Value:
+        """A vector out of others: repeated, picked, or made of parts."""
+        match self.random.randrange(3):
+            case 0:
+                return self.b.splat(self.simple(type.scalar), type.size)
+            case 1:
+                source = self.simple(type.sized(self.random.choice((2, 3, 4))))
+                return self.b.swizzle(source, [self.random.randrange(source.type.size) for _ in range(type.size)])
+        parts = (self.simple(type.sized(n)) for n in self.random.choice(PARTS[type.size]))
+        return self.b.let("construct", *parts, type=type)
+
+    def choose(self, type: Type) -> Value:
+        """A `cond`, by one bool or by one for each component."""
+        condition = self.simple(type.based(Base.B)) if self.random.random() < 0.5 else None
+        if condition is None:
+            condition = self.b.splat(self.simple(B), type.size) if type.size > 1 else self.simple(B)
+        return self.b.let("cond", condition, self.simple(type), self.simple(type))
 
     def make_float(self, type: Type) -> Value:
         pick, let = self.random.choice, self.b.let
@@ -284,12 +315,12 @@ class Generator:
         if dice == 6:
             return let(pick(TERNARY), self.simple(type), self.simple(type), self.simple(type))
         if dice == 7:
-            condition = self.b.splat(self.simple(B), type.size)
-            return let("cond", condition, self.simple(type), self.simple(type))
+            return self.choose(type)
         if type.size > 1:
             return self.make_vector(type)
         if dice == 8:
-            return let(pick(("dot", "distance")), self.simple(F3), self.simple(F3))
+            of = pick((F2, F3, F4))
+            return let(pick(("dot", "distance")), self.simple(of), self.simple(of))
         if dice == 9:
             return let("convert", self.simple(pick((I, U))), type=F)
         return self.make_scalar()
@@ -313,7 +344,7 @@ class Generator:
                 array = pick([a for a in self.arrays if a.type is F])
                 return self.b.load(array, self.simple(I))
             case 3:
-                return let("component", self.simple(F3), self.simple(I), type=F)
+                return let("component", self.simple(pick((F2, F3, F4))), self.simple(I), type=F)
             case 4:
                 return let("float_from_bits", let("and", self.simple(U), self.b.const(U, [0x3FFFFFFF])))
         return self.b.swizzle(self.simple(F3), [self.random.randrange(3)])
@@ -321,15 +352,6 @@ class Generator:
     def make_vector(self, type: Type) -> Value:
         size = type.size
         match self.random.randrange(5):
-            case 4:
-                source = self.simple(self.random.choice((F2, F3)))
-                return self.b.swizzle(source, [self.random.randrange(source.type.size) for _ in range(size)])
-            case 1:
-                return self.b.splat(self.simple(F), size)
-            case 2 if size == 3:
-                parts = [self.simple(F), self.simple(F2)]
-                self.random.shuffle(parts)
-                return self.b.let("construct", *parts, type=type)
             case 3 if self.random.random() < 0.4:
                 eta = self.simple(F)
                 return self.b.let("refract", self.simple(type), self.simple(type), eta)
@@ -339,7 +361,7 @@ class Generator:
                 helpers = [c for c in self.callees if c.pure]
                 if helpers:
                     return self.b.call(helpers[0], self.simple(F), self.simple(F3))[0]
-        return self.b.let("construct", *(self.simple(F) for _ in range(size)), type=type)
+        return self.assemble(type)
 
     def make_int(self, type: Type) -> Value:
         let = self.b.let
@@ -347,11 +369,12 @@ class Generator:
             case 0:
                 return let(self.random.choice(INT_UNARY), self.simple(type))
             case 1:
-                return let(
-                    "convert", self.simple(F if self.random.random() < 0.5 else I if type is U else U), type=type
-                )
-            case 2 if type is U:
-                return let("bits_from_float", self.simple(F))
+                bases = (Base.F, Base.F, Base.B, Base.I if type.base is Base.U else Base.U)
+                return let("convert", self.simple(type.based(self.random.choice(bases))), type=type)
+            case 2 if type.base is Base.U:
+                return let("bits_from_float", self.simple(type.based(Base.F)))
+            case 2 if type is I:
+                return let("component", self.simple(self.random.choice((I2, I3))), self.simple(I), type=I)
             case 3 if type is I:
                 return let("swizzle", let("table_size", type=vec(Base.I, 2), attr="grid"), type=I, attr=(1,))
         return let(self.random.choice(INT_BINARY), self.simple(type), self.simple(type))
@@ -360,14 +383,16 @@ class Generator:
         let = self.b.let
         match self.random.randrange(6):
             case 0:
-                return let(self.random.choice(("and", "or", "xor")), self.simple(B), self.simple(B))
+                return let(self.random.choice(("and", "or", "xor", "eq", "ne")), self.simple(type), self.simple(type))
             case 1:
-                return let("not", self.simple(B))
-            case 2:
-                return let(self.random.choice(("any", "all")), let("lt", self.simple(F3), self.simple(F3)))
-            case 3 if self.lanes and not self.in_pure:
+                return let("not", self.simple(type))
+            case 2 if type is B:
+                return let(self.random.choice(("any", "all")), self.simple(self.random.choice((B2, B3))))
+            case 3 if type is B and self.lanes and not self.in_pure:
                 return let(self.random.choice(("any_lane", "all_lanes")), self.simple(B), type=B)
-        of = self.random.choice((F, F, I))
+            case 4 if self.random.random() < 0.3:
+                return let("convert", self.simple(type.based(self.random.choice((Base.F, Base.I)))), type=type)
+        of = type.based(self.random.choice((Base.F, Base.F, Base.I, Base.U)))
         return let(self.random.choice(COMPARE), self.simple(of), self.simple(of))
 
     def simple(self, type: Type) -> Value:
@@ -390,6 +415,6 @@ def random_inputs(seed: int) -> tuple[list[Any], dict[str, Any]]:
     def number() -> float:
         return r.choice((*FLOATS, r.uniform(-4, 4), r.uniform(-4, 4), r.uniform(-4, 4), r.uniform(-4, 4)))
 
-    inputs = [number(), [number() for _ in range(3)], r.randint(-3, 5), r.randrange(1 << 32)]
+    inputs = [number(), [number() for _ in range(3)], r.choice((r.randint(-3, 5), *INTS[Base.I])), r.randrange(1 << 32)]
     tables = {"data": np.arange(4, dtype=np.float32) / 3, "grid": np.arange(12, dtype=np.float32).reshape(2, 3, 2)}
     return inputs, tables
