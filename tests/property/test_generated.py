@@ -131,8 +131,7 @@ def test_the_strategy_makes_what_matters() -> None:
     ends: set[int] = set()
     parted = 0
 
-    @seed(1)
-    @settings(quietly, max_examples=300, phases=[Phase.generate], verbosity=Verbosity.quiet)
+    @settings(quietly, phases=[Phase.generate], verbosity=Verbosity.quiet)
     @given(trees(endless=True))
     def look(program: Tree) -> None:
         nonlocal parted
@@ -145,7 +144,8 @@ def test_the_strategy_makes_what_matters() -> None:
         ends.update(end for _, end in results)
         parted += len({str(r) for r in results}) > 2
 
-    look()
+    for part in range(12):
+        seed(part)(look)()
     loops, exits = ("While", "Do", "For"), ("break", "continue", "return", "discard")
     for loop in loops:
         assert {exit for exit in exits if any(n[-2:] == (loop, exit) for n in nests)} == set(exits)
@@ -172,4 +172,4 @@ def test_the_strategy_makes_what_matters() -> None:
     ):
         assert wanted in everything
     assert ends == {DISCARDED, WRITTEN, STOPPED}
-    assert parted > 120
+    assert parted > 90
