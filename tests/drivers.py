@@ -193,14 +193,15 @@ class Report:
     def row(self, driver: Driver) -> str:
         """Its row of the table."""
         same, whole = sum(o == "same" for o in self.outcomes.values()), len(cases_of(driver.target))
-        part = f" of {len(self.outcomes)} that were run" if len(self.outcomes) < whole else ""
+        part = f" ({len(self.outcomes)} of {whole} were run)" if len(self.outcomes) < whole else ""
         cells = [f"same bits: {same} programs{part}"] if same else []
         for note in self.notes:
             fault, _, cure = note.removeprefix("this device ").partition(": ")
             cells.append(f"corrected: {fault} ({cure})" if cure else fault)
         reasons = Counter(o.partition(": ")[2] for o in self.outcomes.values() if o.startswith("refused"))
         cells += [
-            f"refused: {reason.removeprefix(self.device)} ({n} programs)" for reason, n in sorted(reasons.items())
+            f"refused: {reason.removeprefix(self.device).strip()} ({n} programs)"
+            for reason, n in sorted(reasons.items())
         ]
         cells += self.faults
         return f"| {driver.name} | {self.device}, {self.version} | {'; '.join(cells).replace('|', '/')} |"
