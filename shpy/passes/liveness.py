@@ -20,6 +20,8 @@ from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
 
+import numpy as np
+
 from shpy.ir.nodes import Break, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, walk
 from shpy.passes.uniformity import LoopFacts
@@ -32,7 +34,10 @@ Bits = int
 
 
 def _members(bits: Bits) -> Set:
-    return frozenset(n for n, digit in enumerate(reversed(f"{bits:b}")) if digit == "1")
+    if bits.bit_length() <= 64:
+        return frozenset(n for n, digit in enumerate(reversed(f"{bits:b}")) if digit == "1")
+    octets = np.frombuffer(bits.to_bytes(bits.bit_length() // 8 + 1, "little"), np.uint8)
+    return frozenset(np.flatnonzero(np.unpackbits(octets, bitorder="little")).tolist())
 
 
 @dataclass(slots=True)
