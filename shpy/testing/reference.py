@@ -39,7 +39,9 @@ __all__ = [
 
 INTERPRETER = "interpreter"
 _WIDTHS = {"opencl": (1, 4, 8, 16)}
-"""How many elements a backend can run together."""
+"""How many elements a backend runs together in comparisons that name the backend alone."""
+_MORE_WIDTHS = {"opencl": (32, 64)}
+"""Widths that are compared where they are named: they take long to compile, and not every driver has them."""
 
 
 class Interpreted:
@@ -94,7 +96,7 @@ def interpreter_of(module: Module, precision: Precision, loop_limit: int | None)
 
 
 def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
-    """Every way to run a program on the backends that are `wanted`: each of their widths.
+    """Every way to run a program on the backends that are `wanted`: with 1, 4, 8 and 16 lanes where they have lanes.
 
     None stands for every backend that is available; a name with a width, "opencl-4", for that one; "interpreter" for
     the reference interpreter. Raises BackendUnavailable for what is not there.
@@ -103,10 +105,13 @@ def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
         wanted = [b.name for b in backends() if b.available]
     names = [wanted] if isinstance(wanted, str) else list(wanted)
     known = [INTERPRETER, *(t for name in NAMES for t in _widths(name))]
+    known += [f"{name}-{lanes}" for name, more in _MORE_WIDTHS.items() for lanes in more]
     found: list[str] = []
     for name in names:
         if name not in known and name not in NAMES:
-            raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, (*NAMES, *known))))
+            raise BackendUnavailable(
+                f"there is no backend {name!r}", cure=" or ".join(map(repr, dict.fromkeys((*NAMES, *known))))
+            )
         found += [t for t in ([name] if name in known else _widths(name)) if t not in found]
     return found
 

@@ -36,6 +36,11 @@ def test_every_backend_and_lane_width_takes_part():
     assert str(found) == "numpy, opencl-1, opencl-4, opencl-8, opencl-16, glsl agree on 17 elements"
 
 
+def test_wider_packets_take_part_where_they_are_named():
+    found = sh.testing.assert_equivalent(rounded_program(), X, [1, 2], backends=["numpy", "opencl-64"])
+    assert found.backends == ("numpy", "opencl-64")
+
+
 @pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
 def test_a_failure_names_element_inputs_values_distance_and_statement(monkeypatch, faulty):
     with_fault(monkeypatch, faulty, op("floor", "ceil"))
