@@ -95,7 +95,7 @@ def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
     notes = []
     if corrected := sorted(operations & CORRECTABLE):
         names = " and ".join(_NAMES.get(name, name) for name in corrected)
-        notes.append(f"this device rounds {names} wrong: strict and relaxed mode correct it")
+        notes.append(f"this device gets {names} wrong: strict and relaxed mode correct it")
     if hopeless := sorted(operations - CORRECTABLE):
         notes.append(f"this device gets {' and '.join(hopeless)} wrong: strict mode refuses programs with it")
     if "optimiser" in wrong:
