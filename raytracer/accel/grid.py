@@ -27,6 +27,9 @@ DENSITY = 5.0
 MAX_CELLS = 1 << 21
 MAX_PER_AXIS = 512
 MAX_OUTSIDE = 16
+ROUNDINGS = 8 * float(np.finfo(np.float32).eps)
+"""By how much the walk may misplace the side of a cell, as a part of its largest coordinate: that of the grid's corner,
+of the cell's size and its multiple, of their sum, and of the place of the ray, each half an eps, and as much again."""
 _PAIRS_AT_ONCE = 1 << 20
 
 
@@ -82,12 +85,16 @@ def _far_larger(triangles: Floats) -> NDArray[np.bool_]:
 
 
 def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
-    """A box round the triangles inside the grid, a little larger than they are and nowhere flat."""
+    """A box round the triangles inside the grid, a little larger than they are and nowhere flat.
+
+    It grows by the roundings of its own sides too, which may be more than its size where it lies far from 0.
+    """
     if not len(small):
         return np.zeros(3), np.ones(3)
     low, high = small.min(axis=(0, 1)), small.max(axis=(0, 1))
     size = max(float((high - low).max()), 1e-6 * float(np.abs(triangles).max()), 1e-30)
-    return low - 1e-3 * size, high + 1e-3 * size
+    margin = np.maximum(1e-3 * size, ROUNDINGS * np.maximum(np.abs(low), np.abs(high)))
+    return low - margin, high + margin
 
 
 def _resolution(size: Floats, count: int, density: float) -> tuple[int, int, int]:
@@ -104,7 +111,7 @@ def _touched(triangles: Floats, low: Floats, cell: Floats, shape: tuple[int, int
     """All pairs (triangle, cell number) that touch, the triangles in ascending order."""
     local = (triangles - low) / cell  # in units of cells: every cell is now a unit cube
     # What the walk may be off by: f32 positions on coordinates of this size, and a thousandth of a cell.
-    margin = 1e-3 + 8 * np.finfo(np.float32).eps * np.abs(np.stack([low, low + cell * shape]) / cell).max(axis=0)
+    margin = 1e-3 + ROUNDINGS * np.abs(np.stack([low, low + cell * shape]) / cell).max(axis=0)
     last = np.array(shape) - 1
     first = np.clip(np.floor(local.min(axis=1) - margin), 0, last).astype(np.int64)
     extent = np.clip(np.floor(local.max(axis=1) + margin), 0, last).astype(np.int64) - first + 1

@@ -3,7 +3,8 @@
 Stage: kernel. The `intersector` of Moreno-Fortuny and McCool with its two loops in one: a turn either tries one
 triangle or goes on to the next cell (3D-DDA, Amanatides and Woo 1987), so that rays that run side by side wait for
 each other once a ray and not once a cell. As printed, the intersector writes `hit = 1 < INF` for `l < INF`; a hit is
-taken here when it is nearer than the far side of its cell.
+taken here when no cell follows that is entered before it or with it. A triangle outside of the grid may be met at the
+same distance as one inside: the walk goes on to the part `REACH` behind its nearest hit, as that through the hierarchy.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.cells import CellWalk
-from raytracer.kernels.triangle import Hit, Triangles, TriangleTest, is_ray
+from raytracer.kernels.triangle import Hit, Triangles, TriangleTest, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
@@ -44,7 +45,7 @@ class GridIntersector:
                 item += 1
                 SH_BREAK(any_hit & (hit.id >= 0))
             with SH_ELSE():
-                SH_BREAK(cells.t >= sh.min(hit.l, cells.far))  # nothing nearer can follow
+                SH_BREAK((cells.t >= cells.far) | (cells.t > farther(hit.l)))  # nothing as near can follow
                 span = self.cells[cells.voxel.zyx]
                 item[:] = span.x
                 end[:] = span.y

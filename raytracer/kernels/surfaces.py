@@ -10,7 +10,7 @@ from typing import Any
 
 import shpy as sh
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import FAR, Hit, PlaneView, Triangles, highest, product
+from raytracer.kernels.triangle import FAR, Hit, PlaneView, Triangles, highest
 from raytracer.layout import Layout, Rows
 
 ROUNDINGS = 7
@@ -82,7 +82,7 @@ class SurfaceTables:
         far = plane.is_better(hit.l, highest(*sizes))
         t = plane.height / plane.slope
         point = sh.cond(far, eye + t * ray, barylerp(hit, *places))
-        beside = PLANE_ROUNDINGS * self.roundoff * (plane.size + t * product(abs(face), abs(ray)))
+        beside = PLANE_ROUNDINGS * self.roundoff * plane.error_at(t)
         return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
     def paint(self, hit: Hit, surface: Surface) -> Any:

@@ -12,9 +12,10 @@ smaller than that of the walks, so a walk never leaves out a triangle that is me
 The distance is that of a mean of the corners, as they lie along the ray's largest component: it cannot leave the
 triangle there, however nearly edge-on the triangle is seen. Its error grows with the distance of the corners. The error
 of the distance to the triangle's plane grows with the distances of the plane and the eye from 0 instead: where that
-is far less, as beside a huge triangle, the plane is taken. Rounding may move the hit along the other components; so a
-distance before the triangle's own box is taken to be where that box begins, less a part `REACH / 2`. A walk that looks
-into every box up to the part `REACH` behind its nearest hit then finds the same hit in whatever order it goes.
+is far less, as beside a huge triangle, the plane is taken. Rounding may move the hit along the other components, and
+along all of them on a plane that is seen nearly edge-on; so a distance outside the triangle's own box is taken to be
+where that box begins or ends, but for a part `REACH / 2`. A walk that looks into every box up to the part `REACH`
+behind its nearest hit then finds the same hit in whatever order it goes.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ GROWTH = 2.0**-80
 """By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more."""
 PLANE = 64.0
 """Factor by which the error bound of the distance from the corners must exceed that of the distance from the plane."""
+EDGE_ON = 2.0**24
+"""1 / slope at which a triangle is seen so nearly edge-on that a mean of its corners may be anywhere between them."""
 
 
 class Hit:
@@ -121,22 +124,32 @@ class Triangles:
 class PlaneView:
     """A triangle's plane as a ray sees it, from its unit normal and its level, given by components.
 
-    `slope` is how fast the ray comes nearer to it, `height` how far the eye is from it, both along the normal; `size`
-    is what their roundings are parts of.
+    `slope` is how fast the ray comes nearer to it, `height` how far the eye is from it, both along the normal; `pace`
+    and `size` are what their roundings are parts of.
     """
 
     def __init__(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any) -> None:
         self.slope = product(normal, ray)
         self.height = level - product(normal, eye)
-        self.size = abs(level) + product([abs(n) for n in normal], [abs(eye[k]) for k in range(3)])
+        size = [abs(n) for n in normal]
+        self.pace = product(size, [abs(ray[k]) for k in range(3)])
+        self.size = abs(level) + product(size, [abs(eye[k]) for k in range(3)])
 
     def improve(self, t: Any, large: Any) -> Any:
-        """The distance to the plane, or `t` if that, with an error of a rounding of `large`, is not far worse."""
+        """The distance to the plane, or `t`, a mean of corners as far as `large`, if its error is not far larger."""
         return sh.cond(self.is_better(t, large), self.height / self.slope, t)
 
     def is_better(self, t: Any, large: Any) -> Any:
-        """Return whether the distance to the plane, about `t`, is known far better than to a rounding of `large`."""
-        return PLANE * (self.size + abs(t)) < large * abs(self.slope)
+        """Return whether the distance to the plane, about `t`, is known far better than a mean of corners.
+
+        Both errors grow as 1 / slope: roundings of `error_at(t)`, and of the corners' largest coordinate `large`.
+        A mean stays between its corners, however, so the plane must also be known better than that.
+        """
+        return PLANE * self.error_at(t) < large * lower(abs(self.slope) * EDGE_ON, 1.0)
+
+    def error_at(self, t: Any) -> Any:
+        """How far a point of the ray at the distance `t` may seem to be off the plane, in roundings."""
+        return self.size + abs(t) * self.pace
 
 
 class TriangleTest:
@@ -164,12 +177,11 @@ class TriangleTest:
         with SH_IF(same_side(wa, wb, wc) & (whole != 0)):
             normal = [row.w for row in rows]
             plane = PlaneView(normal, triangles.levels[k], self.ray, self.eye)
-            t = sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane)
             enter, leave = sight.span(a, b, c)
+            t = within(enter, leave, sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane))
             met = (t >= near) & meets(enter, leave, near)
             if self.roundoff is not None:
                 met &= self.surely_ahead(plane, normal, rows[0].xyz - self.eye)
-            t = higher(t, before(enter))
             number = triangles.number(k)
             with SH_IF(met & ((t < hit.l) | ((t == hit.l) & (number < hit.id)))):
                 hit.l[:] = t
@@ -198,9 +210,9 @@ def meets(enter: Any, leave: Any, near: Any) -> Any:
     return enter - BESIDE * abs(enter) <= leave
 
 
-def before(enter: Any) -> Any:
-    """The least distance of a hit in a box that is entered here."""
-    return enter - (REACH / 2) * abs(enter)
+def within(enter: Any, leave: Any, t: Any) -> Any:
+    """The distance `t` of a hit, or that end of its box which it lies beyond by more than the part `REACH / 2`."""
+    return higher(lower(t, leave + (REACH / 2) * abs(leave)), enter - (REACH / 2) * abs(enter))
 
 
 def product(a: Sequence[Any], b: Sequence[Any]) -> Any:

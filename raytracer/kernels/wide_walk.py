@@ -27,7 +27,6 @@ from raytracer.kernels.triangle import (
     PlaneView,
     Sight,
     Triangles,
-    before,
     farther,
     higher,
     inverse_of,
@@ -35,6 +34,7 @@ from raytracer.kernels.triangle import (
     lower,
     meets,
     same_side,
+    within,
 )
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
@@ -251,10 +251,9 @@ class BlockTest:
         with SH_IF(met.x | met.y | met.z | met.w):
             normal = [sh.float_from_bits(records[row + (NORMALS + k)]) for k in range(3)]
             plane = PlaneView(normal, sh.float_from_bits(records[row + LEVEL]), self.ray, self.eye)
-            t = sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane)
             enter, leave = sight.span(a, b, c)
+            t = within(enter, leave, sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane))
             met = met & (t >= self.near) & meets(enter, leave, self.near)
-            t = higher(t, before(enter))
             numbers = sh.Attrib4i(records[row + NUMBERS])
             for k in range(HALF):
                 nearer = (t[k] < hit.l) | ((t[k] == hit.l) & (numbers[k] < hit.id))

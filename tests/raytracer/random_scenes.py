@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 UNIT = 2.0**-24
 """The largest relative error of one rounding in f32."""
+F64 = 2.0**-53
+"""The same in f64."""
 ACROSS = 16 * UNIT
 """How far across a ray an edge is in doubt, of the largest coordinate of a corner as seen from the ray's origin."""
 
@@ -159,14 +161,16 @@ def known(corners, eye, ray):
     inside = (whole != 0) & ((w >= 0).all(axis=2) | (w <= 0).all(axis=2))
     outside = clear_outside(x, y, scale)
     along = parts[2] / ray[rows, z]
-    # A triangle that is seen as a line has no such mean: a hit lies between its corners.
+    # A triangle that is seen as a line, but for rounding, has no such mean: a hit lies between its corners.
     t = np.where(whole == 0, along.mean(axis=2), (w / whole[..., None] * along).sum(axis=2))
+    t = np.clip(t, along.min(axis=2), along.max(axis=2))
     spread = np.ptp(along, axis=2)
     reach = np.maximum(np.abs(x), np.abs(y)).max(axis=2)
     of_mean = 64 * UNIT * scale * (reach * spread / np.abs(whole) + 1)
     # Of a sliver, or one seen edge-on, no more is known than that the hit is in its box.
     full = np.abs(whole) > 1e-3 * reach**2
     doubt = np.where(full, np.minimum(of_mean, of_plane(corners, eye, ray, t)), of_mean)
+    doubt = doubt + of_mean * (F64 / UNIT)  # the mean in f64 is rounded too
     doubt = np.minimum(np.where(np.isfinite(doubt), doubt, np.inf), spread + 64 * UNIT * scale + 2.0**-11 * np.abs(t))
     sure = inside & (clear > ACROSS)
     return Known(sure, outside, np.nan_to_num(t, nan=0.0, posinf=0.0, neginf=0.0), doubt)
@@ -186,11 +190,19 @@ def clear_outside(x, y, scale):
 
 
 def of_plane(corners, eye, ray, t):
-    """The doubt of a distance that is taken from the plane: it does not know the triangle's size."""
+    """The doubt of a distance that is taken from the plane: in f32 it does not know the triangle's size.
+
+    The level of the plane is computed in f64 before it is rounded. There an edge scaled to 1 has 2 roundings, so the
+    cross product of both errs by 6 * 2**0.5 of the product of their lengths, the unit normal by 3 roundings more, and
+    its product with a corner, no longer than 3**0.5 times its largest coordinate, by 3 * 3**0.5: all less than 32.
+    """
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(one / np.abs(one).max(), other / np.abs(other).max())
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    area = np.linalg.norm(normal, axis=1)
+    sides = [np.linalg.norm(edge, axis=1) / np.abs(edge).max(axis=1) for edge in (one, other)]
+    of_level = 32 * F64 * np.abs(corners).max(axis=(1, 2)) * (sides[0] * sides[1] / area)
+    normal /= area[:, None]
     level = np.abs(np.einsum("ni,ni->n", normal, corners[:, 0]))
     slope = np.abs(ray @ normal.T)
     size = level + np.abs(eye) @ np.abs(normal).T + np.abs(t) * (np.abs(ray) @ np.abs(normal).T)
-    return 1024 * UNIT * size / slope
+    return (1024 * UNIT * size + of_level) / slope

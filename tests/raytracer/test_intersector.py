@@ -172,3 +172,32 @@ def test_arguments_that_cannot_be():
         Intersector(box(), accel="octree")
     with pytest.raises(SceneError, match="Mesh or a Scene, not ndarray"):
         Intersector(np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize(("tilt", "farthest"), [(0, 250_000), (30, 3000)])
+def test_distance_along_a_huge_floor_at_grazing_angles_is_that_of_the_plane(tilt, farthest):
+    """A floor of a million seen from a height of 0.1 to 30: slopes down to 1e-6.
+
+    The error of the distance is a few roundings of what the height is a sum of, divided by the slope. Where the plane
+    is tilted, and much farther off, these are as many as those of the corners.
+    """
+    rng = np.random.default_rng(3)
+    mesh = floor(1e6).moved(tilt=tilt)
+    mesh = Mesh(mesh.vertices.astype(np.float32), mesh.faces)
+    up = mesh.face_normals[0]
+    across = np.cross(up, [1.0, 0, 0])
+    plane = np.array([across, np.cross(up, across)])
+    angle, far = rng.uniform(0, 2 * np.pi, 2000), 10 ** rng.uniform(2, np.log10(farthest), (2000, 1))
+    height = 10 ** rng.uniform(-1, 1.5, (2000, 1))
+    origins = (rng.normal(size=(2000, 2)) @ plane + height * up).astype(np.float32).astype(float)
+    directions = far * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ plane - height * up
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions.astype(np.float32).astype(float)
+    hits = Intersector(mesh, accel="bvh", backend="numpy").intersect(origins, directions)
+    assert (hits.triangle >= 0).sum() > 1900
+    met = np.flatnonzero(hits.triangle >= 0)
+    origins, directions, normals = origins[met], directions[met], mesh.face_normals[hits.triangle[met]]
+    slope = np.abs(np.sum(directions * normals, axis=1))
+    exact = np.abs(np.sum((origins - mesh.corners[hits.triangle[met], 0]) * normals, axis=1)) / slope
+    size = np.sum((2 * np.abs(origins) + exact[:, None] * np.abs(directions)) * np.abs(normals), axis=1)
+    assert np.all(np.abs(hits.t[met] - exact) <= 8 * 2.0**-24 * (size / slope + exact))

@@ -111,8 +111,23 @@ def test_backends_agree_on_random_scenes(group):
         Sketch((Part("ball", 1.0, 0.0, 4), Part("soup", 1.0, 1.0, 6)), 1e18, 1e3, 0),
         Sketch((Part("soup", 0.001, 1.0, 3), Part("ball", 1e10, 1.0, 7)), 1e-18, 0.0, 6),
         Sketch((Part("soup", 1e-6, 1.0, 3), Part("ball", 1e12, 1.0, 7)), 1e-12, 0.0, 6),
+        Sketch((Part("degenerate", 1e7, 0.0, 13917), Part("slab", 1e12, 0.0, 233)), 1e-18, 0.0, 680850),
+        Sketch((Part("ball", 1e4, 0.0, 2**20), Part("ball", 1.0, 0.0, 84), Part("slab", 1e12, 0.0, 1921)), 1, 1e3, 1),
+        Sketch((Part("slivers", 1.0, 1.0, 1), Part("slab", 1e10, 0.0, 45), Part("slab", 1e12, 0.0, 2)), 1, 1e3, 108),
+        Sketch((Part("slab", 1e10, 0.0, 101866), Part("slivers", 1e-6, 1.0, 2**20 - 1)), 1.0, 0.0, 5424),
     ],
-    ids=["tiny", "huge", "small scale", "large scale, far away", "small scale, tiny", "tinier"],
+    ids=[
+        "tiny",
+        "huge",
+        "small scale",
+        "large scale, far away",
+        "small scale, tiny",
+        "tinier",
+        "grazing a huge slab",
+        "cells below a rounding",
+        "met at once, inside the grid and outside",
+        "tiny beside huge",
+    ],
 )
 def test_known_hard_scenes(sketch):
     check(sketch, "numpy")
@@ -125,3 +140,14 @@ def test_a_triangle_that_is_a_line_is_met_between_its_corners():
     assert not of.never.any()
     assert 4 <= of.t[0, 0] <= 7
     assert 2 <= of.doubt[0, 0] <= 3
+
+
+def test_a_triangle_that_rounding_makes_nearly_a_line_is_met_between_its_corners():
+    """The weights of the mean are nothing but roundings in f64, and of both signs."""
+    step = np.array([64.0, 64, -320])
+    corners = np.array([-558212992.0, -452372704, -302762976]) - np.arange(3)[:, None] * step
+    eye = np.array([[-3416477952.0, -239333200, 1909535744]])
+    ray = np.array([[0.7894275188446045, -0.05883965641260147, -0.6110172271728516]])
+    of = known(corners[None], eye, ray)
+    along = (corners[:, 0] - eye[0, 0]) / ray[0, 0]
+    assert along.min() <= of.t[0, 0] <= along.max()
