@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -44,9 +44,9 @@ def widths(mesh: Mesh, quick: bool) -> Table:
             modes = ("strict", "relaxed") if work.group == "kernels" else ("strict",)
             rows += [_row(work, math, quick) for math in modes]
     note = (
-        'Milliseconds of the best call at each width, and "auto": the width that it chose, and how many times as long '
-        "it takes as the fastest of the fixed widths: of the best calls, of the least CPU time of all threads, and the "
-        "median and quartiles of all rounds."
+        'Milliseconds of the best call at each width, and "auto": the widths that its kernels chose, and how many '
+        "times as long it takes as the fastest of the fixed widths: of the best calls, of the least CPU time of all threads, "
+        "and the median and quartiles of all rounds."
     )
     head = ["kernel", *map(str, WIDTHS), AUTO, "chose", "of bests", "of CPU", "median", "quartiles"]
     return Table("widths", note, head, rows)
@@ -74,13 +74,13 @@ def _row(work: Work, math: str, quick: bool) -> list[str]:
     runs: dict[Any, Run] = {}
     kernels: list[sh.Kernel] = []
     for lanes in (*WIDTHS, AUTO):
+        kernels.clear()
         try:
             runs[lanes] = version(partial(_compiled, kernels, backend="opencl", lanes=lanes, math=math), *inputs)
         except sh.CompileError:
             continue  # this driver has no such vectors
-    chosen = kernels[-1]
     if not quick:  # small runs try nothing
-        settle(runs[AUTO], chosen)
+        settle(runs[AUTO], kernels)
     seconds, cpu = in_rounds(runs, 2 if quick else ROUNDS)
     fixed = [lanes for lanes in runs if lanes != AUTO]
     fastest = min(fixed, key=lambda lanes: min(seconds[lanes]))
@@ -93,7 +93,7 @@ def _row(work: Work, math: str, quick: bool) -> list[str]:
     return [
         name,
         *best,
-        lanes_of(chosen),
+        ", ".join(dict.fromkeys(map(lanes_of, kernels))),
         f"{of_bests:.2f}",
         f"{of_cpu:.2f}",
         f"{middle:.2f}",
@@ -111,10 +111,10 @@ def lanes_of(kernel: sh.Kernel) -> str:
     return next((note.split()[0] for note in kernel.notes if " lanes" in note), "1")
 
 
-def settle(run: Run, kernel: sh.Kernel) -> None:
-    """Call it until it has no width left to try."""
+def settle(run: Run, kernels: Sequence[sh.Kernel]) -> None:
+    """Call it until none of its kernels has a width left to try."""
     end = time.perf_counter() + PATIENCE
-    while any("are tried" in note for note in kernel.notes) and time.perf_counter() < end:
+    while any("are tried" in note for kernel in kernels for note in kernel.notes) and time.perf_counter() < end:
         run()
 
 
