@@ -45,8 +45,8 @@ def widths(mesh: Mesh, quick: bool) -> Table:
             rows += [_row(work, math, quick) for math in modes]
     note = (
         'Milliseconds of the best call at each width, and "auto": the widths that its kernels chose, and how many '
-        "times as long it takes as the fastest of the fixed widths: of the best calls, of the least CPU time of all threads, "
-        "and the median and quartiles of all rounds."
+        "times as long it takes as the fastest of the fixed widths: of the best calls, of the least CPU time of all "
+        "threads, and the median and quartiles of all rounds."
     )
     head = ["kernel", *map(str, WIDTHS), AUTO, "chose", "of bests", "of CPU", "median", "quartiles"]
     return Table("widths", note, head, rows)
