@@ -28,8 +28,8 @@ __all__ = ["COUNT", "FAULTS", "PROBED", "hard_inputs", "notes_of", "refuse_wrong
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """Operations that are asked for: `convert` is a float to an int."""
 FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", "zeros", "optimiser"})
-"""What may be found: an operation that is wrong, ints that are not 0 for a NaN, denormals that become zero, and a
-compiler that takes `0 * x` for 0, or makes errors where it optimises."""
+"""Faults of a device: wrong operations, ints of NaN that are not 0, denormals that become zero, a compiler that takes
+`0 * x` for 0, and a compiler whose optimiser makes errors."""
 COUNT: Final = 2048
 """Triples of inputs."""
 _TINY: Final = np.float32(2.0**-126)
@@ -90,7 +90,7 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
 
 
 def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
-    """What to tell of a device: which operations are corrected, which cannot be, and whether denormals become zero."""
+    """Describe a device: operations that are corrected, operations that cannot be, and flushed denormals."""
     operations = set(wrong) - {"denormals", "zeros", "optimiser"}
     notes = []
     if corrected := sorted(operations & CORRECTABLE):

@@ -67,7 +67,7 @@ def load(name: str) -> bytes | None:
 
 
 def is_open() -> bool:
-    """Whether `save` would keep a binary. Some drivers compile anew to give one, so ask before."""
+    """Return whether `save` would keep a binary. Ask before requesting one: some drivers compile again to make it."""
     with _opened_folder() as folder:
         return folder is not None
 

@@ -193,7 +193,7 @@ class Context:
         return bool(found.tolist() == [0, 0, 0, 5, 0, 0, 0, 0])
 
     def _faults(self) -> frozenset[str]:
-        """What the device gets wrong, of FAULTS and "stores"."""
+        """Probe the device: return the names of its faults, from FAULTS and "stores"."""
         gl = self.gl
         size = (32, COUNT // 32)
         triples = np.zeros((COUNT, 4), np.float32)

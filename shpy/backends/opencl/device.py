@@ -406,7 +406,7 @@ class Machine:
         return found if "optimiser" not in found else self._found([*self._options, _PLAIN]) | found
 
     def _found(self, options: list[str]) -> frozenset[str]:
-        """What the device gets wrong in programs that are built with these options."""
+        """Probe programs that are built with these options: return the names of the device's faults."""
         lanes = self.lanes
         text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         flags = np.tile(np.array([0, 1], np.uint8), COUNT)

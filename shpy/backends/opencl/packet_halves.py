@@ -60,9 +60,9 @@ def try_wide(n: int) -> str:
 
 
 def declare_wide(text: str, lanes: int) -> str:
-    """What a kernel's text uses of vectors of `lanes` numbers; '' for what OpenCL C has itself.
+    """Declare the types and functions of vectors of `lanes` numbers that a kernel's text uses; '' up to LONGEST.
 
-    Functions of 64 numbers use those of 32.
+    Functions of 64 numbers call those of 32.
     """
     if lanes <= LONGEST:
         return ""

@@ -209,7 +209,7 @@ class Prologue:
         return name
 
     def wants(self, op: str, type: Type) -> bool:
-        """Whether OpenCL's own function `op` will not do for this type."""
+        """Return whether `op` needs a function of ours: OpenCL's own gives other results for this type."""
         return op in NAN_LOST or (type.size > 1 and op in _BY_COMPONENT)
 
     def flat_index(self, rank: int) -> str:

@@ -91,7 +91,7 @@ def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Tria
 
 
 def _text(output: bytes | str | None) -> str:
-    """What a process wrote until it was killed: bytes, whatever was asked for."""
+    """Return the text that a killed process wrote; subprocess gives bytes here even where text was requested."""
     return output.decode(errors="replace") if isinstance(output, bytes) else output or ""
 
 
