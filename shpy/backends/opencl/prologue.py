@@ -28,26 +28,22 @@ NOINLINE: Final = "__attribute__((noinline))"
 SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """OpenCL's name of one component."""
 
-LDEXP: Final = {
-    Base.F: """\
+def _ldexp(bias: int, mantissa: int, wide: str) -> str:
+    """The text of ldexp for floats of this bias and so many bits of mantissa; `wide` converts to ints of their size."""
+    lowest, highest = 1 - bias, bias
+    return f"""\
 // x * 2^n rounded once: by three powers of two, and what the first two round becomes 0 by the last.
-T {name}(T x, INT n) {
-    INT last = clamp(n, (INT)(-126), (INT)(127));
-    INT middle = clamp(n - last, (INT)(-126), (INT)(127));
-    INT first = clamp(n - last - middle, (INT)(-126), (INT)(127));
-    return x * as_T((first + 127) << 23) * as_T((middle + 127) << 23) * as_T((last + 127) << 23);
-}""",
-    Base.D: """\
-// x * 2^n rounded once: by three powers of two, and what the first two round becomes 0 by the last.
-T {name}(T x, INT n) {
-    INT last = clamp(n, (INT)(-1022), (INT)(1023));
-    INT middle = clamp(n - last, (INT)(-1022), (INT)(1023));
-    INT first = clamp(n - last - middle, (INT)(-1022), (INT)(1023));
-    x *= as_T(convert_LONG(first + 1023) << 52);
-    x *= as_T(convert_LONG(middle + 1023) << 52);
-    return x * as_T(convert_LONG(last + 1023) << 52);
-}""",
-}
+T {{name}}(T x, INT n) {{
+    INT last = clamp(n, (INT)({lowest}), (INT)({highest}));
+    INT middle = clamp(n - last, (INT)({lowest}), (INT)({highest}));
+    INT first = clamp(n - last - middle, (INT)({lowest}), (INT)({highest}));
+    x *= as_T({wide}(first + {bias}) << {mantissa});
+    x *= as_T({wide}(middle + {bias}) << {mantissa});
+    return x * as_T({wide}(last + {bias}) << {mantissa});
+}}"""
+
+
+LDEXP: Final = {Base.F: _ldexp(127, 23, ""), Base.D: _ldexp(1023, 52, "convert_LONG")}
 """PoCL's own rounds denormal results twice, in vectors; rusticl's makes zeros of them."""
 
 _ANY_SIZE: Final = {
