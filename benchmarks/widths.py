@@ -26,9 +26,10 @@ from benchmarks.rounds import once
 from benchmarks.studies import Table
 from benchmarks.work import Run, Work
 from raytracer import Mesh
+from shpy.backends.opencl import packet_types
 
 AUTO = "auto"
-WIDTHS = (4, 8, 16, 32, 64)
+WIDTHS = (*packet_types.WIDTHS, *packet_types.WIDER)
 ROUNDS = 15
 PATIENCE = 60.0
 """Seconds of calls after which a kernel that still has widths to try is measured as it is."""

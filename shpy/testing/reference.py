@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from shpy.backends.base import Array, Call, Device, Options, Precision
+from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.interpreter import Interpreter
@@ -38,9 +39,9 @@ __all__ = [
 ]
 
 INTERPRETER = "interpreter"
-_WIDTHS = {"opencl": (1, 4, 8, 16)}
+_WIDTHS = {"opencl": (1, *WIDTHS)}
 """How many elements a backend runs together in comparisons that name the backend alone."""
-_MORE_WIDTHS = {"opencl": (32, 64)}
+_MORE_WIDTHS = {"opencl": WIDER}
 """Widths that are compared where they are named: they take long to compile, and not every driver has them."""
 
 

@@ -28,7 +28,8 @@ NOINLINE: Final = "__attribute__((noinline))"
 SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """OpenCL's name of one component."""
 
-def _ldexp(bias: int, mantissa: int, wide: str) -> str:
+
+def _powers_of_two(bias: int, mantissa: int, wide: str) -> str:
     """The text of ldexp for floats of this bias and so many bits of mantissa; `wide` converts to ints of their size."""
     lowest, highest = 1 - bias, bias
     return f"""\
@@ -43,7 +44,7 @@ T {{name}}(T x, INT n) {{
 }}"""
 
 
-LDEXP: Final = {Base.F: _ldexp(127, 23, ""), Base.D: _ldexp(1023, 52, "convert_LONG")}
+LDEXP: Final = {Base.F: _powers_of_two(127, 23, ""), Base.D: _powers_of_two(1023, 52, "convert_LONG")}
 """PoCL's own rounds denormal results twice, in vectors; rusticl's makes zeros of them."""
 
 _ANY_SIZE: Final = {
