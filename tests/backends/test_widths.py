@@ -111,11 +111,13 @@ def test_the_faster_width_stays_and_is_remembered(clock, paces, chosen):
     [
         ((4e-6, 3e-6, 2e-6, 1e-6), 64, {8, 16, 32, 64}),
         ((4e-6, 3e-6, 2e-6, 2e-6), 32, {8, 16, 32, 64}),
-        ((4e-6, 3e-6, 3e-6, 1e-6), 16, {8, 16, 32}),
-        ((4e-6, 4e-6, 1e-6, 1e-6), 8, {8, 16}),
+        ((4e-6, 3e-6, 3e-6, 1e-6), 64, {8, 16, 32, 64}),
+        ((4e-6, 4e-6, 4e-6, 3e-6), 64, {8, 16, 32, 64}),
+        ((4e-6, 3e-6, 4e-6, 1e-6), 16, {8, 16, 32}),
+        ((4e-6, 4.5e-6, 1e-6, 1e-6), 8, {8, 16}),
     ],
 )
-def test_wider_packets_are_tried_as_long_as_they_gain(clock, paces, chosen, tried):
+def test_wider_packets_are_tried_until_one_loses(clock, paces, chosen, tried):
     choice, kernels = choosing(clock, paces)
     for _ in range(40):
         choice.run(call(20_000))
@@ -159,6 +161,19 @@ def test_a_later_process_goes_on_with_what_was_measured(clock):
 )
 def test_the_wider_neighbour_is_measured_first(current, measured, wanted):
     assert next_width(current, measured, (4, 8, 16, 32, 64)) == wanted
+
+
+def test_a_level_width_does_not_end_the_trials_of_a_later_process(clock):
+    """The process ends after 32 lanes were found to be level with 16: the next one measures 32 and then 64."""
+    choice, kernels = choosing(clock, (4e-6, 3e-6, 3e-6, 1e-6), measured=(16, 8))
+    while not kernels[32].shapes:
+        choice.run(call(20_000))
+    assert measured_widths("0" * 64, (8, 16, 32, 64)) == (16, 8)
+    later, _ = choosing(clock, (4e-6, 3e-6, 3e-6, 1e-6), measured=(16, 8))
+    for _ in range(40):
+        later.run(call(20_000))
+    assert later.source == "float64"
+    assert measured_widths("0" * 64, (8, 16, 32, 64)) == (64, 8, 16, 32)
 
 
 def test_nothing_is_tried_before_the_runs_have_taken_as_long_as_compiling(clock):

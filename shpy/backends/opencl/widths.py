@@ -4,7 +4,8 @@ Stage: run. No rule finds the fastest width: two registers a value hide the late
 registers, and processors differ. So `lanes="auto"` begins with the width of the device's vectors. Once the kernel has
 run for as long as it took to compile, the next width is compiled and both run on that run's own data; the faster one
 stays, and the outcome is kept on disk. So it goes on, to wider packets first, until both neighbours of the width in use
-have been measured. Strict mode gives the same bits at every width, so nothing else can be seen.
+have been measured. A wider neighbour that is level hides what comes after it, so the next wider one is measured too.
+Strict mode gives the same bits at every width, so nothing else can be seen.
 
     build(8) ──run, run, …──▶ spent > compiling ──▶ build(16) ──run both─┬─▶ 16 is faster ──run, run, …──▶ build(32)
                                                                          └─▶ 8 is faster ──run, run, …──▶ build(4)
@@ -43,6 +44,8 @@ _FINE: Final = 1e-4
 """Seconds: a clock of CPU time that is coarser says nothing about a run."""
 _GAIN: Final = 0.97
 """The other width stays if it takes at most this much of the time: less is noise."""
+_LEVEL: Final = 1.1
+"""A wider width that takes at most this much of the time is level: the next wider one may still gain."""
 
 
 class Sized(Executable, Protocol):
@@ -61,10 +64,16 @@ def measured_widths(key: str, widths: tuple[int, ...]) -> tuple[int, ...]:
     return found if found and set(found) <= set(widths) and len(found) == len(words) else ()
 
 
-def next_width(current: int, measured: Collection[int], widths: tuple[int, ...]) -> int | None:
-    """Return the neighbour of `current` to measure next, the wider one first; None where both are measured."""
+def next_width(
+    current: int, measured: Collection[int], widths: tuple[int, ...], level: Collection[int] = ()
+) -> int | None:
+    """Return the neighbour of `current` to measure next, the wider one first; None where both are measured.
+
+    Behind a wider neighbour that is `level` with the current width stands the next wider one.
+    """
     at = widths.index(current)
-    beside = (*widths[at + 1 : at + 2], *widths[max(at - 1, 0) : at])
+    wider = next((width for width in widths[at + 1 :] if width not in level), current)
+    beside = (wider, *widths[max(at - 1, 0) : at])
     return next((width for width in beside if width not in measured), None)
 
 
@@ -93,6 +102,7 @@ class Choosing:
         self._spent = 0.0
         self._key = key
         self._measured = {first.lanes, *measured}
+        self._level: set[int] = set()
         self._spread = spread
         self._trying = False
         self._shares: list[str] = []
@@ -111,7 +121,7 @@ class Choosing:
     @property
     def _other(self) -> int | None:
         """The width to try next."""
-        return next_width(self._current.lanes, self._measured, self._widths)
+        return next_width(self._current.lanes, self._measured, self._widths, self._level)
 
     @property
     def _remark(self) -> str:
@@ -176,9 +186,14 @@ class Choosing:
         mine, its = min(times[first.lanes]), min(times[other.lanes])
         if its < _GAIN * mine:
             self._current, self._shares = other, []
+            self._level.clear()
             mine, its, width = its, mine, first.lanes
+        elif its < _LEVEL * mine and width > first.lanes:
+            self._level.add(width)
         self._shares.append(f"{mine / its:.2f} of the time of {width}")
-        kept = (self._current.lanes, *sorted(self._measured - {self._current.lanes}))
+        # A process that ends before the width behind a level one is measured leaves both to the next process.
+        open_ = self._level if self._other is not None else set()
+        kept = (self._current.lanes, *sorted(self._measured - open_ - {self._current.lanes}))
         store.save(self._key, " ".join(map(str, kept)).encode())
 
 
