@@ -229,6 +229,7 @@ from shpy.lang.types import (
     vec4,
 )
 from shpy.program import Program, Step, parse, program
+from shpy.streams.stream import Stream
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
 _LATER = ("accuracy", "command", "files", "testing")
@@ -325,6 +326,7 @@ __all__ = [
     "ShpyTypeError",
     "ShpyWarning",
     "Step",
+    "Stream",
     "Table",
     "TexCoord1d",
     "TexCoord1f",

@@ -21,7 +21,7 @@ from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
 from shpy.lang.compound import fits
-from shpy.lang.data import Table, TableType, Texture2D, TextureType
+from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureType
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded
@@ -68,11 +68,12 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
     return given
 
 
-class Stream:
+class InputLeaf:
     """One leaf of an input: the array (*shape[, size]) in its dtype, and the element shape."""
 
     def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
         self.name = name
+        self.type = cls.type
         self.size = cls.size
         array = as_base(data, cls.base, name)
         if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
@@ -92,6 +93,22 @@ class Stream:
             return np.ascontiguousarray(self.array.reshape((1, *tail)))
         whole = np.broadcast_to(self.array, shape + tail)
         return np.ascontiguousarray(whole).reshape((-1, *tail))
+
+
+class DeviceLeaf:
+    """One leaf of an input that lies in a stream: `entry` has its memory and its element shape."""
+
+    def __init__(self, name: str, cls: type[Value], entry: Any) -> None:
+        self.name = name
+        self.size = cls.size
+        self.entry = entry
+        self.shape: Shape = entry.shape
+        if entry.memory.type is not cls.type:
+            raise ShpyTypeError(
+                f"{name} is a {cls.__name__}, {cls.type!r}, and {entry.stream!r} holds {entry.memory.type!r}",
+                loc=here(),
+                cure=f"sh.Stream(array, sh.{cls.__name__})",
+            )
 
 
 def _trailing(name: str, shape: Shape, size: int) -> str:
@@ -118,19 +135,42 @@ def _exact(data: Any, precision: str, math: str) -> Any:
 
 def streams(
     types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
-) -> list[Stream]:
+) -> list[InputLeaf]:
+    """The inputs as `inputs` gives them, none of which is a stream."""
+    return [leaf for leaf in inputs(types, given, dtypes, math) if isinstance(leaf, InputLeaf)]
+
+
+def inputs(
+    types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
+) -> list[InputLeaf | DeviceLeaf]:
     """The array inputs, leaf by leaf in the entry's order; dependent uniforms are computed in the mode `math`."""
-    found = []
+    found: list[InputLeaf | DeviceLeaf] = []
     precision = next(name for name, dtype in _WORKING.items() if dtype is dtypes[Base.F])
     for name, type_ in types.items():
         if isinstance(type_, TableType | TextureType):
             continue
-        for entry, (leaf, _, cls) in zip(flatten(type_, given[name], name), leaves(type_, name), strict=True):
-            found.append(Stream(leaf, cls, _exact(entry, precision, math), dtypes[cls.base]))
+        paths = list(leaves(type_, name))
+        for entry, (leaf, _, cls) in zip(entries_of_input(type_, given[name], name), paths, strict=True):
+            if hasattr(entry, "memory"):
+                found.append(DeviceLeaf(leaf, cls, entry))
+            else:
+                found.append(InputLeaf(leaf, cls, _exact(entry, precision, math), dtypes[cls.base]))
     return found
 
 
-def _given_shape(shape: Any) -> Shape:
+def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
+    """The entry of each leaf: an array or a number, or where a leaf of a stream lies."""
+    if not hasattr(given, "leaf_entries"):
+        entries = flatten(layout, given, what)
+        return [e.leaf_entries()[0] if hasattr(e, "leaf_entries") else e for e in entries]
+    found, wanted = given.leaf_entries(), list(leaves(layout, what))
+    if len(found) != len(wanted):
+        listed = ", ".join(path for path, _, _ in wanted)
+        raise ShpyTypeError(f"{what} has the parts {listed}, and {given!r} has others", loc=here(), cure="its own type")
+    return list(found)
+
+
+def given_shape(shape: Any) -> Shape:
     """The argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
     single = isinstance(shape, int | np.integer) and not isinstance(shape, bool)
     extents = [shape] if single else sequence(shape)
@@ -151,10 +191,10 @@ def _spoken(value: Any) -> str:
     return reprlib.repr(value)
 
 
-def common_shape(inputs: Sequence[Stream], shape: Any) -> Shape:
+def common_shape(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Any) -> Shape:
     """The element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
     shapes = [s.shape for s in inputs]
-    wanted = None if shape is None else _given_shape(shape)
+    wanted = None if shape is None else given_shape(shape)
     for name, given in [*((s.name, s.shape) for s in inputs), ("shape", wanted or ())]:
         if len(given) > _MAX_RANK:
             raise ShpyTypeError(
@@ -192,7 +232,7 @@ def _broadcast(shapes: Sequence[Shape]) -> Shape:
     return tuple(whole)
 
 
-def _check_column(inputs: Sequence[Stream], shape: Shape) -> None:
+def _check_column(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Shape) -> None:
     """An (n, 1) array for a scalar that blows the shape up is nearly always a mistake."""
     if all(math.prod(s.shape) < math.prod(shape) for s in inputs):
         for s in inputs:
@@ -206,7 +246,7 @@ def _check_column(inputs: Sequence[Stream], shape: Shape) -> None:
 
 def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
     """Every table by its name in the module: those of the closure, and those given as inputs."""
-    found = {name: table for name, table in closure.items() if type(table) is Table}
+    found = {name: table for name, table in closure.items() if not isinstance(table, TableArgument)}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
             found |= _table(name, type_, given[name]).leaves(name)
@@ -277,8 +317,8 @@ def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, 
     return found
 
 
-def bytes_each(inputs: Sequence[Stream], output: Layout, dtypes: Mapping[Base, Any]) -> int:
-    """The bytes of one element in all inputs and outputs."""
+def bytes_each(inputs: Sequence[InputLeaf], output: Layout, dtypes: Mapping[Base, Any]) -> int:
+    """The bytes of one element in all inputs and outputs on the host."""
     outputs: list[int] = [cls.size * np.dtype(dtypes[cls.base]).itemsize for _, _, cls in leaves(output, "out")]
     return sum(outputs) + sum(s.size * s.array.itemsize for s in inputs)
 

@@ -5,16 +5,17 @@ Stage: compile and run, seen from above: checks and flattens the user's arrays, 
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shpy import host
-from shpy.backends.base import Backend, Call, Executable, Options
+from shpy.backends.base import Backend, Call, Counts, Executable, Options
 from shpy.backends.dump import dump
 from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
@@ -26,14 +27,32 @@ from shpy.lang.data import Table, Texture2D, TextureType
 from shpy.lang.location import here
 from shpy.lang.record import Recorded
 from shpy.lang.structure import build_arrays
+from shpy.streams.running import Prepared, StreamResult, check_places, prepare, run_prepared
+from shpy.streams.stream import Place, streams_in
 
 _executables: dict[tuple[str, str, Options], Executable] = {}
 _KEPT = 512
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
+class Result(Protocol):
     """What a run gave: `outputs` in the function's structure, `written` (bool, S), `count` elements written."""
+
+    @property
+    def outputs(self) -> Any:
+        """Arrays, or Streams where data of the run were Streams."""
+
+    @property
+    def written(self) -> Any:
+        """Which elements were written: bools of the run's shape, an array or a Stream."""
+
+    @property
+    def count(self) -> int:
+        """How many elements were written."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayResult:
+    """The result of a run over arrays."""
 
     outputs: Any
     written: NDArray[np.bool_]
@@ -87,27 +106,63 @@ class Kernel:
     def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
         """Run on arrays; gives the outputs, zeros where elements were discarded.
 
+        With a Stream among the inputs, or in a Table, the outputs are Streams on the same device.
         Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of iterations.
         """
-        common, outputs, status = self._execute(arrays, named, None, shape)
+        given = host.bind(self._recorded, arrays, named)
+        if self._holds_streams(given, None):
+            return self._run_on_device(given, None, shape).outputs
+        common, outputs, status = self._execute(given, None, shape)
         return outputs if status is None else self._result(common, outputs, status).outputs
 
     def run(self, *arrays: Any, out: Any = None, shape: Any = None, **named: Any) -> Result:
         """Run on arrays; gives a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 
-        Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs.
+        Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs. With a Stream among
+        the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device.
         """
-        common, outputs, status = self._execute(arrays, named, out, shape)
+        given = host.bind(self._recorded, arrays, named)
+        if self._holds_streams(given, out):
+            return self._run_on_device(given, out, shape)
+        common, outputs, status = self._execute(given, out, shape)
         if status is None:
-            return Result(outputs, np.ones(common, np.bool_), math.prod(common))
+            return ArrayResult(outputs, np.ones(common, np.bool_), math.prod(common))
         return self._result(common, outputs, status)
 
+    def _holds_streams(self, given: dict[str, Any], out: Any) -> bool:
+        values = itertools.chain(given.values(), (out,), self._recorded.tables.values())
+        return next(streams_in(values), None) is not None
+
+    @property
+    def place(self) -> Place:
+        """The device on which it runs, and its working precision: where its streams have to be."""
+        return Place(self.backend, self.options.device or 0, self.options.precision)
+
+    def _run_on_device(self, given: dict[str, Any], out: Any, shape: Any) -> StreamResult:
+        """Run over streams; raises LoopLimitExceeded as soon as a loop can have run out of iterations."""
+        result = run_prepared(self._executable, self.prepare_on_device(given, out, shape))
+        if result.status is not None and self._executable.loops and result.counts.stopped:
+            raise self._limit_error(result.counts.stopped, result.counts.first, result)
+        return result
+
+    def prepare_on_device(self, given: dict[str, Any], out: Any, shape: Any) -> Prepared:
+        """Check what a run over streams is given, and bring to the device what is not there yet."""
+        recorded, place = self._recorded, self.place
+        check_places([*given.values(), out, *recorded.tables.values()], place, recorded.module.name)
+        dtypes = host.dtypes_at(self.options.precision)
+        inputs = host.inputs(recorded.inputs, given, dtypes, self.options.math)
+        common = host.common_shape(inputs, _shape_of(out) if shape is None and not inputs else shape)
+        self._check_rank(common)
+        tables = host.tables(recorded.inputs, given, recorded.tables)
+        self._check_sizes(tables)
+        params = self._params(given)
+        return prepare(recorded, self._executable, given, tables, params, place, dtypes, inputs, common, out)
+
     def _execute(
-        self, arrays: tuple[Any, ...], named: dict[str, Any], out: Any, shape: Any
+        self, given: dict[str, Any], out: Any, shape: Any
     ) -> tuple[tuple[int, ...], Any, NDArray[np.int32] | None]:
         """Run; gives the element shape, the outputs, and the statuses unless all elements were written."""
         recorded = self._recorded
-        given = host.bind(recorded, arrays, named)
         dtypes = host.dtypes_at(self.options.precision)
         inputs = host.streams(recorded.inputs, given, dtypes, self.options.math)
         common = host.common_shape(inputs, shape)
@@ -126,7 +181,7 @@ class Kernel:
             ) from error
 
     def _run_over(
-        self, common: tuple[int, ...], given: dict[str, Any], inputs: list[host.Stream], dtypes: Any, out: Any
+        self, common: tuple[int, ...], given: dict[str, Any], inputs: list[host.InputLeaf], dtypes: Any, out: Any
     ) -> tuple[Any, NDArray[np.int32] | None]:
         """Run over the elements; gives the outputs, and the statuses unless all elements were written."""
         recorded = self._recorded
@@ -183,19 +238,16 @@ class Kernel:
 
     def _result(self, shape: tuple[int, ...], outputs: Any, status: NDArray[np.int32]) -> Result:
         status = status.reshape(shape)
-        written = status == Status.WRITTEN
-        result = Result(outputs, written, int(np.count_nonzero(written)))
-        stopped = (status >= Status.FIRST_LOOP) | (status == Status.DEVICE_STOPPED)
-        if stopped.any():
-            raise self._limit_error(status[stopped], result)
+        counts = Counts.of(status)
+        result = ArrayResult(outputs, status == Status.WRITTEN, counts.written)
+        if counts.stopped:
+            raise self._limit_error(counts.stopped, counts.first, result)
         return result
 
-    def _limit_error(self, stopped: NDArray[Any], result: Result) -> LoopLimitExceeded:
-        count = stopped.size
+    def _limit_error(self, count: int, first: int, result: Result) -> LoopLimitExceeded:
         elements = f"{count} element{'s' if count > 1 else ''}"
         loops = self._executable.loops
-        first = int(stopped[stopped >= Status.FIRST_LOOP].min()) if (stopped >= Status.FIRST_LOOP).any() else None
-        if first is None:
+        if first < Status.FIRST_LOOP:
             loc = next((loc for loc in loops if loc is not None), self._recorded.module.entry.loc)
             return LoopLimitExceeded(
                 f"the device stopped a loop of {elements} of its own accord",
@@ -214,3 +266,9 @@ class Kernel:
 
     def __repr__(self) -> str:
         return f"<Kernel {self._recorded.module.name} on {self.backend}, {self.device.name}>"
+
+
+def _shape_of(out: Any) -> tuple[int, ...] | None:
+    """The element shape of streams that a run writes."""
+    found = next(streams_in(iter([out])), None)
+    return None if found is None else found.shape

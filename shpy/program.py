@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Generic, Literal, cast, overload
 
@@ -40,6 +41,7 @@ from shpy.lang.params import listed
 from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
+from shpy.streams.stream import Stream, streams_in
 from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
@@ -134,12 +136,23 @@ class Program(Generic[_P, _R]):
     @overload
     def __call__(self, *args: Any, shape: Any = None, **named: Any) -> Any: ...
     def __call__(self, *args: Any, **named: Any) -> Any:
-        """Run on arrays on the default backend, or, while a program is recorded, be inlined into it."""
+        """Run on arrays on the default backend, or, while a program is recorded, be inlined into it.
+
+        With a Stream among the inputs, or in a Table, it runs on the device where that lies.
+        """
         frame = current_frame()
         if frame is not None:
             given = bind(self._recorded, args, named)
             return call_recorded(frame, self._recorded, given, {})
+        stream = next(streams_in(chain(args, named.values(), self._recorded.tables.values())), None)
+        if stream is not None:
+            return self.compile_for(stream)(*args, **named)
         return self.compile()(*args, **named)
+
+    def compile_for(self, stream: Stream) -> Kernel:
+        """Compile for the device where a stream lies, at its precision."""
+        device = stream.device or None
+        return self.compile(stream.backend, device=device, precision=stream.precision)
 
     def compile(
         self,

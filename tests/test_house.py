@@ -24,7 +24,8 @@ LAYERS = {
     "shpy.passes": ["shpy.errors", "shpy.ir"],
     "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.passes"],
     "shpy.host": ["shpy.errors", "shpy.ir", "shpy.lang"],
-    "shpy.kernel": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host"],
+    "shpy.streams": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host"],
+    "shpy.kernel": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host", "shpy.streams"],
     "shpy.uniforms": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.kernel"],
     "shpy.algebra": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.passes"],
     "shpy.program": [
@@ -33,6 +34,7 @@ LAYERS = {
         "shpy.lang",
         "shpy.backends",
         "shpy.host",
+        "shpy.streams",
         "shpy.kernel",
         "shpy.algebra",
         "shpy.uniforms",

@@ -6,16 +6,34 @@ and runs it. It knows nothing of user arrays: `Kernel` checks and flattens them,
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
-from shpy.ir.nodes import Loc, Module
+from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.tabledata import TableData
+from shpy.ir.types import Type
 from shpy.passes.modes import Math
 
-__all__ = ["Array", "Backend", "Call", "Device", "Executable", "Math", "Options", "Precision", "TableData"]
+__all__ = [
+    "Array",
+    "Backend",
+    "Call",
+    "Counts",
+    "Device",
+    "DeviceCall",
+    "Executable",
+    "Math",
+    "Memory",
+    "Options",
+    "Precision",
+    "Space",
+    "TableData",
+    "TableMemory",
+]
 
 Array = NDArray[Any]
 Precision = Literal["f16", "f32", "f64"]
@@ -71,6 +89,109 @@ class Call:
         return n
 
 
+class Memory(Protocol):
+    """`count` elements of a scalar or vector `type` on a device, in C order: one leaf of a stream.
+
+    On the host they are an array (count, size), or (count,) for scalars, of `dtype`. The device's memory is free again
+    once the object is gone.
+    """
+
+    @property
+    def count(self) -> int:
+        """The number of elements."""
+
+    @property
+    def type(self) -> Type:
+        """The type of an element."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """What a component is on the host."""
+
+    @property
+    def native(self) -> Any:
+        """The object of the device's own library: an array of numpy or pyopencl, a texture of moderngl."""
+
+    def write(self, array: Array) -> None:
+        """Copy a host array of `dtype` to the device."""
+
+    def read(self) -> Array:
+        """Copy the elements into a new host array, once everything that was started before has ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableMemory:
+    """Data of a table that lie in a stream: `shape` elements of `memory`."""
+
+    memory: Memory
+    shape: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceCall:
+    """One run over `shape` elements, all in memory of the device.
+
+    `inputs` follow the entry's, each of n elements, or of one for all; `outputs` have n. `status`, n ints, is needed by
+    an executable that does not write all: what an output holds where the status is not WRITTEN is not defined. An
+    output may be an input where the space says so, but not the data of a table.
+    """
+
+    shape: tuple[int, ...]
+    inputs: tuple[Memory, ...]
+    outputs: tuple[Memory, ...]
+    status: Memory | None
+    params: dict[str, Array]
+    tables: dict[str, TableData | TableMemory]
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What the statuses of a run say: elements written, elements stopped in loops, status of the first loop or 0."""
+
+    written: int
+    stopped: int = 0
+    first: int = 0
+
+    @classmethod
+    def of(cls, status: Array) -> Counts:
+        """Count the statuses of an array."""
+        stopped = status[(status >= Status.FIRST_LOOP) | (status == Status.DEVICE_STOPPED)]
+        limited = stopped[stopped >= Status.FIRST_LOOP]
+        first = int(limited.min()) if limited.size else 0
+        return cls(int(np.count_nonzero(status == Status.WRITTEN)), stopped.size, first)
+
+
+class Space(Protocol):
+    """The memory of one device, and the order in which it runs things: as they were started."""
+
+    overwrites: bool
+    """True if an output may be an input: each element has been read before it is written."""
+
+    def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> Memory:
+        """Memory for `count` elements, whatever it holds; MemoryError where there is not so much."""
+
+    def wrap(self, native: Any, type: Type) -> Memory:
+        """Memory that an object of the device's own library owns; ShpyTypeError where it does not fit."""
+
+    def copy(self, source: Any, target: Any) -> None:
+        """Copy all elements of one memory to another one of the same type and count."""
+
+    def keep(self, status: Any, new: Any, old: Any) -> Any:
+        """Return memory with the elements of `new` where the status is WRITTEN, and of `old` elsewhere, or zeros.
+
+        `new` may be used for it.
+        """
+
+    def count(self, status: Any) -> Counts:
+        """Count what the statuses say, once everything that was started has ended."""
+
+    def start(self, runs: Iterable[Callable[[], None]]) -> None:
+        """Start what `Executable.ready` gave, one after the other; waits for none of them."""
+
+    def finish(self) -> None:
+        """Wait until everything that was started has ended."""
+
+
 class Executable(Protocol):
     """A compiled module."""
 
@@ -93,6 +214,9 @@ class Executable(Protocol):
     def run(self, call: Call) -> Array | None:
         """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
 
+    def ready(self, call: DeviceCall) -> Callable[[], None]:
+        """Prepare a run over memory of the device; gives what `Space.start` calls, any number of times."""
+
 
 class Backend(Protocol):
     """A target."""
@@ -104,3 +228,6 @@ class Backend(Protocol):
 
     def compile(self, module: Module, options: Options) -> Executable:
         """Prepare, print and build; raises CompileError naming the user's line."""
+
+    def space(self, device: int | None) -> Space:
+        """The memory of a device, the same object for the same device; BackendUnavailable where there is none."""

@@ -95,7 +95,12 @@ def argument(name: str, type_: TableType) -> Table:
 
 def fits(table: Table, type_: TableType) -> bool:
     """Return whether a table can be an argument of this type: kinds aside, the same elements and rank."""
-    return table.rank == type_.rank and _types(table.type) == _types(type_.cls)
+    return table.rank == type_.rank and fits_type(table.type, type_.cls)
+
+
+def fits_type(given: Any, wanted: Any) -> bool:
+    """Return whether elements of one type can stand for those of another one: kinds aside, the same leaves."""
+    return _types(given) == _types(wanted)
 
 
 def _types(cls: Any) -> list[Any]:

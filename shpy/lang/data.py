@@ -60,12 +60,15 @@ class Table:
     _owner: Table | None = None
 
     def __new__(cls, array: Any = None, type: Any = None, name: str | None = None) -> Table:
-        """A Table of structs or matrices is one of another class."""
+        """A Table of structs or matrices is one of another class, and so is one over the memory of a stream."""
         from shpy.lang.compound import CompoundTable, is_compound
 
+        if hasattr(array, "_table_class"):
+            made: Table = object.__new__(array._table_class())
+            return made
         return object.__new__(CompoundTable if cls is Table and is_compound(type) else cls)
 
-    def __init__(self, array: Any, type: Any, name: str | None = None) -> None:
+    def __init__(self, array: Any, type: Any = None, name: str | None = None) -> None:
         self.type = _element_class(type)
         self.named = name is not None
         self.name = name if name is not None else assigned_name()
@@ -271,11 +274,15 @@ class Texture2D:
         for given, known, what in ((filter, self.FILTERS, "filter"), (wrap, self.WRAPS, "wrap")):
             if given not in known:
                 raise ShpyTypeError(f"{what}={given!r}", loc=here(), cure=" or ".join(f'{what}="{k}"' for k in known))
-        pixels, channels = _pixels(array)
         self.filter, self.wrap = filter, wrap
-        self.type = CLASSES["Color", channels, Base.F]
         self.name = name if name is not None else assigned_name()
-        self.table = Table(pixels, self.type, self.name)
+        if hasattr(array, "_table_class"):
+            self.table = _stream_pixels(array, self.name)
+            self.type = CLASSES["Color", self.table.type.size, Base.F]
+        else:
+            pixels, channels = _pixels(array)
+            self.type = CLASSES["Color", channels, Base.F]
+            self.table = Table(pixels, self.type, self.name)
         self.table.named = name is not None
 
     @classmethod
@@ -317,6 +324,18 @@ class TextureArgument(Texture2D):
     def mode(self) -> Any:
         """Filter and wrap as a uniform."""
         return self._mode
+
+
+def _stream_pixels(stream: Any, name: str | None) -> Table:
+    """The table over an image's stream."""
+    table = Table(stream, name=name)
+    if table.rank != 2 or not issubclass(table.type, Value) or table.type.base is not Base.F:
+        raise ShpyTypeError(
+            f"a texture of a stream takes colours in two axes, not {stream!r}",
+            loc=here(),
+            cure='sh.Stream(image, sh.Color3f, backend="opencl"), where image is (h, w, 3)',
+        )
+    return table
 
 
 def _pixels(array: Any) -> tuple[NDArray[Any], int]:

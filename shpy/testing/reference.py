@@ -9,12 +9,13 @@ program for one.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, Options, Precision
+from shpy.backends.base import Array, Call, Device, DeviceCall, Options, Precision
+from shpy.backends.numpy.memory import SPACE, NumpySpace, over_arrays
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyTypeError
@@ -71,6 +72,10 @@ class Interpreted:
                     there[n] = value
         return statuses
 
+    def ready(self, call: DeviceCall) -> Callable[[], None]:
+        """Prepare a run over memory of the numpy backend."""
+        return over_arrays(self.run, call)
+
 
 class Reference:
     """The reference interpreter as a backend: it runs modules as recorded, with strict mode's functions."""
@@ -88,6 +93,10 @@ class Reference:
         """Make the module's closures."""
         loops = tuple(loop.loc for loop in limited_loops(module))
         return Interpreted(interpreter_of(module, options.precision, options.loop_limit), loops, self.only)
+
+    def space(self, device: int | None) -> NumpySpace:
+        """The host's memory."""
+        return SPACE
 
 
 def interpreter_of(module: Module, precision: Precision, loop_limit: int | None) -> Interpreter:

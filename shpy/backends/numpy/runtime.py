@@ -16,9 +16,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, Options, TableData
+from shpy.backends.base import Array, Call, Device, DeviceCall, Options, TableData
 from shpy.backends.dump import dump
 from shpy.backends.numpy.apart import Layout, lay_out
+from shpy.backends.numpy.memory import SPACE, NumpySpace, over_arrays
 from shpy.backends.numpy.printer import Printed, print_python
 from shpy.backends.numpy.tables import Place, TableView
 from shpy.errors import BackendUnavailable, CompileError
@@ -67,6 +68,10 @@ class NumpyBackend:
         printed = print_python(vector)
         tile = tile or (LARGE_TILE if printed.large else TILE)
         return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module))
+
+    def space(self, device: int | None) -> NumpySpace:
+        """The host's memory."""
+        return SPACE
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
@@ -122,6 +127,10 @@ class NumpyExecutable:
                 place = Place(start, min(start + step, call.count), call.shape, block)
                 self._run_tile(call, place, uniforms, status)
         return None if status is None or np.all(status == Status.WRITTEN) else status
+
+    def ready(self, call: DeviceCall) -> Callable[[], None]:
+        """Prepare a run over arrays of the host: see `base.Executable`."""
+        return over_arrays(self.run, call)
 
     def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
         part, extents = slice(place.start, place.stop), place.extents

@@ -16,6 +16,7 @@ import sys
 import threading
 import warnings
 from collections import defaultdict
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from typing import Any
@@ -26,6 +27,7 @@ import numpy as np
 from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
+from shpy.backends.opencl.memory import OpenCLSpace
 from shpy.backends.opencl.packet_halves import try_wide
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
@@ -218,6 +220,9 @@ class Machine:
         self._uploads: list[Any] = []
         """Copies to the device that may be under way: they keep their arrays."""
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
+        self.space = OpenCLSpace(self)
+        self.dropped: list[Any] = []
+        """Buffers of memory that is gone. They are given back by whoever holds the lock next."""
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
@@ -295,8 +300,31 @@ class Machine:
                 kernel.set_arg(1, type(args[1])(first if lines > 1 else first * group))
             self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
 
+    def starter(
+        self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int
+    ) -> Callable[[], None]:
+        """Return what starts a kernel, whose arguments nobody else sets, as `launch` runs it.
+
+        It waits where the run takes several dispatches, or where it is not known yet whether it does.
+        """
+        columns, lines = items
+        groups = max(1, -(-columns // group))
+        size = (groups * group, lines)
+        kernel.set_args(*args)
+        enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, groups * group * lines * each
+
+        def start() -> None:
+            if pace.elements >= elements:
+                enqueue(queue, kernel, size, (group, 1))
+            else:
+                self.launch(kernel, args, items, group, pace, each)
+
+        return start
+
     def take(self, size: int) -> Any:
         """A buffer of at least `size` bytes, to be given back."""
+        while self.dropped:
+            self._keep_buffer(self.dropped.pop())
         size = 1 << max(6, (size - 1).bit_length())
         if self._free[size]:
             self._pooled -= size
@@ -307,9 +335,12 @@ class Machine:
         """Keep the buffers for the next run, as long as there are not too many; the device is done with them."""
         self._uploads.clear()
         for buffer in buffers:
-            if self._pooled + buffer.size <= _POOLED_BYTES:
-                self._pooled += buffer.size
-                self._free[buffer.size].append(buffer)
+            self._keep_buffer(buffer)
+
+    def _keep_buffer(self, buffer: Any) -> None:
+        if self._pooled + buffer.size <= _POOLED_BYTES:
+            self._pooled += buffer.size
+            self._free[buffer.size].append(buffer)
 
     @cached_property
     def shares_memory(self) -> bool:

@@ -11,17 +11,20 @@ bools) are converted on the host.
 
 from __future__ import annotations
 
+import math
 import re
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, Executable, Options
+from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
 from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
+from shpy.backends.opencl.memory import MEMORY, OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
@@ -31,19 +34,18 @@ from shpy.backends.pace import Pace
 from shpy.backends.probe import refuse_wrong
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Let, Loc, Module, Status
+from shpy.ir.nodes import Let, Loc, Module, Status, Table
 from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.tabledata import TableData
 from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
-from shpy.ir.types import Base, Type
+from shpy.ir.types import Type, vec
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.size import check_growth, check_size
 
 TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
 PACKET_TARGET: Final = replace(TARGET, vector=True)
-_MEMORY: Final = {**DTYPES, Base.B: np.uint8}
-"""What a component is in a buffer."""
 _MOST_STATEMENTS: Final = 1 << 26
 """All calls followed: PoCL follows every path of calls, inlined or not, so its time doubles with each level."""
 _GROUPS: Final = 4
@@ -86,6 +88,10 @@ class OpenCLBackend:
             remark = f"one element at a time, not {lanes}: {e.message}"
             warnings.warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}", ShpyWarning, stacklevel=4)
             return replace(single, remarks=(remark,))
+
+    def space(self, device: int | None) -> OpenCLSpace:
+        """The memory of a device."""
+        return machine_of(device).space
 
 
 def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
@@ -216,13 +222,12 @@ class OpenCLExecutable:
 
     def _run(self, call: Call, used: list[Any]) -> Array | None:
         machine, entry = self.machine, self.prepared.module.entry
-        types = {p.name: p.type for p in self.prepared.module.params}
-        row = self._row_length(call)
+        row = self._row_length(call.shape)
         args: list[Any] = [np.uint64(call.count), self._start, *self._row(row), *self._shape(call.shape)]
         lent: list[Any] = []
         for i in self.kernel.inputs:
             type = entry.inputs[i].type
-            array = np.ascontiguousarray(call.inputs[i], dtype=_MEMORY[type.base])
+            array = np.ascontiguousarray(call.inputs[i], dtype=MEMORY[type.base])
             buffer = machine.lend(array, type.size)
             if buffer is None:
                 buffer = machine.upload(array)
@@ -231,25 +236,70 @@ class OpenCLExecutable:
                 lent.append((buffer, array))
             args += [buffer, np.int32(len(array) == call.count)]
         for table in self.kernel.tables:
-            data = call.tables[table.name]
-            shape = np.array(data.array.shape[: table.rank], np.int32)
-            dtype = np.dtype(_MEMORY[table.type.base])
-            padded = self.kernel.lanes > 1 and table.type.size == 3
-            args += [machine.table(data, dtype, table.type.size, padded=padded), _argument(shape)]
-        args += [
-            _argument(np.asarray(call.params[name], _held(types[name])), types[name]) for name in self.kernel.params
-        ]
+            args += self._table(call.tables[table.name], table)[:2]
+        args += self._params(call.params)
         outputs = self._outputs(call, used)
         args += [buffer for buffer, _ in outputs]
         machine.launch(self.compiled, args, self._items(call.count, row), self._group, self.pace, self.kernel.lanes)
         machine.finish([buffer for buffer, is_lent in outputs if is_lent])
         return self._collect(call, outputs)
 
+    def ready(self, call: DeviceCall) -> Callable[[], None]:
+        """Prepare a run over buffers of the device: see `base.Executable`."""
+        machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
+        count = math.prod(call.shape)
+        if not count:
+            return lambda: None
+        row = self._row_length(call.shape)
+        args: list[Any] = [np.uint64(count), self._start, *self._row(row), *self._shape(call.shape)]
+        for i in kernel.inputs:
+            memory = _own(call.inputs[i])
+            args += [memory.buffer, np.int32(memory.count == count)]
+        with machine.lock:
+            tables = [self._table(call.tables[table.name], table) for table in kernel.tables]
+        for buffer, shape, _ in tables:
+            args += [buffer, shape]
+        args += self._params(call.params)
+        results = (*call.outputs, *(() if call.status is None else (call.status,)))
+        args += [_own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
+        # A kernel holds its arguments, so each run that is ready has one of its own.
+        compiled = machine.cl.Kernel(self.program, kernel.name)
+        run = machine.starter(compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes)
+        copies = [copy for _, _, copy in tables if copy is not None]
+        if not copies:
+            return run
+
+        def start() -> None:
+            for copy in copies:
+                copy()
+            run()
+
+        return start
+
+    def _table(self, data: TableData | TableMemory, table: Table) -> tuple[Any, Any, Callable[[], None] | None]:
+        """The buffer and the shape of a table, and what brings it up to date before each run if that is needed."""
+        machine = self.machine
+        padded = self.kernel.lanes > 1 and table.type.size == 3
+        if isinstance(data, TableMemory):
+            memory = _own(data.memory)
+            shape = _argument(np.array(data.shape, np.int32))
+            if not padded:
+                return memory.buffer, shape, None
+            wide = machine.space.allocate(memory.count, vec(table.type.base, 4), memory.dtype)
+            return wide.buffer, shape, machine.space.padding(memory, wide)
+        dtype = np.dtype(MEMORY[table.type.base])
+        shape = _argument(np.array(data.array.shape[: table.rank], np.int32))
+        return machine.table(data, dtype, table.type.size, padded=padded), shape, None
+
+    def _params(self, params: dict[str, Array]) -> list[Any]:
+        types = {p.name: p.type for p in self.prepared.module.params}
+        return [_argument(np.asarray(params[name], _held(types[name])), types[name]) for name in self.kernel.params]
+
     def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool]]:
         """A buffer for each output, and whether it is the caller's array; that of the status comes last."""
         found = []
         for k, output in enumerate(self.prepared.module.entry.outputs):
-            dtype, size = np.dtype(_MEMORY[output.type.base]), output.type.size
+            dtype, size = np.dtype(MEMORY[output.type.base]), output.type.size
             buffer = None
             if not self.prepared.status:  # then every element is written
                 out = call.outputs[k]
@@ -274,11 +324,13 @@ class OpenCLExecutable:
     def _row(self, length: int) -> list[Any]:
         return [] if self.kernel.lanes == 1 or self.kernel.listed else [np.int32(length)]
 
-    def _row_length(self, call: Call) -> int:
+    def _row_length(self, shape: tuple[int, ...]) -> int:
         """How many elements lie side by side: an image's packets are parts of it, those of a list neighbours."""
-        *others, last = call.shape or (1,)
+        *others, last = shape or (1,)
         columns = self.kernel.columns
-        is_image = columns < self.kernel.lanes and last >= _WIDE and call.count >= last * (self.kernel.lanes // columns)
+        is_image = (
+            columns < self.kernel.lanes and last >= _WIDE and math.prod(shape) >= last * (self.kernel.lanes // columns)
+        )
         return last if others and (is_image or self.kernel.grid) else columns
 
     def _items(self, count: int, row: int) -> tuple[int, int]:
@@ -302,7 +354,7 @@ class OpenCLExecutable:
         written = None if status is None else status == Status.WRITTEN
         slots = self.prepared.module.entry.outputs
         for out, slot, (buffer, is_lent) in zip(call.outputs, slots, outputs, strict=False):
-            dtype = np.dtype(_MEMORY[slot.type.base])
+            dtype = np.dtype(MEMORY[slot.type.base])
             if is_lent:
                 continue
             if written is None and out.dtype == dtype and out.flags.c_contiguous:
@@ -313,6 +365,11 @@ class OpenCLExecutable:
             mask = True if written is None else written.reshape(-1, *[1] * (out.ndim - 1))
             np.copyto(out, found.astype(out.dtype), where=mask)
         return status
+
+
+def _own(memory: Any) -> OpenCLMemory:
+    assert isinstance(memory, OpenCLMemory)
+    return memory
 
 
 def _held(type: Type) -> Any:

@@ -21,7 +21,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from shpy.backends import store
-from shpy.backends.base import Array, Call, Executable
+from shpy.backends.base import Array, Call, DeviceCall, Executable
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
 
@@ -158,6 +158,10 @@ class Choosing:
             finally:
                 self._trying = False
         return status
+
+    def ready(self, call: DeviceCall) -> Callable[[], None]:
+        """Prepare a run over memory of the device, at the width that is in use now."""
+        return self._current.ready(call)
 
     def _clock(self, count: int, lanes: int) -> Callable[[], float]:
         """Return the clock of a trial: CPU time, which other programs hardly change, where no core can be idle."""

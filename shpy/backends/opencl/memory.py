@@ -1,0 +1,229 @@
+"""Memory of an OpenCL device: buffers that stay there from run to run.
+
+Stage: run. Everything is started on one queue, which runs it in order, so a buffer that nobody holds any longer may be
+taken again at once. The host waits when it reads, and now and then, so that what is started does not pile up.
+
+    space = machine.space
+    memory = space.allocate(4, vec(Base.F, 3), np.dtype(np.float32))
+    space.start([executable.ready(call)])
+    memory.read()
+"""
+
+from __future__ import annotations
+
+import re
+import weakref
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, Counts
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Status
+from shpy.ir.types import Base, Type
+
+if TYPE_CHECKING:
+    from shpy.backends.opencl.device import Machine
+
+__all__ = ["MEMORY", "OpenCLMemory", "OpenCLSpace"]
+
+MEMORY: Final = {**DTYPES, Base.B: np.uint8}
+"""What a component is in a buffer."""
+_WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}
+"""The word that has the size of a component on the host; a component of 16 bits has 32 in a buffer."""
+_PAD: Final = """\
+__kernel void pad(__global const WORD *packed, __global WORD *padded) {
+    size_t i = get_global_id(0);
+    vstore4((WORD4)(vload3(i, packed), 0), i, padded);
+}
+"""
+_STATUS: Final = """\
+__kernel void keep(__global const int *status, __global WORD *new, __global const WORD *old, int size) {
+    size_t i = get_global_id(0);
+    if (status[i] != WRITTEN)
+        for (int k = 0; k < size; ++k)
+            new[i * size + k] = old ? old[i * size + k] : 0;
+}
+
+// counts: elements written, elements stopped, the least status of these; each work item takes STRIDE statuses.
+__kernel void count_statuses(__global const int *status, uint n, __global volatile uint *counts) {
+    uint written = 0, stopped = 0, least = UINT_MAX, end = min(n, (uint)(get_global_id(0) + 1) * STRIDE);
+    for (uint i = get_global_id(0) * STRIDE; i < end; ++i) {
+        int s = status[i];
+        written += s == WRITTEN;
+        if (s >= FIRST_LOOP || s == DEVICE_STOPPED) {
+            ++stopped;
+            if (s != DEVICE_STOPPED)
+                least = min(least, (uint)s);
+        }
+    }
+    atomic_add(counts, written);
+    atomic_add(counts + 1, stopped);
+    atomic_min(counts + 2, least);
+}
+"""
+_STRIDE: Final = 4096
+_AHEAD: Final = 256
+"""Runs that are started before the host waits for them."""
+
+
+@dataclass(slots=True, eq=False, weakref_slot=True)
+class OpenCLMemory:
+    """A buffer of `count` elements: see `base.Memory`."""
+
+    machine: Machine
+    buffer: Any
+    count: int
+    type: Type
+    dtype: np.dtype[Any]
+
+    @property
+    def _held(self) -> np.dtype[Any]:
+        return held(self.type, self.dtype)
+
+    @property
+    def native(self) -> Any:
+        """A pyopencl.array.Array (count, size), or (count,) for scalars, over the same memory; bools are bytes."""
+        from pyopencl.array import Array as DeviceArray  # here: it takes long to import
+
+        return DeviceArray(self.machine.queue, self._shape, self._held, data=self.buffer)
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return (self.count, self.type.size) if self.type.size > 1 else (self.count,)
+
+    def write(self, array: Array) -> None:
+        """Copy a host array to the device."""
+        if self.count:
+            with self.machine.lock:
+                given = np.ascontiguousarray(array, self._held)
+                self.machine.cl.enqueue_copy(self.machine.queue, self.buffer, given)
+
+    def read(self) -> Array:
+        """Copy the elements to the host."""
+        found = np.empty(self._shape, self._held)
+        if self.count:
+            with self.machine.lock:
+                self.machine.space.finish()
+                self.machine.download(found, self.buffer)
+        return found.astype(self.dtype, copy=False)
+
+
+def held(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """What a component is in a buffer: a bool is a byte, and a float of 16 bits has 32."""
+    return np.dtype(np.float32) if dtype == np.float16 else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
+
+
+class OpenCLSpace:
+    """The memory and the queue of one device: see `base.Space`."""
+
+    overwrites = True
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._started = 0
+
+    def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
+        """A buffer for `count` elements, whatever it holds."""
+        machine = self._machine
+        # A kernel may read a vector of three as four, and whole packets.
+        size = count * type.size * held(type, dtype).itemsize
+        with machine.lock:
+            try:
+                buffer = machine.take(max(size, 1))
+            except machine.cl.MemoryError as error:
+                raise MemoryError from error
+        memory = OpenCLMemory(machine, buffer, count, type, dtype)
+        weakref.finalize(memory, machine.dropped.append, buffer).atexit = False
+        return memory
+
+    def wrap(self, native: Any, type: Type) -> OpenCLMemory:
+        """The memory of a contiguous pyopencl.array.Array of this device's context."""
+        machine = self._machine
+        held_dtype = np.dtype(MEMORY[type.base])
+        if getattr(native, "context", None) != machine.context:
+            raise ShpyTypeError(
+                "this pyopencl array lies in another context",
+                cure="an array made with the queue of a stream's native()",
+            )
+        if (
+            native.offset
+            or not native.flags.c_contiguous
+            or native.dtype not in (held_dtype, np.dtype(DTYPES[type.base]))
+        ):
+            raise ShpyTypeError(
+                f"a stream of {type!r} takes a contiguous pyopencl array of {held_dtype}, not {native.dtype}",
+                cure=f"array.astype(np.{held_dtype})",
+            )
+        return OpenCLMemory(machine, native.base_data, native.size // type.size, type, np.dtype(DTYPES[type.base]))
+
+    def copy(self, source: OpenCLMemory, target: OpenCLMemory) -> None:
+        """Copy all elements."""
+        machine = self._machine
+        size = source.count * source.type.size * held(source.type, source.dtype).itemsize
+        if size:
+            with machine.lock:
+                machine.cl.enqueue_copy(machine.queue, target.buffer, source.buffer, byte_count=size)
+
+    def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
+        """Put the elements of `old`, or zeros, where the status is not WRITTEN."""
+        if new.count:
+            buffer = None if old is None else old.buffer
+            self._enqueue("keep", new, status.buffer, new.buffer, buffer, np.int32(new.type.size))
+        return new
+
+    def count(self, status: OpenCLMemory) -> Counts:
+        """Count what the statuses say."""
+        found = np.array([0, 0, -1], np.int32).view(np.uint32)
+        machine = self._machine
+        with machine.lock:
+            counts = machine.upload(found)
+            if status.count:
+                items = -(-status.count // _STRIDE)
+                self._enqueue("count_statuses", status, status.buffer, np.uint32(status.count), counts, items=items)
+            machine.download(found, counts)
+            machine.give_back([counts])
+        written, stopped, first = map(int, found)
+        return Counts(written, stopped, first if first < 2**31 else 0)
+
+    def _enqueue(self, name: str, memory: OpenCLMemory, *args: Any, items: int | None = None) -> None:
+        """Start a kernel of `_STATUS` over the elements of a memory."""
+        machine = self._machine
+        names = {name: getattr(Status, name) for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED")}
+        names["STRIDE"] = _STRIDE
+        text = _STATUS.replace("WORD", _WORDS[memory.dtype.itemsize])
+        for word, number in names.items():
+            text = re.sub(rf"\b{word}\b", str(number), text)
+        with machine.lock:
+            kernel = machine.cl.Kernel(machine.build(text), name)
+            kernel.set_args(*args)
+            machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (items or memory.count,), None)
+
+    def start(self, runs: Iterable[Callable[[], None]]) -> None:
+        """Start one after the other on the queue."""
+        machine = self._machine
+        with machine.lock:
+            for run in runs:
+                run()
+                self._started += 1
+                if self._started >= _AHEAD:
+                    self.finish()
+            machine.queue.flush()
+
+    def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
+        """Return what copies vectors of three to vectors of four, as the tables of packets have them."""
+        machine, queue, count = self._machine, self._machine.queue, packed.count
+        kernel = machine.cl.Kernel(machine.build(_PAD.replace("WORD", _WORDS[packed.dtype.itemsize])), "pad")
+        kernel.set_args(packed.buffer, padded.buffer)
+        return lambda: machine.cl.enqueue_nd_range_kernel(queue, kernel, (count,), None)
+
+    def finish(self) -> None:
+        """Wait until everything that was started has ended; Ctrl-C ends the wait."""
+        machine = self._machine
+        with machine.lock:
+            if self._started:
+                self._started = 0
+                machine.waiter.wait(machine.cl.enqueue_marker(machine.queue))

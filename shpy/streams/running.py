@@ -1,0 +1,213 @@
+"""Runs of a kernel over streams: all of its inputs are brought to the device, and its outputs stay there.
+
+Stage: run. Elements that are discarded keep what `out` held, zeros without it, as with arrays: a kernel that may
+discard or stop elements writes memory of its own, of which the elements that were written are taken over.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from shpy import host
+from shpy.backends.base import Array, Counts, DeviceCall, Executable, Memory, TableData, TableMemory
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base, vec
+from shpy.lang.data import Table
+from shpy.lang.location import here
+from shpy.lang.record import Recorded
+from shpy.lang.structure import Layout, Leaf, Rows, build, leaves
+from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
+
+__all__ = ["Prepared", "StreamResult", "check_places", "prepare", "run_prepared"]
+
+Shape = tuple[int, ...]
+
+
+def check_places(values: Iterable[Any], place: Place, name: str) -> None:
+    """Raise ShpyTypeError for a stream that lies elsewhere than where the kernel runs."""
+    for stream in streams_in(iter(values)):
+        if stream.place == place:
+            continue
+        if stream.precision != place.precision:
+            cure = f"sh.Stream(stream.numpy(), {stream.type.__name__}, precision={place.precision!r})"
+        else:
+            cure = f"stream.to({place.backend!r}{f', {place.device}' if place.device else ''})"
+        raise ShpyTypeError(f"{name} is compiled for {place}, and {stream!r} is not there", loc=here(), cure=cure)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """The call, and the leaves of the outputs with the memory that the call writes for each."""
+
+    call: DeviceCall
+    targets: tuple[StreamLeaf, ...]
+    fresh: bool
+    place: Place
+    outputs: Any
+
+
+@dataclass(eq=False)
+class StreamResult:
+    """What a run over streams gave: `outputs` are Streams; `written` and `count` are found out when they are read."""
+
+    outputs: Any
+    shape: Shape
+    place: Place
+    status: Memory | None
+
+    @cached_property
+    def counts(self) -> Counts:
+        """How many elements were written, and how many stopped in a loop."""
+        if self.status is None:
+            return Counts(math.prod(self.shape))
+        return self.place.space.count(self.status)
+
+    @property
+    def count(self) -> int:
+        """The number of elements that were written."""
+        return self.counts.written
+
+    @cached_property
+    def written(self) -> Stream:
+        """A Stream of bools, of the shape of the run: which elements were written."""
+        from shpy.lang.types import Attrib1b
+
+        full = np.ones(math.prod(self.shape), np.bool_) if self.status is None else self.status.read() == 1
+        return Stream(full.reshape(self.shape), Attrib1b, self.place.backend, self.place.device, self.place.precision)
+
+
+def prepare(
+    recorded: Recorded,
+    executable: Executable,
+    given: Mapping[str, Any],
+    tables: Mapping[str, Table],
+    params: dict[str, Array],
+    place: Place,
+    dtypes: Mapping[Base, Any],
+    inputs: Sequence[host.InputLeaf | host.DeviceLeaf],
+    common: Shape,
+    out: Any,
+) -> Prepared:
+    """Bring every array among the inputs to the device, and make what the outputs are written to."""
+    space = place.space
+    memories = [_memory(leaf, common, place) for leaf in inputs]
+    read = {name: _table(table, dtypes) for name, table in tables.items()}
+    targets, outputs = _targets(recorded.output, place, dtypes, common, out)
+    _check_apart(targets, tables)
+    here_already = {id(m) for m in memories}
+    direct = executable.writes_all and (
+        out is None or all(space.overwrites or id(t.memory) not in here_already for t in targets)
+    )
+    written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
+    status = None if executable.writes_all else space.allocate(math.prod(common), vec(Base.I), np.dtype(np.int32))
+    call = DeviceCall(common, tuple(memories), written, status, params, read)
+    return Prepared(call, tuple(targets), out is None, place, outputs)
+
+
+def run_prepared(executable: Executable, prepared: Prepared) -> StreamResult:
+    """Start the run; what it wrote belongs to the outputs."""
+    space, call = prepared.place.space, prepared.call
+    if math.prod(call.shape):
+        space.start([executable.ready(call)])
+        take_over(prepared)
+    return StreamResult(prepared.outputs, call.shape, prepared.place, call.status)
+
+
+def take_over(prepared: Prepared) -> None:
+    """Give the outputs what was written to memory of the run's own."""
+    space, call = prepared.place.space, prepared.call
+    for target, new in zip(prepared.targets, call.outputs, strict=True):
+        if new is target.memory:
+            continue
+        old = None if prepared.fresh else target.memory
+        target.replace(new if call.status is None else space.keep(call.status, new, old))
+
+
+def _memory(leaf: host.InputLeaf | host.DeviceLeaf, common: Shape, place: Place) -> Memory:
+    if isinstance(leaf, host.DeviceLeaf):
+        if leaf.shape != common and math.prod(leaf.shape) != 1:
+            raise ShpyTypeError(
+                f"{leaf.name} is a stream of shape {leaf.shape} in a run over {common}: streams do not broadcast",
+                loc=here(),
+                cure="a stream of that shape or of one element, or a sh.Table of it, which a kernel reads by index",
+            )
+        memory: Memory = leaf.entry.memory
+        return memory
+    flat = leaf.flat(common)
+    made = place.space.allocate(len(flat), leaf.type, flat.dtype)
+    made.write(flat)
+    return made
+
+
+def _table(table: Table, dtypes: Mapping[Base, Any]) -> TableData | TableMemory:
+    if isinstance(table, StreamTable):
+        return TableMemory(table.memory, table.shape)
+    return table.data(dtypes[table.type.base])
+
+
+def _like(memory: Memory, place: Place) -> Memory:
+    return place.space.allocate(memory.count, memory.type, memory.dtype)
+
+
+def _targets(
+    layout: Layout, place: Place, dtypes: Mapping[Base, Any], shape: Shape, out: Any
+) -> tuple[list[StreamLeaf], Any]:
+    """The leaf of a stream for each output, and the streams in the structure of the outputs."""
+    if out is None:
+        made = build_streams(layout, place, dtypes, shape)
+        return [entry for stream in streams_in(iter([made])) for entry in stream.leaf_entries()], made
+    found = []
+    for entry, (name, _, cls) in zip(host.entries_of_input(layout, out, "out"), leaves(layout, "out"), strict=True):
+        if not isinstance(entry, StreamLeaf):
+            raise ShpyTypeError(
+                f"{name} is an array and other data of this run are streams",
+                loc=here(),
+                cure=f"sh.Stream.empty({shape}, sh.{cls.__name__}, {place.backend!r})",
+            )
+        if entry.shape != shape or entry.memory.type is not cls.type:
+            raise ShpyTypeError(
+                f"{name} is {entry.stream!r}, not {cls.type!r} of shape {shape}",
+                loc=here(),
+                cure=f"sh.Stream.empty({shape}, sh.{cls.__name__}, {place.backend!r})",
+            )
+        found.append(entry)
+    return found, out
+
+
+def build_streams(layout: Layout, place: Place, dtypes: Mapping[Base, Any], shape: Shape) -> Any:
+    """A fresh stream for each output: structs and matrices are one stream, tuples and dicts have one for each part."""
+    if isinstance(layout, Leaf | Rows) or layout.form == "struct":
+        type_ = layout.cls
+        memories = [
+            place.space.allocate(math.prod(shape), cls.type, np.dtype(dtypes[cls.base]))
+            for _, _, cls in leaves(layout, "")
+        ]
+        return Stream.over(type_, shape, place, memories)
+    parts = iter([build_streams(part, place, dtypes, shape) for part in layout.parts])
+    flat = type(layout)(layout.form, layout.names, tuple(Leaf(Any) for _ in layout.parts), layout.cls)  # type: ignore[arg-type]
+    return build(flat, parts, lambda _, rows: rows)
+
+
+def _check_apart(targets: Sequence[StreamLeaf], tables: Mapping[str, Table]) -> None:
+    """No output may be read by index, and no two may be the same."""
+    read = {id(t.memory): t for t in tables.values() if isinstance(t, StreamTable)}
+    for target in targets:
+        table = read.get(id(target.memory))
+        if table is not None:
+            raise ShpyTypeError(
+                f"out is the stream that the Table {table.name or ''} reads: an element would read what others wrote",
+                loc=here(),
+                cure="another stream for out, or a chain, which keeps two",
+            )
+    for one, other in itertools.combinations(targets, 2):
+        if one.memory is other.memory:
+            raise ShpyTypeError(
+                "two outputs are the same stream, and each needs its own", loc=here(), cure="sh.Stream.empty for each"
+            )

@@ -1,0 +1,448 @@
+"""Stream: the elements of an input or output, kept in the memory of one device.
+
+Stage: run. A stream of a type with several leaves, a struct or a matrix, has one memory for each leaf.
+
+    x = sh.Stream(points, sh.Point3f, backend="opencl")    # uploaded once
+    y = kernel(x, 2.0)                                     # a Stream on the same device: nothing is copied to the host
+    np.asarray(y)                                          # copied to the host
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy import host
+from shpy.backends.base import Memory, Precision, Space
+from shpy.backends.registry import NAMES, default_backend
+from shpy.backends.registry import backend as backend_named
+from shpy.errors import ShpyTypeError
+from shpy.ir.tabledata import TableData
+from shpy.ir.types import Base
+from shpy.lang.compound import CompoundTable, fits_type
+from shpy.lang.data import Table, Texture2D
+from shpy.lang.location import here
+from shpy.lang.names import assigned_name
+from shpy.lang.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
+from shpy.lang.values import CLASSES, Value
+
+__all__ = ["Place", "Stream", "StreamTable"]
+
+Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A device of a backend, and the working precision of the floats that lie there."""
+
+    backend: str
+    device: int
+    precision: Precision
+
+    @property
+    def space(self) -> Space:
+        """The device's memory."""
+        return backend_named(self.backend).space(self.device)
+
+    def __str__(self) -> str:
+        at = f", device {self.device}" if self.device else ""
+        return f"{self.backend}{at}{'' if self.precision == 'f32' else f', {self.precision}'}"
+
+
+class Stream:
+    """`Stream(array, type, backend=None, device=None)`: elements (*S, N), or (*S,) for N = 1, on one device.
+
+    The type may be a matrix, from an array (*S, N, N), or a struct or NamedTuple, from a dict of fields, a structured
+    array, or an object with these attributes. `backend` None is the default backend; `precision`, "f16", "f32" or
+    "f64", is that of the kernels that run over the stream. Each element of a kernel's run reads its own element.
+
+    Raises ShpyTypeError for arrays that do not fit the type; BackendUnavailable, with the command that mends it.
+    """
+
+    def __init__(
+        self,
+        array: Any,
+        type: Any,
+        backend: str | None = None,
+        device: int | None = None,
+        precision: Precision = "f32",
+    ) -> None:
+        place, layout = _place(backend, device, precision), _layout(type)
+        found = _checked(array, layout, place)
+        memories = []
+        for leaf in found:
+            memory = place.space.allocate(math.prod(leaf.shape), leaf.type, leaf.array.dtype)
+            memory.write(leaf.flat(leaf.shape))
+            memories.append(memory)
+        self._hold(type, layout, found[0].shape, place, memories)
+
+    def _hold(self, type: Any, layout: Layout, shape: Shape, place: Place, memories: Sequence[Memory]) -> None:
+        self._type = type
+        self._layout = layout
+        self._shape = shape
+        self.place = place
+        self._memories = list(memories)
+        self._owned = True
+
+    @classmethod
+    def over(cls, element: Any, shape: Shape, place: Place, memories: Sequence[Memory]) -> Stream:
+        """A stream over memory that is there already."""
+        made = cls.__new__(cls)
+        made._hold(element, _layout(element), shape, place, memories)
+        return made
+
+    @classmethod
+    def empty(
+        cls,
+        shape: int | Sequence[int],
+        type: Any,
+        backend: str | None = None,
+        device: int | None = None,
+        precision: Precision = "f32",
+    ) -> Stream:
+        """A stream of a shape, for a kernel to write; its elements are zeros."""
+        place, layout = _place(backend, device, precision), _layout(type)
+        extents = host.given_shape(shape)
+        dtypes = host.dtypes_at(precision)
+        memories = []
+        for _, _, leaf in leaves(layout, ""):
+            memory = place.space.allocate(math.prod(extents), leaf.type, np.dtype(dtypes[leaf.base]))
+            memory.write(np.zeros((memory.count, leaf.size) if leaf.size > 1 else memory.count, memory.dtype))
+            memories.append(memory)
+        return cls.over(type, extents, place, memories)
+
+    @classmethod
+    def wrap(cls, native: Any, type: Any = None, backend: str | None = None) -> Stream:
+        """A stream over the memory of a numpy array, a `pyopencl.array.Array` or a `moderngl.Texture`, not copied.
+
+        (*S, N) for N components, (*S,) for one; a texture is (height, width). `type` None is an Attrib of that many
+        components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
+        """
+        name = backend or _owner(native)
+        place = Place(name, 0, "f64" if getattr(native, "dtype", None) == np.float64 else "f32")
+        shape, found = _extents(native, type)
+        memory = place.space.wrap(native, found.type)
+        made = cls.over(found, shape, place, [memory])
+        made._owned = False
+        return made
+
+    # What it is
+
+    @property
+    def shape(self) -> Shape:
+        """The shape S of its elements."""
+        return self._shape
+
+    @property
+    def type(self) -> Any:
+        """The type of an element."""
+        return self._type
+
+    @property
+    def backend(self) -> str:
+        """The name of the backend whose device holds it."""
+        return self.place.backend
+
+    @property
+    def device(self) -> int:
+        """The position of its device in `Backend.devices()`."""
+        return self.place.device
+
+    @property
+    def precision(self) -> Precision:
+        """The working precision of its floats."""
+        return self.place.precision
+
+    @property
+    def size(self) -> int:
+        """The number of elements."""
+        return math.prod(self._shape)
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of its elements on the host."""
+        return sum(m.count * m.type.size * m.dtype.itemsize for m in self._memories)
+
+    def __len__(self) -> int:
+        if not self._shape:
+            raise TypeError("a stream of one element without axes has no len()")
+        return self._shape[0]
+
+    def __repr__(self) -> str:
+        return f"<Stream {self._shape} of {self._type.__name__} on {self.place}>"
+
+    def __bool__(self) -> bool:
+        raise ShpyTypeError("a stream is neither true nor false", loc=here(), cure="stream.any() or stream.all()")
+
+    # To the host and back
+
+    def numpy(self) -> Any:
+        """Copy the elements to the host: (*S, N), of matrices (*S, N, N), of structs a named tuple of arrays."""
+        arrays = (m.read().reshape(self._shape + _tail(m)) for m in self._memories)
+        return build_arrays(self._layout, arrays)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False:
+            raise ValueError("a stream's elements are copied to the host")
+        found = self.numpy()
+        if not isinstance(found, np.ndarray):
+            raise ShpyTypeError(
+                f"a stream of {self._type.__name__} is several arrays", loc=here(), cure="stream.numpy(), a named tuple"
+            )
+        return found if dtype is None else found.astype(dtype)
+
+    def __getitem__(self, key: Any) -> Any:
+        """The elements of an index, a slice or a mask, on the host."""
+        arrays = [m.read().reshape(self._shape + _tail(m)) for m in self._memories]
+        entry = np.asarray(key) if isinstance(key, Stream) else key
+        return build_arrays(self._layout, iter([a[entry] for a in arrays]))
+
+    def update(self, array: Any) -> None:
+        """Copy new elements to the device; the shape stays. Raises ShpyTypeError for another shape."""
+        found = _checked(array, self._layout, self.place)
+        if found[0].shape != self._shape:
+            raise ShpyTypeError(
+                f"update of a stream keeps its shape: {self._shape}, not {found[0].shape}",
+                loc=here(),
+                cure="a new sh.Stream",
+            )
+        for memory, leaf in zip(self._memories, found, strict=True):
+            memory.write(leaf.flat(self._shape))
+
+    def copy(self) -> Stream:
+        """A stream with the same elements on the same device."""
+        space = self.place.space
+        memories = []
+        for memory in self._memories:
+            made = space.allocate(memory.count, memory.type, memory.dtype)
+            space.copy(memory, made)
+            memories.append(made)
+        return Stream.over(self._type, self._shape, self.place, memories)
+
+    def to(self, backend: str, device: int | None = None) -> Stream:
+        """A stream with the same elements on another device, by way of the host; itself where it is there already."""
+        place = _place(backend, device, self.place.precision)
+        if place == self.place:
+            return self
+        memories = []
+        for memory in self._memories:
+            made = place.space.allocate(memory.count, memory.type, memory.dtype)
+            made.write(memory.read())
+            memories.append(made)
+        return Stream.over(self._type, self._shape, place, memories)
+
+    def native(self) -> Any:
+        """The array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.
+
+        A texture holds rows of 4096 elements, and may be another one after each run that writes the stream.
+        """
+        found = [m.native for m in self._memories]
+        return found[0] if len(found) == 1 else found
+
+    def __dlpack__(self, **options: Any) -> Any:
+        if self.backend != "numpy" or len(self._memories) != 1:
+            raise BufferError(f"{self!r} is not in the host's memory: stream.numpy().__dlpack__()")
+        return self._memories[0].native.reshape(self._shape + _tail(self._memories[0])).__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return (1, 0)  # kDLCPU
+
+    # What kernels ask
+
+    def leaf_entries(self) -> list[StreamLeaf]:
+        """Where each leaf of an element lies."""
+        return [StreamLeaf(self, k) for k in range(len(self._memories))]
+
+    def _table_class(self) -> Any:
+        return StreamTable if isinstance(self._layout, Leaf) else CompoundStreamTable
+
+
+@dataclass(frozen=True, slots=True)
+class StreamLeaf:
+    """One leaf of a stream, as an input or output of a run."""
+
+    stream: Stream
+    index: int
+
+    @property
+    def memory(self) -> Memory:
+        """Where its elements lie now."""
+        return self.stream._memories[self.index]
+
+    @property
+    def shape(self) -> Shape:
+        """The shape of the stream."""
+        return self.stream.shape
+
+    def replace(self, memory: Memory) -> None:
+        """Let the leaf have other memory; what the user's own library owns gets a copy of the elements."""
+        stream = self.stream
+        if stream._owned:
+            stream._memories[self.index] = memory
+        else:
+            stream.place.space.copy(memory, self.memory)
+
+
+class StreamTable(Table):
+    """A Table over a stream's own memory: see `sh.Table`."""
+
+    def __init__(self, stream: Stream, type: Any = None, name: str | None = None, *, leaf: int = 0) -> None:
+        _check_table(stream, type)
+        self.stream = stream
+        self.leaf = leaf
+        self.type = [cls for _, _, cls in leaves(stream._layout, "table")][leaf]
+        self.named = name is not None
+        self.name = name if name is not None else assigned_name()
+        self.rank = len(stream.shape)
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """The shape of the stream."""
+        return self.stream.shape
+
+    @property
+    def memory(self) -> Memory:
+        """Where the elements lie now."""
+        return self.stream._memories[self.leaf]
+
+    def update(self, array: Any) -> None:
+        """Replace the elements of the stream; the shape stays."""
+        self.stream.update(array)
+
+    def data(self, dtype: Any) -> TableData:
+        """The elements on the host."""
+        memory = self.memory
+        return TableData(memory.read().reshape(self.stream.shape + _tail(memory)).astype(dtype, copy=False))
+
+    def _extent(self, axis: int) -> int | None:
+        return self.stream.shape[axis]
+
+    def _at_once(self, operands: list[Any]) -> Value:
+        self._array = self.data(self.memory.dtype).array
+        return super()._at_once(operands)
+
+
+class CompoundStreamTable(CompoundTable):
+    """A Table over a stream of structs or matrices."""
+
+    def __init__(self, stream: Stream, type: Any = None, name: str | None = None) -> None:
+        _check_table(stream, type)
+        known = name if name is not None else assigned_name()
+        paths = [path for path, _, _ in leaves(stream._layout, known or "table")]
+        parts = [StreamTable(stream, name=path, leaf=k) for k, path in enumerate(paths)]
+        for part in parts:
+            part.named = name is not None
+        self.stream = stream
+        self._hold(stream.type, stream._layout, known or "table", parts)
+
+    def update(self, array: Any) -> None:
+        """Replace the elements of the stream; the shape stays."""
+        self.stream.update(array)
+
+
+def _check_table(stream: Stream, type: Any) -> None:
+    if type is not None and not fits_type(type, stream.type):
+        raise ShpyTypeError(
+            f"{stream!r} is no Table of {getattr(type, '__name__', type)}", loc=here(), cure="sh.Table(stream)"
+        )
+    if len(stream.shape) not in (1, 2, 3):
+        raise ShpyTypeError(
+            f"a Table has 1 to 3 axes, and this stream, {stream.shape}, has {len(stream.shape)}",
+            loc=here(),
+            cure="a stream of 1 to 3 axes",
+        )
+    if not stream.size:
+        raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="one element that stands for none")
+
+
+def _tail(memory: Memory) -> Shape:
+    return (memory.type.size,) if memory.type.size > 1 else ()
+
+
+def _place(backend: Any, device: Any, precision: Any) -> Place:
+    name = default_backend() if backend is None else backend
+    if name not in NAMES:
+        raise ShpyTypeError(f"backend={name!r}", loc=here(), cure=" or ".join(f'backend="{n}"' for n in NAMES))
+    if precision not in ("f16", "f32", "f64"):
+        raise ShpyTypeError(f"precision={precision!r}", loc=here(), cure='precision="f32", "f64" or "f16"')
+    count = len(backend_named(name).devices())
+    if device is not None and not (isinstance(device, int) and 0 <= device < count):
+        raise ShpyTypeError(f"{name} has {count} devices, no device {device!r}", loc=here(), cure="device=0")
+    return Place(name, device or 0, precision)
+
+
+def _layout(type: Any) -> Layout:
+    return layout_of(type, "a stream")
+
+
+def _checked(array: Any, layout: Layout, place: Place) -> list[host.InputLeaf]:
+    """The leaves of host data, all of one shape."""
+    dtypes = host.dtypes_at(place.precision)
+    if isinstance(array, Stream):
+        array = array.numpy()
+    found = [
+        host.InputLeaf(path or "a stream", cls, entry, dtypes[cls.base])
+        for (path, _, cls), entry in zip(leaves(layout, ""), flatten(layout, array, "a stream"), strict=True)
+    ]
+    if len({leaf.shape for leaf in found}) > 1:
+        listed = ", ".join(f"{leaf.name} {leaf.shape}" for leaf in found)
+        raise ShpyTypeError(
+            f"the fields of a stream have one shape, not {listed}", loc=here(), cure="one element of each field a place"
+        )
+    return found
+
+
+def _owner(native: Any) -> str:
+    module = type(native).__module__.partition(".")[0]
+    known = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
+    if module not in known:
+        raise ShpyTypeError(
+            f"{type(native).__name__} is no memory that a stream can have",
+            loc=here(),
+            cure="a numpy array, a pyopencl.array.Array or a moderngl.Texture; or sh.Stream(array, type)",
+        )
+    return known[module]
+
+
+def _extents(native: Any, type_: Any) -> tuple[Shape, Any]:
+    """The element shape of a library's array or texture, and the type of an element."""
+    if hasattr(native, "components"):
+        width, height = native.size
+        base: Any = {"f": Base.F, "i": Base.I, "u": Base.U}.get(native.dtype[0])
+        shape, size = (height, width), native.components
+    else:
+        base = {"f": Base.F, "i": Base.I, "u": Base.U, "b": Base.B}.get(native.dtype.kind)
+        whole = tuple(native.shape)
+        wanted = type_.type.size if type_ is not None else None
+        size = wanted or (whole[-1] if len(whole) > 1 and whole[-1] in (2, 3, 4) else 1)
+        shape = whole[:-1] if size > 1 else whole
+    found = type_ if type_ is not None else CLASSES["Attrib", size, base]
+    if not isinstance(_layout(found), Leaf) or found.type.size != size:
+        raise ShpyTypeError(
+            f"this memory holds elements of {size} components, which is no {found.__name__}",
+            loc=here(),
+            cure="a type of as many components, or sh.Stream(array, type), which copies",
+        )
+    return shape, found
+
+
+def streams_in(values: Iterator[Any]) -> Iterator[Stream]:
+    """The streams among inputs, outputs and tables, whether alone or as fields."""
+    for value in values:
+        if isinstance(value, Stream):
+            yield value
+        elif isinstance(value, StreamTable | CompoundStreamTable):
+            yield value.stream
+        elif isinstance(value, Texture2D):
+            yield from streams_in(iter([value.table]))
+        elif isinstance(value, Table):
+            yield from streams_in(iter(getattr(value, "_parts", ())))
+        elif isinstance(value, dict):
+            yield from streams_in(iter(value.values()))
+        elif isinstance(value, tuple | list):
+            yield from streams_in(iter(value))
