@@ -39,6 +39,16 @@ LAYERS = {
         "shpy.algebra",
         "shpy.uniforms",
     ],
+    "shpy.collectives": [
+        "shpy.errors",
+        "shpy.ir",
+        "shpy.lang",
+        "shpy.backends",
+        "shpy.host",
+        "shpy.streams",
+        "shpy.kernel",
+        "shpy.program",
+    ],
 }
 UNNAMED = re.compile(r"(utils?|helpers?|misc|common|manager)")
 

@@ -1,0 +1,4 @@
+"""Collective operations over the elements of streams: the order of evaluation is part of their definition.
+
+Stage: run, above programs. Strict kernels give the same bits on every backend, device and lane width.
+"""

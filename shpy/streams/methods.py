@@ -1,0 +1,92 @@
+"""The reductions that streams have as methods.
+
+Stage: run. They run programs, which stand above streams, so `shpy.collectives` binds them here when it is imported.
+
+    x.sum()                   # a numpy scalar
+    x.sum(axis=0)             # a Stream without that axis
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, Literal
+
+__all__ = ["StreamReductions", "bind_reductions"]
+
+_bound: Final[dict[str, Callable[..., Any]]] = {}
+
+
+def bind_reductions(**functions: Callable[..., Any]) -> None:
+    """Have the methods call these functions, each with the stream as its first argument."""
+    _bound.update(functions)
+
+
+class StreamReductions:
+    """The methods of a Stream that reduce its elements, all of them or along an axis.
+
+    A reduction of all elements waits for the device and returns a numpy scalar, or an array (N,) of vectors of N
+    components, each of which is reduced on its own. A reduction along an axis returns a Stream without that axis.
+    Streams of structs and matrices raise ShpyTypeError: `sh.reduce` takes them with a program.
+    """
+
+    def sum(self, method: Literal["pairwise", "compensated", "exact"] = "pairwise", axis: int | None = None) -> Any:
+        """Return the sum of the elements: 0 for none. Ints and unsigned ints wrap modulo 2**32; bools are counted.
+
+        "pairwise" adds along the tree of `sh.reduce`: the error grows with log2(n). "compensated" adds pairs (sum,
+        error) along the same tree, and the error once at the end: about twice the working precision. "exact" rounds
+        the exact sum once to the working precision, so it does not depend on any order. It equals `math.fsum` at f64.
+        At f32 it is the exact sum rounded to f32 directly; float32(math.fsum(x)) rounds twice, and differs in rare
+        cases. Nothing raises for infinities and NaN: a NaN, or infinities of both signs, give NaN; else infinities
+        give infinity, as does an exact sum beyond the largest float. Sources: Knuth, The Art of Computer Programming
+        4.2.2 (two-sum); Kulisch (superaccumulators).
+        """
+        return _bound["sum"](self, method=method, axis=axis)
+
+    def mean(self, axis: int | None = None) -> Any:
+        """Return the pairwise sum divided by the number of elements, which rounds once more; NaN for no elements.
+
+        Raises ShpyTypeError for streams of ints and bools.
+        """
+        return _bound["mean"](self, axis=axis)
+
+    def min(self, axis: int | None = None) -> Any:
+        """Return the least element. NaN is less than all numbers.
+
+        Of equal elements, -0 and 0 among them, the first is taken; of several NaN, the first.
+        Raises ShpyTypeError for no elements.
+        """
+        return _bound["min"](self, axis=axis)
+
+    def max(self, axis: int | None = None) -> Any:
+        """Return the largest element. NaN is larger than all numbers.
+
+        Of equal elements, -0 and 0 among them, the first is taken; of several NaN, the first.
+        Raises ShpyTypeError for no elements.
+        """
+        return _bound["max"](self, axis=axis)
+
+    def argmin(self, axis: int | None = None) -> Any:
+        """Return the index of the first element equal to `min()`, or of the first NaN: along an axis or in C order.
+
+        Raises ShpyTypeError for no elements.
+        """
+        return _bound["argmin"](self, axis=axis)
+
+    def argmax(self, axis: int | None = None) -> Any:
+        """Return the index of the first element equal to `max()`, or of the first NaN: along an axis or in C order.
+
+        Raises ShpyTypeError for no elements.
+        """
+        return _bound["argmax"](self, axis=axis)
+
+    def any(self, axis: int | None = None) -> Any:
+        """Return whether an element is not zero (NaN is not): False for no elements."""
+        return _bound["any"](self, axis=axis)
+
+    def all(self, axis: int | None = None) -> Any:
+        """Return whether no element is zero: True for no elements."""
+        return _bound["all"](self, axis=axis)
+
+    def count(self, axis: int | None = None) -> Any:
+        """Return how many elements are not zero (NaN is not), as int32: 0 for no elements."""
+        return _bound["count"](self, axis=axis)
