@@ -58,6 +58,10 @@ class Pace:
             self._learn(count * width, self._clock() - started)
             first += count
 
+    def fits(self, elements: int) -> bool:
+        """Return whether so many elements are known to take no longer than a dispatch should."""
+        return self.steady and elements <= self.elements
+
     def _learn(self, elements: int, seconds: float) -> None:
         fitting = elements * self.seconds / seconds if seconds > 0 else elements * GROWTH
         if fitting < self.elements:

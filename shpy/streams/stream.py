@@ -289,7 +289,11 @@ class StreamLeaf:
 
 
 class StreamTable(Table):
-    """A Table over a stream's own memory: see `sh.Table`."""
+    """A Table over a stream's own memory: see `sh.Table`. `leaf` is the one of the stream's leaves that it reads."""
+
+    def __new__(cls, *args: Any, **named: Any) -> StreamTable:
+        """Make one whatever it is given: `Table` chooses a class by its array."""
+        return object.__new__(cls)
 
     def __init__(self, stream: Stream, type: Any = None, name: str | None = None, *, leaf: int = 0) -> None:
         _check_table(stream, type)

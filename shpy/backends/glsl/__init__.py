@@ -11,11 +11,14 @@ may take as many gets flags that tell (`passes/exits.py`), and its status is DEV
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from shpy.backends.base import Array, Call, Device, Options
+from shpy.backends.base import Array, Call, Device, DeviceCall, Options
 from shpy.backends.glsl.context import Context, open_context
+from shpy.backends.glsl.memory import GlslSpace
 from shpy.backends.glsl.printer import Printer
 from shpy.backends.glsl.runtime import Program, Runtime, unsupported
 from shpy.backends.glsl.spelling import FAST, NATIVE
@@ -60,6 +63,12 @@ class GlslExecutable:
         if call.count == 0 or not self.programs:
             return None
         return self.runtime.run(self.programs, self.groups, call)
+
+    def ready(self, call: DeviceCall) -> Callable[[], None]:
+        """Prepare a run over textures: see `base.Executable`."""
+        if math.prod(call.shape) == 0 or not self.programs:
+            return lambda: None
+        return self.runtime.ready(self.programs, self.groups, call)
 
 
 class GlslBackend:
@@ -123,6 +132,10 @@ class GlslBackend:
             notes = (*notes, _SHARED)
             warnings.warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}", ShpyWarning, stacklevel=4)
         return GlslExecutable(text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups)
+
+    def space(self, device: int | None) -> GlslSpace:
+        """The memory of a device."""
+        return self._runtime(device or 0).space
 
     def _runtime(self, device: int) -> Runtime:
         context = open_context(device)

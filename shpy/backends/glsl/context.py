@@ -116,7 +116,8 @@ class Context:
         """GL objects whose owner is gone; released before the next job."""
         self._wanted = threading.Event()
         try:
-            threading.Thread(target=self._serve, name="shpy-gl", daemon=True).start()
+            self._thread = threading.Thread(target=self._serve, name="shpy-gl", daemon=True)
+            self._thread.start()
             self.gl = self._do(lambda: self._create(index))
         except Exception as e:
             self._jobs.put(None)
@@ -132,6 +133,8 @@ class Context:
 
         Ctrl-C ends the wait, and the job where it next calls `go_on`.
         """
+        if threading.current_thread() is self._thread:
+            return job()
         _DRIVER.use()
         return self._do(job)
 

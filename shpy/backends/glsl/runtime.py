@@ -8,6 +8,7 @@ its share of the outputs anew.
 
 from __future__ import annotations
 
+import math
 import re
 import weakref
 from dataclasses import dataclass
@@ -15,10 +16,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call
+from shpy.backends.base import Array, Call, DeviceCall, TableData, TableMemory
 from shpy.backends.glsl.context import Context, check
-from shpy.backends.glsl.shader import FIRST, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader
-from shpy.backends.glsl.textures import Lent, Store, Target, read
+from shpy.backends.glsl.memory import GlslMemory, GlslSpace, own
+from shpy.backends.glsl.shader import FIRST, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
+from shpy.backends.glsl.textures import FOLD, Lent, Store, Target, read
 from shpy.backends.pace import Pace
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
@@ -52,6 +54,7 @@ class Runtime:
     def __init__(self, context: Context) -> None:
         self.context = context
         self.store = Store(context)
+        self.space = GlslSpace(self)
         self._programs: weakref.WeakValueDictionary[tuple[Any, ...], Program] = weakref.WeakValueDictionary()
 
     def build(self, shader: Shader, loc: Loc | None, *, steady: bool = True) -> Program:
@@ -87,6 +90,10 @@ class Runtime:
         weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
         return made
 
+    def ready(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: DeviceCall) -> DeviceRun:
+        """Prepare a run of `programs`, whose outputs are those of `groups`, over textures."""
+        return self.context.call(lambda: DeviceRun(self, programs, groups, call))
+
     def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         """Run `programs`, whose outputs are those of `groups`, over all elements; gives the status if one is made.
 
@@ -111,31 +118,45 @@ class Runtime:
         return status
 
     def _draw(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> Target:
-        program, shader, gl = made.program, made.shader, self.context.gl
+        shader, gl = made.shader, self.context.gl
         count = part.stop - part.start
         target = lent.target(list(shader.outputs), width, -(-count // width))
         check(gl, "make the outputs")
         self._bind(made, call, part, width, lent, inputs)
-        _set(program, FIRST, part.start)
-        _set(program, WIDTH, width)
-        _set(program, GRID_SHAPE, (*call.shape, 1, 1, 1, 1)[:4])
-        _set(program, RUNNING, True)
         target.framebuffer.use()
-        rows, rest = divmod(count, width)
-        for first, height in made.pace.parts(rows, width):
-            self._dispatch(made, width, first, height)
-        if rest:
-            self._dispatch(made, rest, rows, 1)
+        self.render(made, call.shape, part.start, count, width)
         return target
 
+    def render(
+        self, made: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, waits: bool = True
+    ) -> None:
+        """Run the cells of `count` elements, of which the first is `start`, in rows of `width`.
+
+        Without `waits` they may run on, unless they are to be run in several strips.
+        """
+        program = made.program
+        _set(program, FIRST, start)
+        _set(program, WIDTH, width)
+        _set(program, GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
+        _set(program, RUNNING, True)
+        rows, rest = divmod(count, width)
+        if waits or not made.pace.fits(count):
+            for first, height in made.pace.parts(rows, width):
+                self._dispatch(made, width, first, height)
+                self.context.gl.finish()
+        elif rows:
+            self._dispatch(made, width, 0, rows)
+        if rest:
+            self._dispatch(made, rest, rows, 1)
+            if waits:
+                self.context.gl.finish()
+
     def _dispatch(self, made: Program, across: int, first: int, height: int) -> None:
-        """Run some rows, and wait for them."""
+        """Run some rows."""
         self.context.go_on()
-        gl = self.context.gl
         _set(made.program, LAST, (across - 1, first + height - 1))
-        gl.viewport = (0, first, across, height)
+        self.context.gl.viewport = (0, first, across, height)
         made.vertices.render(self.context.moderngl.TRIANGLES, 3)
-        gl.finish()
 
     def _bind(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> None:
         program, shader, units = made.program, made.shader, made.units
@@ -148,15 +169,78 @@ class Runtime:
                 inputs[port.index].use(units[port.sampler])
                 _set(program, port.each, 0 if alone else 1)
         for table in shader.tables:
-            data = call.tables[table.name]
-            if table.sampler in units:
-                self.store.table(data, table.type).use(units[table.sampler])
-            # A program may ask for the shape of a table that it never reads.
+            self.bind_table(made, table, call.tables[table.name])
+        bind_params(made, call.params)
+
+    def bind_table(self, made: Program, table: TableTexture, data: TableData | TableMemory) -> None:
+        """Let a sampler read a table, and tell the program its shape, for which it may ask without reading it."""
+        if isinstance(data, TableMemory):
+            shape, texture = data.shape, own(data.memory).texture
+        else:
             shape = data.array.shape if table.type.size == 1 else data.array.shape[:-1]
-            _set(program, table.shape, shape if len(shape) > 1 else shape[0])
-        for name, (uniform, type) in shader.params.items():
-            if uniform in program:
-                program[uniform].write(uniform_bytes(call.params[name], type))
+            texture = self.store.table(data, table.type) if table.sampler in made.units else None
+        if table.sampler in made.units:
+            texture.use(made.units[table.sampler])
+        _set(made.program, table.shape, shape if len(shape) > 1 else shape[0])
+
+
+class DeviceRun:
+    """A run over textures that is ready to be started on the context's thread."""
+
+    def __init__(
+        self, runtime: Runtime, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: DeviceCall
+    ) -> None:
+        self._runtime = runtime
+        self._call = call
+        context = runtime.context
+        outputs = [own(m) for m in (*call.outputs, call.status) if m is not None]
+        self._count = math.prod(call.shape)
+        self._width = min(self._count, FOLD, context.limits.width)
+        self._draws = [
+            (made, context.gl.framebuffer([outputs[k].texture for k in group]))
+            for made, group in zip(programs, groups, strict=True)
+        ]
+        check(context.gl, "make a framebuffer")
+        framebuffers = [framebuffer for _, framebuffer in self._draws]
+        weakref.finalize(self, context.doomed.extend, framebuffers).atexit = False
+        self._refolded: list[tuple[GlslMemory, GlslMemory]] = []
+        self._inputs = [self._folded(own(m)) for m in call.inputs]
+        self._tables = {
+            name: TableMemory(self._folded(own(data.memory)), data.shape) if isinstance(data, TableMemory) else data
+            for name, data in call.tables.items()
+        }
+
+    def _folded(self, memory: GlslMemory) -> GlslMemory:
+        """Memory in rows of FOLD with the elements of this one, which are copied before each run if need be."""
+        folded = self._runtime.space.folded(memory)
+        if folded is not memory:
+            self._refolded.append((memory, folded))
+        return folded
+
+    def __call__(self) -> None:
+        """Start it."""
+        call, runtime = self._call, self._runtime
+        for given, folded in self._refolded:
+            runtime.space.copy(given, folded)
+        for made, framebuffer in self._draws:
+            program, units = made.program, made.units
+            for port in made.shader.inputs:
+                if port.sampler in units:
+                    memory = self._inputs[port.index]
+                    memory.texture.use(units[port.sampler])
+                    _set(program, port.each, int(memory.count == self._count))
+            for table in made.shader.tables:
+                runtime.bind_table(made, table, self._tables[table.name])
+            bind_params(made, call.params)
+            framebuffer.use()
+            runtime.render(made, call.shape, 0, self._count, self._width, waits=False)
+
+
+def bind_params(made: Program, params: dict[str, Array]) -> None:
+    """Set the uniforms of the params."""
+    for name, (uniform, type) in made.shader.params.items():
+        if uniform in made.program:
+            made.program[uniform].write(uniform_bytes(params[name], type))
 
 
 def row_length(shape: tuple[int, ...], limit: int) -> int:

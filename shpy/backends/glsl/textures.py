@@ -32,7 +32,8 @@ FOLD: Final = 4096
 KEPT_BYTES: Final = 256 << 20
 """How much a store keeps of what is not lent out."""
 
-_FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}
+FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}
+"""The components of a texture by the base of what it holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,8 @@ def as_texels(array: Array) -> Array:
     return np.ascontiguousarray(array).view(np.uint8) if array.dtype == np.bool_ else np.ascontiguousarray(array)
 
 
-def _rounded(extent: int, limit: int) -> int:
-    """The next power of two: textures of few sizes are found again more often."""
+def rounded(extent: int, limit: int) -> int:
+    """Return the next power of two: textures of few sizes are found again more often."""
     return min(1 << max(extent - 1, 0).bit_length(), limit)
 
 
@@ -118,7 +119,7 @@ class Store:
         finally:
             self.context.resting.use()
             for key, thing, size in lent.things:
-                self._give_back(key, thing, size)
+                self.give_back(key, thing, size)
 
     def take(self, key: tuple[Any, ...], size: int) -> Any | None:
         """A free thing of this kind, or None."""
@@ -128,7 +129,19 @@ class Store:
         self._kept -= size
         return free.pop()
 
-    def _give_back(self, key: tuple[Any, ...], thing: Any, size: int) -> None:
+    def make_target(self, size: tuple[int, int], kinds: tuple[tuple[int, str], ...], cells: int) -> Target:
+        """A framebuffer of this size with a texture of each kind, (components, format), `cells` bytes a cell."""
+        gl = self.context.gl
+        textures = []
+        for components, dtype in kinds:
+            textures.append(gl.texture(size, components, dtype=dtype, alignment=1))
+            check(gl, f"make an output of {size[0]} x {size[1]}")
+        framebuffer = gl.framebuffer(textures)
+        check(gl, f"make a framebuffer of {len(kinds)} outputs")
+        return Target(framebuffer, tuple(textures), size[0] * size[1] * cells)
+
+    def give_back(self, key: tuple[Any, ...], thing: Any, size: int) -> None:
+        """Keep a thing that nobody uses any longer, or release it where much is kept."""
         if self._kept + size > KEPT_BYTES:
             thing.release()
             return
@@ -152,7 +165,7 @@ class Lent:
         """A texture with the elements of `array`, (n, components) or (n,), in rows of `width`."""
         texels = as_texels(array).reshape(len(array), -1)
         limit = self.store.context.limits.width
-        size = (_rounded(width, limit), _rounded(-(-len(texels) // width), limit))
+        size = (rounded(width, limit), rounded(-(-len(texels) // width), limit))
         components = texels.shape[1]
         key = ("texture", size, components, texels.dtype.str)
         texture = self._borrow(
@@ -167,24 +180,14 @@ class Lent:
     def target(self, types: list[Type], width: int, height: int) -> Target:
         """A framebuffer of at least `width` x `height` with an output of each type."""
         limit = self.store.context.limits.width
-        size = (_rounded(width, limit), _rounded(height, limit))
+        size = (rounded(width, limit), rounded(height, limit))
         # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
-        kinds = tuple((4 if t.size == 3 else t.size, _FORMATS[t.base.value]) for t in types)
+        kinds = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
         cells = sum(components * int(dtype[1]) for components, dtype in kinds)
         made: Target = self._borrow(
-            ("target", size, kinds), size[0] * size[1] * cells, lambda: self._make_target(size, kinds, cells)
+            ("target", size, kinds), size[0] * size[1] * cells, lambda: self.store.make_target(size, kinds, cells)
         )
         return made
-
-    def _make_target(self, size: tuple[int, int], kinds: tuple[tuple[int, str], ...], cells: int) -> Target:
-        gl = self.store.context.gl
-        textures = []
-        for components, dtype in kinds:
-            textures.append(gl.texture(size, components, dtype=dtype, alignment=1))
-            check(gl, f"make an output of {size[0]} x {size[1]}")
-        framebuffer = gl.framebuffer(textures)
-        check(gl, f"make a framebuffer of {len(kinds)} outputs")
-        return Target(framebuffer, tuple(textures), size[0] * size[1] * cells)
 
 
 def _format(dtype: np.dtype[Any]) -> str:
@@ -211,5 +214,5 @@ def read(target: Target, attachment: int, type: Type, out: Array, width: int) ->
                 components=type.size,
                 attachment=attachment,
                 alignment=1,
-                dtype=_FORMATS[type.base.value],
+                dtype=FORMATS[type.base.value],
             )

@@ -314,7 +314,7 @@ class Machine:
         enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, groups * group * lines * each
 
         def start() -> None:
-            if pace.elements >= elements:
+            if pace.fits(elements):
                 enqueue(queue, kernel, size, (group, 1))
             else:
                 self.launch(kernel, args, items, group, pace, each)

@@ -1,0 +1,304 @@
+"""Memory of a GL device: textures that stay there from run to run.
+
+Stage: run. Element i of a stream stands at (i % FOLD, i / FOLD), as those of tables do, so a Table of a stream is read
+where it is. OpenGL leaves open what a fragment reads from a texture that the draw writes, so an output is always
+another texture than every input. All that touches GL runs on the context's thread.
+
+    space = Space(runtime)
+    memory = space.allocate(4, vec(Base.F, 3), np.dtype(np.float32))
+    space.start([executable.ready(call)])
+    memory.read()
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, Counts
+from shpy.backends.glsl.context import check
+from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, write
+from shpy.errors import ShpyError, ShpyTypeError
+from shpy.ir.nodes import Status
+from shpy.ir.types import Base, Type, vec
+
+if TYPE_CHECKING:
+    from shpy.backends.glsl.runtime import Runtime
+
+__all__ = ["GlslMemory", "GlslSpace", "own"]
+
+_AHEAD: Final = 64
+"""Draws that are started before the host waits for them."""
+_BLOCK: Final = 32
+"""Texels on each side of the square whose statuses one fragment counts."""
+
+_KEEP: Final = """\
+#version 330 core
+// The elements of `new` that were written, and the others of `old`.
+uniform KINDsampler2D new;
+uniform KINDsampler2D old;
+uniform isampler2D status;
+uniform int has_status, has_old, new_width, old_width, width;
+layout(location = 0) out KINDvec4 kept;
+
+ivec2 at(int i, int width) {
+    return ivec2(i % width, i / width);
+}
+
+void main() {
+    int i = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
+    if (has_status == 0 || texelFetch(status, at(i, width), 0).x == WRITTEN)
+        kept = texelFetch(new, at(i, new_width), 0);
+    else
+        kept = has_old == 1 ? texelFetch(old, at(i, old_width), 0) : KINDvec4(0);
+}
+"""
+
+_COUNT: Final = """\
+#version 330 core
+// Elements written, elements stopped in loops, and the least status of these, in a square of texels.
+uniform isampler2D source;
+uniform ivec2 size;
+uniform int count, is_status;
+layout(location = 0) out ivec4 counts;
+
+void main() {
+    ivec2 first = ivec2(gl_FragCoord.xy) * BLOCK;
+    ivec2 last = min(first + BLOCK, size);
+    counts = ivec4(0, 0, 2147483647, 0);
+    for (int y = first.y; y < last.y; ++y)
+        for (int x = first.x; x < last.x; ++x) {
+            ivec4 found = texelFetch(source, ivec2(x, y), 0);
+            if (is_status == 1) {
+                int s = found.x;
+                bool limited = s >= FIRST_LOOP, here = y * size.x + x < count;
+                found = ivec4(s == WRITTEN, limited || s == DEVICE_STOPPED, limited ? s : 2147483647, 0);
+                if (!here)
+                    found = ivec4(0, 0, 2147483647, 0);
+            }
+            counts = ivec4(counts.xy + found.xy, min(counts.z, found.z), 0);
+        }
+}
+"""
+
+
+@dataclass(slots=True, eq=False, weakref_slot=True)
+class GlslMemory:
+    """A texture with `count` elements in rows of `width`: see `base.Memory`."""
+
+    space: GlslSpace
+    target: Target
+    width: int
+    count: int
+    type: Type
+    dtype: np.dtype[Any]
+
+    @property
+    def texture(self) -> Any:
+        """The texture, of one, two or four components: vectors of three have one more."""
+        return self.target.textures[0]
+
+    @property
+    def native(self) -> Any:
+        """A moderngl.Texture; it belongs to the context's thread, `Context.call`."""
+        return self.texture
+
+    @property
+    def height(self) -> int:
+        """The rows that hold elements."""
+        return -(-self.count // self.width)
+
+    def write(self, array: Array) -> None:
+        """Copy a host array to the device."""
+        if self.count:
+            texels = as_texels(array).reshape(self.count, -1)
+            if self.type.size == 3:
+                texels = np.pad(texels, ((0, 0), (0, 1)))
+            self.space.call(lambda: write(self.texture, texels, self.width))
+
+    def read(self) -> Array:
+        """Copy the elements to the host."""
+        kept = {Base.B: np.uint8, Base.I: np.int32, Base.U: np.uint32}.get(self.type.base, np.float32)
+        found = np.empty((self.count, self.type.size), kept)
+        if self.count:
+            self.space.call(lambda: read(self.target, 0, self.type, found, self.width))
+        shape = (self.count, self.type.size) if self.type.size > 1 else (self.count,)
+        return found.reshape(shape).astype(self.dtype, copy=False)
+
+
+class GlslSpace:
+    """The memory of one device: see `base.Space`."""
+
+    overwrites = False
+
+    def __init__(self, runtime: Runtime) -> None:
+        self._runtime = runtime
+        self._context = runtime.context
+        self._programs: dict[str, Any] = {}
+        self._started = 0
+        self._dropped: list[tuple[tuple[Any, ...], Target]] = []
+        """Memory that is gone. The context's thread gives it back before it takes other memory."""
+
+    def call(self, job: Callable[[], Any]) -> Any:
+        """Run a job on the context's thread."""
+        return self._context.call(job)
+
+    def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
+        """A texture for `count` elements, whatever it holds; ShpyError where the device has none so large."""
+        if dtype == np.float64:
+            raise ShpyTypeError("GLSL 3.30 has no f64", cure='precision="f32", or another backend')
+        limit = self._context.limits.width
+        width = min(max(count, 1), FOLD, limit)
+        height = max(1, -(-count // width))
+        if height > limit:
+            raise ShpyError(
+                f"a stream of {count:,} elements: the textures of this device hold {width * limit:,}",
+                cure="several streams, or another backend",
+            )
+        size = (rounded(width, limit), rounded(height, limit))
+        made: GlslMemory = self.call(lambda: self._taken(size, width, count, type, dtype))
+        return made
+
+    def _taken(self, size: tuple[int, int], width: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
+        store = self._runtime.store
+        while self._dropped:
+            dropped, target = self._dropped.pop()
+            store.give_back(dropped, target, target.bytes)
+        kind = (4 if type.size == 3 else type.size, FORMATS[type.base.value])
+        key = ("target", size, (kind,))
+        cells = kind[0] * int(kind[1][1])
+        target = store.take(key, size[0] * size[1] * cells) or store.make_target(size, (kind,), cells)
+        memory = GlslMemory(self, target, width, count, type, dtype)
+        weakref.finalize(memory, self._dropped.append, (key, target)).atexit = False
+        return memory
+
+    def wrap(self, native: Any, type: Type) -> GlslMemory:
+        """A texture of this context, of one, two or four components of 32 bits."""
+        context = self._context
+        if getattr(native, "ctx", None) is not context.gl:
+            raise ShpyTypeError(
+                "this texture belongs to another context",
+                cure="a texture of stream.native().ctx, or sh.Stream(array, type)",
+            )
+        wanted = FORMATS[type.base.value]
+        if native.dtype != wanted or native.components != type.size or type.size == 3:
+            raise ShpyTypeError(f"a stream of {type!r} takes a texture of {type.size} components {wanted!r}")
+        width, height = native.size
+        target = self.call(lambda: Target(context.gl.framebuffer([native]), (native,), 0))
+        dtype = np.dtype({Base.I: np.int32, Base.U: np.uint32, Base.B: np.bool_}.get(type.base, np.float32))
+        return GlslMemory(self, target, width, width * height, type, dtype)
+
+    def copy(self, source: GlslMemory, target: GlslMemory) -> None:
+        """Copy all elements."""
+        if source.count:
+            self.call(lambda: self._merge(None, source, None, target))
+
+    def keep(self, status: GlslMemory, new: GlslMemory, old: GlslMemory | None) -> GlslMemory:
+        """Other memory with the elements of `new` where the status is WRITTEN, else of `old`, or zeros."""
+        kept = self.allocate(new.count, new.type, new.dtype)
+        if new.count:
+            self.call(lambda: self._merge(status, new, old, kept))
+        return kept
+
+    def folded(self, memory: GlslMemory) -> GlslMemory:
+        """The memory itself, or a copy in rows of FOLD where its rows have another length."""
+        if memory.width in (FOLD, memory.count) and memory.width <= FOLD:
+            return memory
+        made = self.allocate(memory.count, memory.type, memory.dtype)
+        self.copy(memory, made)
+        return made
+
+    def _merge(self, status: GlslMemory | None, new: GlslMemory, old: GlslMemory | None, kept: GlslMemory) -> None:
+        kind = {Base.I: "i", Base.U: "u", Base.B: "u"}.get(new.type.base, "")
+        text = _KEEP.replace("KIND", kind).replace("WRITTEN", str(Status.WRITTEN))
+        sources = {"new": new, "old": old or new, "status": status}
+        numbers = {
+            "has_status": int(status is not None),
+            "has_old": int(old is not None),
+            "new_width": new.width,
+            "old_width": (old or new).width,
+            "width": kept.width,
+        }
+        self._draw(text, sources, numbers, kept, (kept.width, kept.height))
+
+    def count(self, status: GlslMemory) -> Counts:
+        """Count what the statuses say."""
+        if not status.count:
+            return Counts(0)
+        found: Counts = self.call(lambda: self._count(status))
+        return found
+
+    def _count(self, status: GlslMemory) -> Counts:
+        text = _COUNT.replace("BLOCK", str(_BLOCK))
+        for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED"):
+            text = text.replace(name, str(getattr(Status, name)))
+        source, size, limit = status, (status.width, status.height), self._context.limits.width
+        while True:
+            blocks = (-(-size[0] // _BLOCK), -(-size[1] // _BLOCK))
+            room = (rounded(blocks[0], limit), rounded(blocks[1], limit))
+            counts = self._taken(room, blocks[0], blocks[0] * blocks[1], vec(Base.I, 4), np.dtype(np.int32))
+            numbers = {"size": size, "count": status.count, "is_status": int(source is status)}
+            self._draw(text, {"source": source}, numbers, counts, blocks)
+            if blocks == (1, 1):
+                break
+            source, size = counts, blocks
+        out = np.empty((1, 4), np.int32)
+        read(counts.target, 0, counts.type, out, 1)
+        written, stopped, first, _ = map(int, out[0])
+        return Counts(written, stopped, first if first < 2**31 - 1 else 0)
+
+    def _draw(
+        self,
+        text: str,
+        sources: dict[str, GlslMemory | None],
+        numbers: dict[str, Any],
+        to: GlslMemory,
+        size: tuple[int, int],
+    ) -> None:
+        """Run a shader of this module over the cells of a memory."""
+        gl = self._context.gl
+        if text not in self._programs:
+            program = self._context.program(text)
+            self._programs[text] = (program, gl.vertex_array(program, []))
+        program, vertices = self._programs[text]
+        for unit, (name, memory) in enumerate(sources.items()):
+            if name in program:
+                program[name].value = unit
+                if memory is not None:
+                    memory.texture.use(unit)
+        for name, number in numbers.items():
+            if name in program:
+                program[name].value = number
+        to.target.framebuffer.use()
+        gl.viewport = (0, 0, *size)
+        vertices.render(self._context.moderngl.TRIANGLES, 3)
+        self._context.resting.use()
+        check(gl, "merge or count the elements of a run")
+
+    def start(self, runs: Iterable[Callable[[], None]]) -> None:
+        """Start one after the other, all on the context's thread."""
+        self.call(lambda: self._start(runs))
+
+    def _start(self, runs: Iterable[Callable[[], None]]) -> None:
+        for run in runs:
+            run()
+            self._started += 1
+            if self._started % _AHEAD == 0:
+                self._context.gl.finish()
+                self._context.go_on()
+        self._context.resting.use()
+        check(self._context.gl, "run the program")
+
+    def finish(self) -> None:
+        """Wait until everything that was started has ended."""
+        self.call(self._context.gl.finish)
+
+
+def own(memory: Any) -> GlslMemory:
+    """The memory, which is one of this backend."""
+    assert isinstance(memory, GlslMemory)
+    return memory
