@@ -30,6 +30,7 @@ from shpy.lang.location import here
 from shpy.lang.names import assigned_name
 from shpy.lang.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
 from shpy.lang.values import CLASSES, Value
+from shpy.streams.methods import StreamReductions
 
 __all__ = ["Place", "Stream", "StreamTable"]
 
@@ -54,7 +55,7 @@ class Place:
         return f"{self.backend}{at}{'' if self.precision == 'f32' else f', {self.precision}'}"
 
 
-class Stream:
+class Stream(StreamReductions):
     """`Stream(array, type, backend=None, device=None)`: elements (*S, N), or (*S,) for N = 1, on one device.
 
     The type may be a matrix, from an array (*S, N, N), or a struct or NamedTuple, from a dict of fields, a structured
