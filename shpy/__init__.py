@@ -13,6 +13,7 @@ from typing import Any
 
 from shpy.backends.registry import BackendInfo, backends, default_backend
 from shpy.choice import choice
+from shpy.collectives import reduce, scan
 from shpy.errors import (
     BackendUnavailable,
     CompileError,
@@ -410,10 +411,12 @@ __all__ = [
     "popcount",
     "program",
     "radians",
+    "reduce",
     "reflect",
     "refract",
     "rsqrt",
     "saturate",
+    "scan",
     "sign",
     "sin",
     "sinh",

@@ -21,8 +21,11 @@ _HOUSE = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
 _LIBRARY = os.path.join(_HOUSE, "lang", "library.py")
 _LIBRARY_SHOWN = "shpy/lang/library.py"
 """Its lines are the same wherever shpy is installed, so that the text of a program is."""
-_CONFORMANCE = os.path.join(_HOUSE, "testing", "conformance", "")
-"""Programs of the conformance list are programs like those of any user."""
+_PROGRAMS = (
+    os.path.join(_HOUSE, "testing", "conformance", ""),
+    os.path.join(_HOUSE, "collectives", "programs.py"),
+)
+"""Programs of the conformance list and of collectives are programs like those of any user."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
 """Frames of numpy count as the user's line that called numpy."""
 _inside: dict[str, bool] = {}
@@ -72,7 +75,7 @@ def user_frame() -> FrameType | None:
 def _look_inside(file: str) -> bool:
     """Return whether a file is shpy's or numpy's, remembered."""
     path = os.path.abspath(file)
-    ours = _inside[file] = path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_CONFORMANCE)
+    ours = _inside[file] = path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_PROGRAMS)
     return ours
 
 

@@ -125,6 +125,9 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
         for s in walk(function.body):
             if isinstance(s, Let) and s.op in ("grid_index", "grid_shape"):
                 self.grid_rank = 1 if isinstance(s.value.type, Lanes) else s.value.type.size
+                if self.grid_rank > 2:
+                    # The rows of an image are numbered through its planes.
+                    found |= Needs(grid=frozenset({"grid_shape"}))
             elif isinstance(s, Let) and s.op == "neighbour":
                 self.grid_rank = len(s.args)
                 found |= Needs(grid=frozenset({"grid_shape"}))  # packets are blocks of the grid

@@ -1,0 +1,87 @@
+"""Exact sums of floats: a superaccumulator with a bin for each exponent, rounded once.
+
+Stage: run, on the host. The integer significands of one exponent are summed without an error: 24 bits, or halves of
+53, of fewer than 2**31 elements fit into 64 bits. The bins together are one integer, in units of the least denormal.
+Source: Malcolm, On accurate floating-point summation, CACM 14 (1971); Kulisch's long accumulator.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["exact_sums"]
+
+_BLOCK = 1 << 18
+"""Elements whose significands are taken apart together: temporary arrays then fit into the cache."""
+
+
+def exact_sums(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the exact sum of each row of (rows, n) floats, rounded once to their dtype; +0 where it is zero.
+
+    A NaN, or infinities of both signs, give NaN; else infinities give infinity, as does a sum that is too large.
+    """
+    rows, n = array.shape
+    sums = np.zeros(rows, array.dtype)
+    if n > _BLOCK:
+        for row in range(rows):
+            blocks = (array[row : row + 1, k : k + _BLOCK] for k in range(0, n, _BLOCK))
+            parts = [_bins(block) for block in blocks]
+            sums[row] = _rounded(sum(bins for bins, _ in parts)[0], sum(s for _, s in parts)[0], array.dtype)
+        return sums
+    step = max(1, _BLOCK // max(n, 4096))
+    for first in range(0, rows, step):
+        bins, special = _bins(array[first : first + step])
+        for row in range(len(bins)):
+            sums[first + row] = _rounded(bins[row], special[row], array.dtype)
+    return sums
+
+
+def _bins(array: NDArray[Any]) -> tuple[Any, Any]:
+    """Return (rows, halves, exponents) sums of significands, and (rows,) sums of what is no finite number."""
+    wide = array.astype(np.float32) if array.dtype == np.float16 else np.ascontiguousarray(array)
+    mantissa, exponents, word = (52, 2048, np.int64) if wide.dtype == np.float64 else (23, 256, np.int32)
+    bits: Any = wide.view(word)
+    exponent = (bits >> mantissa) & (exponents - 1)
+    finite = exponent < exponents - 1
+    significand = bits & ((1 << mantissa) - 1) | (exponent > 0).astype(word) << mantissa
+    signed = np.where(finite, np.where(bits < 0, -significand, significand), 0)
+    halves = [signed] if mantissa == 23 else [signed & ((1 << 26) - 1), signed >> 26]
+    rows = len(array)
+    place = (np.arange(rows)[:, None] * exponents + exponent).ravel()
+    sums = [np.bincount(place, h.ravel(), rows * exponents).reshape(rows, exponents).astype(np.int64) for h in halves]
+    with np.errstate(invalid="ignore"):
+        special = np.where(finite, np.zeros((), wide.dtype), wide).sum(axis=1)
+    return np.stack(sums, axis=1), special
+
+
+def _rounded(bins: NDArray[Any], special: Any, dtype: np.dtype[Any]) -> Any:
+    """Round the number that is held in bins (halves, exponents) to a dtype, half to even."""
+    if special != 0:  # NaN is not 0 either
+        return special
+    total = 0
+    for half, exponent in zip(*np.nonzero(bins), strict=True):
+        total += int(bins[half, exponent]) << (26 * int(half) + max(int(exponent), 1) - 1)
+    unit = -1074 if dtype == np.float64 else -149
+    info = np.finfo(dtype)
+    size = abs(total)
+    dropped = max(size.bit_length() - info.nmant - 1, info.minexp - info.nmant - unit)
+    if dropped > 0:
+        kept, rest = size >> dropped, size & ((1 << dropped) - 1)
+        half_unit = 1 << (dropped - 1)
+        size = (kept + (rest > half_unit or (rest == half_unit and kept & 1))) << dropped
+    try:
+        value = float(math.copysign(_scaled(size, unit), total))
+    except OverflowError:
+        value = math.copysign(math.inf, total)
+    with np.errstate(over="ignore"):
+        return dtype.type(value)
+
+
+def _scaled(size: int, unit: int) -> float:
+    """Return size * 2**unit, which is a float of 64 bits."""
+    shift = max(size.bit_length() - 53, 0)
+    return math.ldexp(float(size >> shift), shift + unit)

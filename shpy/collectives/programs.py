@@ -1,0 +1,277 @@
+"""The programs that collectives run on devices: they are recorded for each program that combines elements.
+
+Stage: record. One element of a run combines several neighbours, and so climbs several levels of the tree at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from shpy.ir.traverse import is_straight, walk
+from shpy.ir.types import Base
+from shpy.lang.builtins import cond, grid_index, isinf, isnan
+from shpy.lang.control import SH_ELSE, SH_IF
+from shpy.lang.data import TableType
+from shpy.lang.structure import build_values, layout_from, layout_of, leaves, leaves_of, struct
+from shpy.lang.types import Attrib1i
+from shpy.lang.values import CLASSES
+from shpy.program import Program, program
+
+__all__ = [
+    "Lift",
+    "Reduction",
+    "counts",
+    "extremes",
+    "folding",
+    "lifting",
+    "logic",
+    "places",
+    "quotient",
+    "scanning",
+    "sums",
+    "width_for",
+]
+
+Lift = Callable[[Any, Any], Any]
+"""Makes of an element and its index what the program combines."""
+_WIDTH = 16
+_LARGE = 64
+"""Statements of a program that is repeated 3 times in a text, not _WIDTH - 1 times."""
+
+
+def width_for(combine: Program) -> int:
+    """Return how many neighbours one element combines: a power of two, fewer for large programs."""
+    return _WIDTH if sum(1 for f in combine.ir.functions for _ in walk(f.body)) < _LARGE else 4
+
+
+def annotated(function: Callable[..., Any], **types: Any) -> Program:
+    """Record a function with types that are known only now; the result's is `out`."""
+    function.__annotations__ = {"return" if name == "out" else name: type_ for name, type_ in types.items()}
+    return program(function)
+
+
+@lru_cache(maxsize=256)
+def folding(combine: Program, element: Any, made: Any, lift: Lift | None, rank: int, width: int) -> Program:
+    """Record the program that gives the tree over `width` neighbours on the only axis, or on the middle one of 3."""
+
+    def fold(data: Any) -> Any:
+        if rank == 1:
+            block, extent = grid_index(1), data.shape[0]
+        else:
+            place = grid_index(3)
+            block, extent = place.y, data.shape[1]
+        first = block * width
+
+        def read(k: int) -> Any:
+            value = data[first + k] if rank == 1 else data[place.x, first + k, place.z]
+            return value if lift is None else lift(value, first + k)
+
+        return tree(read, extent - first, 0, width, combine)
+
+    return annotated(fold, data=TableType(element, rank), out=made)
+
+
+@lru_cache(maxsize=64)
+def lifting(lift: Lift, element: Any, made: Any) -> Program:
+    """Record the program that makes of each element and its index what is combined."""
+
+    def lifted(x: Any, i: Any) -> Any:
+        return lift(x, i)
+
+    return annotated(lifted, x=element, i=Attrib1i, out=made)
+
+
+@lru_cache(maxsize=256)
+def scanning(combine: Program, element: Any, exclusive: bool) -> Program:
+    """Record the down-sweep over four neighbours: `above` holds the inclusive prefixes of whole blocks of four."""
+
+    def scan(data: Any, above: Any) -> Any:
+        result = zeros(element)
+        at = grid_index(1) - int(exclusive)
+        block, rest = at >> 2, at & 3
+        with SH_IF(rest == 3):
+            store(result, above[block])
+        with SH_ELSE():
+            first = block * 4
+            store(result, data[first])
+            with SH_IF(rest != 0):
+                store(result, combine(result, data[first + 1]))
+            with SH_IF(block > 0):
+                store(result, combine(above[block - 1], result))
+            with SH_IF(rest == 2):
+                store(result, combine(result, data[first + 2]))
+        if exclusive:
+            with SH_IF(at < 0):
+                store(result, zeros(element))
+        return result
+
+    table = TableType(element, 1)
+    return annotated(scan, data=table, above=table, out=element)
+
+
+def zeros(type_: Any) -> Any:
+    """Return a value of a type, all zeros."""
+    layout = layout_of(type_, "an element")
+    zero = {Base.B: False}
+    return build_values(layout, iter([cls(*[zero.get(cls.base, 0)] * cls.size) for _, _, cls in leaves(layout, "")]))
+
+
+def store(target: Any, value: Any) -> None:
+    """Store each leaf of a value into the same leaf of another one."""
+    for old, new in zip(leaves_of(target), leaves_of(value), strict=True):
+        old[:] = new
+
+
+def tree(read: Callable[[int], Any], count: Any, start: int, width: int, combine: Program) -> Any:
+    """Combine those of `width` neighbours that are among the first `count`: at least the first of them is.
+
+    The table gives its last element for all behind it, so a program without control flow is evaluated for all
+    neighbours, and its result is dropped where the second one is not there: that costs less than a branch.
+    """
+    if width == 1:
+        return read(start)
+    half = width // 2
+    first = tree(read, count, start, half, combine)
+    if is_plain(combine):
+        both = combine(first, tree(read, count, start + half, half, combine))
+        return chosen(start + half < count, both, first)
+    result = copied(first)
+    with SH_IF(start + half < count):
+        store(result, combine(first, tree(read, count, start + half, half, combine)))
+    return result
+
+
+def is_plain(combine: Program) -> bool:
+    """Return whether a program is one function without control flow."""
+    return len(combine.ir.functions) == 1 and is_straight(combine.ir.entry.body)
+
+
+def chosen(condition: Any, a: Any, b: Any) -> Any:
+    """Return the leaves of `a` where the condition holds, and else those of `b`."""
+    layout = layout_from(b, "an element")
+    return build_values(layout, (cond(condition, x, y) for x, y in zip(leaves_of(a), leaves_of(b), strict=True)))
+
+
+def copied(value: Any) -> Any:
+    """Return a value with the same leaves, to store into."""
+    return build_values(layout_from(value, "an element"), iter([v.copy() for v in leaves_of(value)]))
+
+
+# What the reductions of streams combine: components of vectors are reduced side by side.
+
+
+class Reduction(NamedTuple):
+    """How a reduction runs: each element is lifted, these are combined, and the result is finished by a program."""
+
+    combine: Program
+    made: Any
+    lift: Lift | None = None
+    finish: Program | None = None
+
+
+@lru_cache(maxsize=256)
+def sums(size: int, base: Base, method: str) -> Reduction:
+    """Return the reduction that adds; bools are added as ints."""
+    cls = CLASSES["Attrib", size, Base.I if base is Base.B else base]
+    if method == "compensated":
+        return _compensated_sums(cls)
+
+    def add(a: Any, b: Any) -> Any:
+        return a + b
+
+    return Reduction(annotated(add, a=cls, b=cls, out=cls), cls, _ones if base is Base.B else None)
+
+
+def _compensated_sums(cls: Any) -> Reduction:
+    pair = struct(type("Sum", (), {"__annotations__": {"value": cls, "error": cls}}))
+
+    def start(x: Any, i: Any) -> Any:
+        return pair(cls(x), zeros(cls))
+
+    def add(a: Any, b: Any) -> Any:
+        value = a.value + b.value
+        back = value - a.value
+        error = (a.value - (value - back)) + (b.value - back)
+        return pair(value, (a.error + b.error) + error)
+
+    def finish(x: Any) -> Any:
+        unbounded = isnan(x.value) | isinf(x.value)
+        return cond(unbounded, x.value, x.value + x.error)
+
+    return Reduction(annotated(add, a=pair, b=pair, out=pair), pair, start, annotated(finish, x=pair, out=cls))
+
+
+@lru_cache(maxsize=256)
+def extremes(size: int, base: Base, least: bool) -> Reduction:
+    """Return the reduction that keeps the least element, or the largest one; the first of those that are equal."""
+    cls = CLASSES["Attrib", size, base]
+
+    def keep(a: Any, b: Any) -> Any:
+        return cond(_exceeds(b, a, least), b, a)
+
+    return Reduction(annotated(keep, a=cls, b=cls, out=cls), cls)
+
+
+@lru_cache(maxsize=256)
+def places(size: int, base: Base, least: bool) -> Reduction:
+    """Return the reduction that keeps the index of the least element, or of the largest one, beside it."""
+    cls = CLASSES["Attrib", size, Base.I if base is Base.B else base]
+    index = CLASSES["Attrib", size, Base.I]
+    entry = struct(type("Entry", (), {"__annotations__": {"value": cls, "index": index}}))
+
+    def start(x: Any, i: Any) -> Any:
+        return entry(cls(_ones(x, i) if base is Base.B else x), index(i))
+
+    def keep(a: Any, b: Any) -> Any:
+        exceeds = _exceeds(b.value, a.value, least)
+        return entry(cond(exceeds, b.value, a.value), cond(exceeds, b.index, a.index))
+
+    def finish(x: Any) -> Any:
+        return x.index
+
+    made = annotated(keep, a=entry, b=entry, out=entry)
+    return Reduction(made, entry, start, annotated(finish, x=entry, out=index))
+
+
+@lru_cache(maxsize=256)
+def counts(size: int) -> Reduction:
+    """Return the reduction that counts the elements that are not zero."""
+    return Reduction(sums(size, Base.I, "pairwise").combine, CLASSES["Attrib", size, Base.I], _ones)
+
+
+@lru_cache(maxsize=256)
+def logic(size: int, every: bool) -> Reduction:
+    """Return the reduction that asks whether any element is not zero, or whether all are not."""
+    cls = CLASSES["Attrib", size, Base.B]
+
+    def join(a: Any, b: Any) -> Any:
+        return a & b if every else a | b
+
+    return Reduction(annotated(join, a=cls, b=cls, out=cls), cls, _holds)
+
+
+@lru_cache(maxsize=64)
+def quotient(size: int) -> Program:
+    """Record the program that divides a sum by a number of elements."""
+    cls = CLASSES["Attrib", size, Base.F]
+
+    def divide(total: Any, count: Any) -> Any:
+        return total / count
+
+    return annotated(divide, total=cls, count=CLASSES["Attrib", 1, Base.F], out=cls)
+
+
+def _exceeds(b: Any, a: Any, least: bool) -> Any:
+    """Whether b comes before a, each a number or NaN, which comes before all numbers."""
+    before = b < a if least else b > a
+    return before | (isnan(b) & ~isnan(a)) if b.base is Base.F else before
+
+
+def _holds(x: Any, i: Any) -> Any:
+    return x if x.base is Base.B else x != 0
+
+
+def _ones(x: Any, i: Any) -> Any:
+    return cond(_holds(x, i), 1, 0)

@@ -1,0 +1,200 @@
+"""sh.reduce, and the reductions of streams: sums, means, extremes and their indices, logic.
+
+Stage: run.
+
+    sh.reduce(longest, words)        # a program(a, b) -> a over all elements
+    x.sum(method="exact"), x.argmax(axis=0)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from shpy import host
+from shpy.collectives.exact import exact_sums
+from shpy.collectives.programs import Reduction, counts, extremes, logic, places, quotient, sums
+from shpy.collectives.trees import check_combination, fold, retyped
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base
+from shpy.lang.location import here
+from shpy.lang.structure import Leaf, layout_of
+from shpy.lang.values import CLASSES
+from shpy.program import Program
+from shpy.streams.methods import bind_reductions
+from shpy.streams.stream import Stream
+
+__all__ = ["reduce"]
+
+_METHODS = ("pairwise", "compensated", "exact")
+
+
+def reduce(program: Program, stream: Stream, axis: int | None = None) -> Any:
+    """Combine all elements of a stream, in C order, or those along an axis, with a program(a, b) -> a.
+
+    The order is that of a balanced binary tree of neighbours: level after level, out[i] = program(in[2 i],
+    in[2 i + 1]), and an odd last element passes unchanged, until one is left. So `a` always stands before `b`, and the
+    program need not be commutative, nor associative: the same bits come out on every backend and device in strict mode.
+    Elements may be scalars, vectors, matrices or structs.
+
+    Without an axis, the call waits for the device, and returns a numpy scalar, an array of the element's shape, or a
+    named tuple of these for a struct. Along an axis it returns a Stream of the shape without that axis.
+    Raises ShpyTypeError for no elements along the axis, and for programs that do not combine two elements into one.
+    """
+    element = check_combination(program, stream, "reduce")
+    rows = _rows(stream, axis, element)
+    if not rows.shape[len(rows.shape) // 2]:
+        raise _empty("sh.reduce", "an element that changes nothing, before the others")
+    return _result(fold(rows, program), stream, axis, stream.type)
+
+
+def _sum(stream: Stream, method: str, axis: int | None) -> Any:
+    if method not in _METHODS:
+        cure = " or ".join(f'method="{m}"' for m in _METHODS)
+        raise ShpyTypeError(f"method={method!r} of a sum", loc=here(), cure=cure)
+    size, base = _element(stream, "sum")
+    if method == "exact" and base is Base.F:
+        return _exact(stream, axis, size)
+    kind = sums(size, base, "pairwise" if base is not Base.F else method)
+    return _reduced(stream, axis, kind, _same_kind(stream, base), 0)
+
+
+def _mean(stream: Stream, axis: int | None) -> Any:
+    size, base = _element(stream, "mean")
+    if base is not Base.F:
+        raise ShpyTypeError(f"the mean of {stream!r} is no {base.name.lower()}", loc=here(), cure="a stream of floats")
+    rows = _rows(stream, axis)
+    count = rows.shape[len(rows.shape) // 2]
+    if not count:
+        return _filled(stream, axis, stream.type, math.nan)
+    total = fold(rows, sums(size, base, "pairwise").combine)
+    mean = quotient(size).compile_for(stream)(retyped(total, total.type, total.shape), float(count))
+    return _result(mean, stream, axis, stream.type)
+
+
+def _exact(stream: Stream, axis: int | None, size: int) -> Any:
+    """The exact sum, which the host finishes: integers of any size are its own."""
+    shape = _rows(stream, axis).shape
+    shape = (1, *shape, 1) if len(shape) == 1 else shape
+    array = stream.leaf_entries()[0].memory.read().reshape(*shape, size)
+    before, _, after, _ = array.shape
+    found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, -1))
+    kept = (before * after, size) if size > 1 else (before * after,)
+    made = Stream(found.reshape(kept), stream.type, stream.backend, stream.device, stream.precision)
+    return _result(made, stream, axis, stream.type)
+
+
+def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
+    size, base = _element(stream, name)
+    if base is Base.B:
+        _check_some(stream, axis, name)
+        return _logic(stream, axis, "all" if name == "min" else "any")
+    return _reduced(stream, axis, extremes(size, base, name == "min"), stream.type, None, name)
+
+
+def _place(stream: Stream, axis: int | None, name: str) -> Any:
+    size, base = _element(stream, name)
+    return _reduced(stream, axis, places(size, base, name == "argmin"), CLASSES["Attrib", size, Base.I], None, name)
+
+
+def _logic(stream: Stream, axis: int | None, name: str) -> Any:
+    size, _ = _element(stream, name)
+    return _reduced(stream, axis, logic(size, name == "all"), CLASSES["Attrib", size, Base.B], name == "all")
+
+
+def _count(stream: Stream, axis: int | None) -> Any:
+    size, _ = _element(stream, "count")
+    return _reduced(stream, axis, counts(size), CLASSES["Attrib", size, Base.I], 0)
+
+
+bind_reductions(
+    sum=_sum,
+    mean=_mean,
+    min=lambda stream, axis: _extreme(stream, axis, "min"),
+    max=lambda stream, axis: _extreme(stream, axis, "max"),
+    argmin=lambda stream, axis: _place(stream, axis, "argmin"),
+    argmax=lambda stream, axis: _place(stream, axis, "argmax"),
+    any=lambda stream, axis: _logic(stream, axis, "any"),
+    all=lambda stream, axis: _logic(stream, axis, "all"),
+    count=_count,
+)
+
+
+def _element(stream: Stream, name: str) -> tuple[int, Base]:
+    """The size and the base of an element that is a scalar or a vector."""
+    layout = layout_of(stream.type, "an element")
+    if not isinstance(layout, Leaf):
+        raise ShpyTypeError(
+            f"{name} takes scalars and vectors, and {stream!r} has others",
+            loc=here(),
+            cure="sh.reduce(program, stream), with a program of two elements",
+        )
+    return layout.cls.size, layout.cls.base
+
+
+def _same_kind(stream: Stream, base: Base) -> Any:
+    return CLASSES["Attrib", _element(stream, "sum")[0], Base.I] if base is Base.B else stream.type
+
+
+def _rows(stream: Stream, axis: Any, element: Any = None) -> Stream:
+    """The stream as (n,), or as (a, n, b) with the elements along the axis in the middle."""
+    type_ = stream.type if element is None else element
+    if axis is None:
+        return retyped(stream, type_, (stream.size,))
+    rank = len(stream.shape)
+    if not isinstance(axis, int | np.integer) or isinstance(axis, bool) or not -rank <= axis < rank:
+        raise ShpyTypeError(
+            f"axis={axis!r} of {stream!r}, which has {rank} axes",
+            loc=here(),
+            cure=f"axis={' or axis='.join(map(str, range(rank)))}" if rank else "axis=None, all elements",
+        )
+    k = int(axis) % rank
+    return retyped(stream, type_, (math.prod(stream.shape[:k]), stream.shape[k], math.prod(stream.shape[k + 1 :])))
+
+
+def _left(stream: Stream, axis: int | None) -> tuple[int, ...]:
+    """The shape of the result."""
+    if axis is None:
+        return ()
+    k = axis % len(stream.shape)
+    return stream.shape[:k] + stream.shape[k + 1 :]
+
+
+def _check_some(stream: Stream, axis: int | None, name: str) -> None:
+    rows = _rows(stream, axis)
+    if not rows.shape[len(rows.shape) // 2]:
+        raise _empty(name, "a stream with elements")
+
+
+def _empty(name: str, cure: str) -> ShpyTypeError:
+    return ShpyTypeError(f"{name} of no elements has no result", loc=here(), cure=cure)
+
+
+def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty: Any, name: str = "") -> Any:
+    """Run a reduction; without elements it is `empty`, or an error where that is None."""
+    rows = _rows(stream, axis)
+    if not rows.shape[len(rows.shape) // 2]:
+        if empty is None:
+            raise _empty(name, "a stream with elements")
+        return _filled(stream, axis, made, empty)
+    found = fold(rows, kind.combine, kind.made, kind.lift)
+    if kind.finish is not None and found.size:
+        found = kind.finish.compile_for(stream)(found)
+    return _result(found, stream, axis, made)
+
+
+def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:
+    shape = _left(stream, axis) + ((made.size,) if made.size > 1 else ())
+    array = np.full(shape, value, host.dtypes_at(stream.precision)[made.base])
+    return array[()] if axis is None else Stream(array, made, stream.backend, stream.device, stream.precision)
+
+
+def _result(found: Stream, stream: Stream, axis: int | None, made: Any) -> Any:
+    """The result on the host for all elements, and a stream along an axis, which shares no memory with the input."""
+    result = retyped(found, made, _left(stream, axis))
+    if axis is None:
+        return result[()]
+    mine = {id(leaf.memory) for leaf in stream.leaf_entries()}
+    return result.copy() if any(id(leaf.memory) in mine for leaf in result.leaf_entries()) else result

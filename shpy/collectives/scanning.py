@@ -1,0 +1,89 @@
+"""sh.scan: all prefixes of a stream, by an up-sweep and a down-sweep of the tree of sh.reduce.
+
+Stage: run. The levels of the up-sweep are kept; the down-sweep makes the prefixes of a level from those of the one
+above it. Source: Brent and Kung, A regular layout for parallel adders, IEEE Trans. Comp. 31 (1982); Blelloch, Prefix
+sums and their applications (1990).
+
+    sh.scan(add, x)                      # running totals
+    sh.scan(add, flags, exclusive=True)  # where each element goes in a compaction
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.collectives.programs import folding, scanning
+from shpy.collectives.trees import arrays_of, check_combination, is_on_host, over_arrays, retyped, run_pairs
+from shpy.lang.data import Table
+from shpy.program import Program
+from shpy.streams.stream import Stream
+
+__all__ = ["scan"]
+
+Arrays = list[NDArray[Any]]
+
+
+def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
+    """Return a Stream of all prefixes: element i combines the elements 0 to i, in C order, with a program(a, b) -> a.
+
+    The order of evaluation is fixed. The elements 0 to i are cut into the largest blocks of a power of two elements
+    that start at multiples of their size: one block for each bit of i + 1, the largest first. Each block is reduced by
+    the tree of `sh.reduce`, and the blocks are combined from left to right: of 7 elements, the last prefix is
+    p(p(B4, B2), B1) with B4 = p(p(x0, x1), p(x2, x3)), B2 = p(x4, x5) and B1 = x6. So the last prefix has the bits of
+    `sh.reduce` if the number of elements is a power of two. The same bits come out on every backend in strict mode.
+
+    With `exclusive`, element i combines the elements 0 to i - 1, and element 0 is zero in all of its components.
+    The result has the shape of the stream, and is empty for an empty one. Raises ShpyTypeError for programs that do not
+    combine two elements into one.
+    """
+    element = check_combination(program, stream, "scan")
+    flat = retyped(stream, element, (stream.size,))
+    if stream.size < 2:
+        if not exclusive or not stream.size:
+            return stream.copy()
+        return Stream.empty(stream.shape, stream.type, stream.backend, stream.device, stream.precision)
+    found = (_on_host if is_on_host(stream) else _on_device)(program, flat, exclusive)
+    return retyped(found, stream.type, stream.shape)
+
+
+def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:
+    """Four neighbours become one on the way up, and one prefix four on the way down."""
+    up = folding(program, stream.type, stream.type, None, 1, 4).compile_for(stream)
+    levels = [stream]
+    while levels[-1].size > 1:
+        levels.append(up(Table(levels[-1]), shape=(-(-levels[-1].size // 4),)))
+    above = levels.pop()
+    while levels:
+        level = levels.pop()
+        down = scanning(program, stream.type, exclusive and not levels).compile_for(stream)
+        above = down(Table(level), Table(above), shape=level.shape)
+    return above
+
+
+def _on_host(program: Program, stream: Stream, exclusive: bool) -> Stream:
+    """Two neighbours become one on the way up, and one prefix two on the way down."""
+    levels = [arrays_of(stream)]
+    while (n := levels[-1][0].shape[1]) > 1:
+        whole = n // 2 * 2
+        firsts, seconds = ([a[:, k:whole:2] for a in levels[-1]] for k in (0, 1))
+        levels.append(run_pairs(program, firsts, seconds, stream.type, stream))
+    above = levels.pop()
+    while levels:
+        above = _down_on_host(program, levels.pop(), above, stream)
+    if exclusive:
+        above = [np.concatenate((np.zeros_like(a[:, :1]), a[:, :-1]), axis=1) for a in above]
+    return over_arrays(above, stream.type, stream)
+
+
+def _down_on_host(program: Program, level: Arrays, above: Arrays, stream: Stream) -> Arrays:
+    n = level[0].shape[1]
+    odd = run_pairs(program, [a[:, : (n - 1) // 2] for a in above], [a[:, 2::2] for a in level], stream.type, stream)
+    found = [np.empty_like(a) for a in level]
+    for made, first, pair, rest in zip(found, level, above, odd, strict=True):
+        made[:, 0] = first[:, 0]
+        made[:, 1::2] = pair[:, : n // 2]
+        made[:, 2::2] = rest
+    return found

@@ -1,0 +1,155 @@
+"""The balanced binary tree over the elements of a stream: on a device in passes, on the host by slices.
+
+Stage: run. Level after level, out[i] = f(in[2 i], in[2 i + 1]), and an odd last element passes unchanged, until one is
+left. A pass on a device climbs several levels, with the same combinations in the same order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.collectives.programs import Lift, folding, lifting, width_for
+from shpy.errors import ShpyTypeError
+from shpy.ir.nodes import Discard, Let
+from shpy.ir.traverse import walk
+from shpy.lang.data import Table, TableType, TextureType
+from shpy.lang.location import here
+from shpy.lang.structure import layout_of, leaves
+from shpy.lang.types import Attrib1i
+from shpy.program import Program
+from shpy.streams.stream import Stream
+
+__all__ = ["arrays_of", "check_combination", "fold", "is_on_host", "over_arrays", "retyped", "run_pairs"]
+
+Shape = tuple[int, ...]
+_LARGEST = 2**31 - 64
+"""Elements whose index is an int of 32 bits, and so is that of the neighbours of the last element."""
+
+
+def retyped(stream: Stream, type_: Any, shape: Shape) -> Stream:
+    """Return a stream over the same memory, its elements of a type with the same leaves, in another shape."""
+    return Stream.over(type_, shape, stream.place, [leaf.memory for leaf in stream.leaf_entries()])
+
+
+def check_combination(program: Any, stream: Any, name: str) -> Any:
+    """Return the type that a program(a, b) -> a combines; ShpyTypeError where it does not fit the stream."""
+    if not isinstance(stream, Stream):
+        raise ShpyTypeError(
+            f"sh.{name} takes a Stream, not {type(stream).__name__}", loc=here(), cure="sh.Stream(array, type)"
+        )
+    if stream.size > _LARGEST:
+        raise ShpyTypeError(
+            f"sh.{name} takes {_LARGEST:,} elements at most, not {stream.size:,}",
+            loc=here(),
+            cure="several streams",
+        )
+    if not isinstance(program, Program):
+        raise ShpyTypeError(
+            f"sh.{name} takes a program of two elements, not {type(program).__name__}",
+            loc=here(),
+            cure="@sh.program before the function",
+        )
+    wanted = f"{program.name}(a: sh.{stream.type.__name__}, b: sh.{stream.type.__name__}) -> sh.{stream.type.__name__}"
+    element = _types(stream.type)
+    inputs = list(program.inputs.values())
+    taken = [None if isinstance(t, TableType | TextureType) or t is None else _types(t) for t in inputs]
+    given = [cls.type for cls in program.outputs.values()]
+    if taken != [element, element] or given != element:
+        raise ShpyTypeError(
+            f"sh.{name} combines two elements of {stream!r} into one, and {program!r} does not",
+            loc=here(),
+            cure=wanted,
+        )
+    _check_body(program, name)
+    return inputs[0]
+
+
+def _check_body(program: Program, name: str) -> None:
+    for function in program.ir.functions:
+        for statement in walk(function.body):
+            op = statement.op if isinstance(statement, Let) else "SH_DISCARD"
+            if isinstance(statement, Discard) or (isinstance(statement, Let) and op in ("grid_index", "grid_shape")):
+                raise ShpyTypeError(
+                    f"{program.name} uses {op}, and sh.{name} combines elements, wherever they stand",
+                    loc=statement.value.loc if isinstance(statement, Let) else statement.loc,
+                    cure="elements that hold their index, and a program of these",
+                )
+
+
+def _types(type_: Any) -> list[Any]:
+    return [cls.type for _, _, cls in leaves(layout_of(type_, "an element"), "")]
+
+
+def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None = None) -> Stream:
+    """Reduce a stream of shape (n,), or (a, n, b) along its middle axis, to (1,) or (a, 1, b); n is at least 1.
+
+    `lift` makes of each element and its index along the axis a value of the type `made`, which `combine` takes.
+    """
+    made = stream.type if made is None else made
+    axis = len(stream.shape) // 2
+    before, after = stream.shape[:axis], stream.shape[axis + 1 :]
+    if not stream.size:
+        return Stream.empty((*before, 1, *after), made, stream.backend, stream.device, stream.precision)
+    if is_on_host(stream):
+        return _fold_on_host(stream, combine, made, lift)
+    width = width_for(combine)
+    while stream.shape[axis] > 1 or lift is not None:
+        level = folding(combine, stream.type, made, lift, len(stream.shape), width)
+        shape = (*before, -(-stream.shape[axis] // width), *after)
+        stream = level.compile_for(stream)(Table(stream), shape=shape)
+        lift = None
+    return stream
+
+
+def is_on_host(stream: Stream) -> bool:
+    """Return whether the memory of a stream is arrays, of which slices are cheaper than reads by index."""
+    return all(isinstance(leaf.memory.native, np.ndarray) for leaf in stream.leaf_entries())
+
+
+def arrays_of(stream: Stream) -> list[NDArray[Any]]:
+    """Return the arrays (a, n, b, N) of the leaves of a stream on the host."""
+    whole = (1, *stream.shape, 1) if len(stream.shape) == 1 else stream.shape
+    found = [leaf.memory.native for leaf in stream.leaf_entries()]
+    return [array.reshape(*whole, *array.shape[1:]) for array in found]
+
+
+def over_arrays(arrays: list[NDArray[Any]], type_: Any, like: Stream) -> Stream:
+    """Return a stream on the host over arrays (a, n, b, N), which are copied where they are not contiguous."""
+    shape: Shape = arrays[0].shape[:3]
+    memories = [
+        like.place.space.wrap(np.ascontiguousarray(a).reshape(math.prod(shape), *a.shape[3:]), cls.type)
+        for a, (_, _, cls) in zip(arrays, leaves(layout_of(type_, "an element"), ""), strict=True)
+    ]
+    return Stream.over(type_, shape, like.place, memories)
+
+
+def run_pairs(
+    combine: Program, firsts: list[NDArray[Any]], seconds: list[NDArray[Any]], type_: Any, like: Stream
+) -> list[NDArray[Any]]:
+    """Combine arrays (a, n, b, N) of the leaves of a type element by element on the host."""
+    if not firsts[0].size:
+        return firsts
+    pairs = (over_arrays(arrays, type_, like) for arrays in (firsts, seconds))
+    return arrays_of(combine.compile_for(like)(*pairs))
+
+
+def _fold_on_host(stream: Stream, combine: Program, made: Any, lift: Lift | None) -> Stream:
+    shape = stream.shape if len(stream.shape) == 3 else (1, *stream.shape, 1)
+    if lift is not None:
+        index = np.arange(shape[1], dtype=np.int32).reshape(1, -1, 1)
+        lifted = lifting(lift, stream.type, made).compile_for(stream)
+        places = over_arrays([np.broadcast_to(index, shape).copy()], Attrib1i, stream)
+        stream = lifted(retyped(stream, stream.type, shape), places)
+    arrays = arrays_of(stream)
+    while arrays[0].shape[1] > 1:
+        whole = arrays[0].shape[1] // 2 * 2
+        firsts, seconds = ([a[:, k:whole:2] for a in arrays] for k in (0, 1))
+        made_pairs = run_pairs(combine, firsts, seconds, made, stream)
+        if whole < arrays[0].shape[1]:
+            made_pairs = [np.concatenate((p, a[:, whole:]), axis=1) for p, a in zip(made_pairs, arrays, strict=True)]
+        arrays = made_pairs
+    return over_arrays(arrays, made, stream)
