@@ -27,6 +27,7 @@ from shpy.lang.data import Table, Texture2D, TextureType
 from shpy.lang.location import here
 from shpy.lang.record import Recorded
 from shpy.lang.structure import build_arrays
+from shpy.plans import KEPT, Plan, plan_of, signature
 from shpy.streams.running import Prepared, StreamResult, check_places, prepare, run_prepared
 from shpy.streams.stream import Place, streams_in
 
@@ -80,6 +81,8 @@ class Kernel:
             for oldest in list(_executables)[: max(0, len(_executables) - _KEPT)]:
                 _executables.pop(oldest, None)
         self._executable = found
+        self._plans: dict[tuple[Any, ...] | None, Plan | None] = {}
+        self._plans_hold = next(streams_in(iter(recorded.tables.values())), None) is None
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
         devices = backend.devices()
         self.device = devices[options.device or 0]
@@ -109,10 +112,16 @@ class Kernel:
         With a Stream among the inputs, or in a Table, the outputs are Streams on the same device.
         Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of iterations.
         """
+        if not named and shape is None:
+            known = self._run_planned(arrays, None)
+            if known is not None:
+                common, outputs, status = known
+                return outputs if status is None else self._result(common, outputs, status).outputs
         given = host.bind(self._recorded, arrays, named)
         if self._holds_streams(given, None):
             return self._run_on_device(given, None, shape).outputs
         common, outputs, status = self._execute(given, None, shape)
+        self._plan(arrays, common, named, shape)
         return outputs if status is None else self._result(common, outputs, status).outputs
 
     def run(self, *arrays: Any, out: Any = None, shape: Any = None, **named: Any) -> Result:
@@ -121,10 +130,15 @@ class Kernel:
         Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs. With a Stream among
         the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device.
         """
-        given = host.bind(self._recorded, arrays, named)
-        if self._holds_streams(given, out):
-            return self._run_on_device(given, out, shape)
-        common, outputs, status = self._execute(given, out, shape)
+        known = None if named or shape is not None else self._run_planned(arrays, out)
+        if known is not None:
+            common, outputs, status = known
+        else:
+            given = host.bind(self._recorded, arrays, named)
+            if self._holds_streams(given, out):
+                return self._run_on_device(given, out, shape)
+            common, outputs, status = self._execute(given, out, shape)
+            self._plan(arrays, common, named, shape)
         if status is None:
             return ArrayResult(outputs, np.ones(common, np.bool_), math.prod(common))
         return self._result(common, outputs, status)
@@ -157,6 +171,37 @@ class Kernel:
         self._check_sizes(tables)
         params = self._params(given)
         return prepare(recorded, self._executable, given, tables, params, place, dtypes, inputs, common, out)
+
+    def _plan(self, arrays: tuple[Any, ...], common: tuple[int, ...], named: Any, shape: Any) -> None:
+        """Keep what a call of this signature has to do, once it went well."""
+        key = None if named or shape is not None or not self._plans_hold else signature(arrays)
+        if key is not None and key not in self._plans and 0 not in common:
+            dtypes = host.dtypes_at(self.options.precision)
+            if len(self._plans) >= KEPT:
+                self._plans.clear()
+            self._plans[key] = plan_of(self._recorded, dtypes, arrays, common, zeros=not self._executable.writes_all)
+
+    def _run_planned(
+        self, arrays: tuple[Any, ...], out: Any
+    ) -> tuple[tuple[int, ...], Any, NDArray[np.int32] | None] | None:
+        """Run as an earlier call of this signature did; None where there was none."""
+        plan = self._plans.get(signature(arrays)) if self._plans else None
+        if plan is None:
+            return None
+        recorded = self._recorded
+        tables = recorded.tables
+        data: dict[str, Any] = {}
+        if tables:
+            dtypes = host.dtypes_at(self.options.precision)
+            data = {name: self._data(table, dtypes) for name, table in tables.items()}
+        try:
+            begun = plan.begin(arrays, self._params({}) if recorded.params else {}, data, out)
+            if begun is None:
+                return None
+            call, outputs = begun
+            return plan.shape, outputs, self._executable.run(call)
+        except MemoryError:  # which is explained by the way that checks everything
+            return None
 
     def _execute(
         self, given: dict[str, Any], out: Any, shape: Any

@@ -25,7 +25,16 @@ LAYERS = {
     "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.passes"],
     "shpy.host": ["shpy.errors", "shpy.ir", "shpy.lang"],
     "shpy.streams": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host"],
-    "shpy.kernel": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host", "shpy.streams"],
+    "shpy.plans": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends"],
+    "shpy.kernel": [
+        "shpy.errors",
+        "shpy.ir",
+        "shpy.lang",
+        "shpy.backends",
+        "shpy.host",
+        "shpy.plans",
+        "shpy.streams",
+    ],
     "shpy.uniforms": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.kernel"],
     "shpy.algebra": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.passes"],
     "shpy.program": [

@@ -25,6 +25,10 @@ AGAIN: Final = 1 << 14
 """Elements of the first dispatch of each call of a kernel that is not steady, at most."""
 GROWTH: Final = 8
 """A dispatch has at most this many times the elements of the one before: those were perhaps the cheap ones."""
+BRIEF: Final = 0.005
+"""Seconds of a dispatch that a caller need not be able to interrupt."""
+AGAIN_AFTER: Final = 16
+"""Brief dispatches after which one is timed again."""
 SHORT: Final = 10
 """A dispatch that takes less than one in this many of `SECONDS` is short."""
 
@@ -32,15 +36,24 @@ SHORT: Final = 10
 class Pace:
     """The number of elements of one kernel that take about `seconds`.
 
-    `steady` unless data may make elements of the next call dearer by any factor: each call then begins small.
+    `bounded` if no data makes an element take more than a few thousand iterations. `steady` unless data
+    may make elements of the next call dearer by any factor: each call then begins small.
     """
 
     def __init__(
-        self, seconds: float = SECONDS, clock: Callable[[], float] = time.perf_counter, *, steady: bool = True
+        self,
+        seconds: float = SECONDS,
+        clock: Callable[[], float] = time.perf_counter,
+        *,
+        steady: bool = True,
+        bounded: bool = True,
     ) -> None:
         self.seconds = seconds
+        self.bounded = bounded
         self.steady = steady
         self.elements = FIRST
+        self._brief = 0
+        self._asked = 0
         self._clock = clock
 
     def parts(self, rows: int, width: int = 1, least: int = 1) -> Iterator[tuple[int, int]]:
@@ -62,7 +75,16 @@ class Pace:
         """Return whether so many elements are known to take no longer than a dispatch should."""
         return self.steady and elements <= self.elements
 
+    def is_brief(self, elements: int) -> bool:
+        """Return whether as many elements took less than `BRIEF` when they were timed last; now and then they are."""
+        self._asked += 1
+        return self.bounded and elements <= self._brief and self._asked % AGAIN_AFTER != 0
+
     def _learn(self, elements: int, seconds: float) -> None:
+        if seconds < BRIEF:
+            self._brief = max(self._brief, elements)
+        elif elements <= self._brief:
+            self._brief = 0
         fitting = elements * self.seconds / seconds if seconds > 0 else elements * GROWTH
         if fitting < self.elements:
             # A short dispatch takes as long as it does because of what each dispatch costs.

@@ -10,7 +10,6 @@ Stage: run. Everything of pyopencl that the runtime touches is here; it is impor
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import threading
@@ -27,12 +26,11 @@ import numpy as np
 from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
+from shpy.backends.opencl.compiler_trials import TRIALS
 from shpy.backends.opencl.memory import OpenCLSpace
-from shpy.backends.opencl.packet_halves import try_wide
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
-from shpy.backends.opencl.spelling import ELEMENTWISE
-from shpy.backends.opencl.trial import Trial, Unfinished, works
+from shpy.backends.opencl.trial import Unfinished, works
 from shpy.backends.opencl.waiting import Waiter
 from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
@@ -45,42 +43,6 @@ LOCAL_SIZE = 64
 PACKETS = 16
 """Packets of a group: each is as much work as many elements."""
 
-_ROUNDED = (1.5, -0.5, 2.0, 2.5, -3.0, 0.0, 7.75, 1e9)
-_TRIALS = {
-    "reduce": Trial("int8", "a[0].x = __builtin_reduce_or(a[0]);", (1, 2, 4, 8, 16, 32, 64, 0), (127, 2, 4)),
-    "elementwise": Trial(
-        "float8",
-        f"float8 x = a[0]; a[0] = {' + '.join(f'__builtin_elementwise_{name}(x)' for name in ELEMENTWISE.values())};",
-        _ROUNDED,
-        tuple(math.floor(x) + math.ceil(x) + math.trunc(x) + round(x) for x in _ROUNDED),
-    ),
-    "shuffle": Trial(
-        "int8",
-        "a[0] = __builtin_shufflevector(a[0], a[1], 0, 8, 1, 9, 2, 10, 3, 11);",
-        tuple(range(16)),
-        (0, 8, 1, 9, 2, 10, 3, 11),
-    ),
-    **{
-        f"signs{n}": Trial(f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};", (0, -1, *[0] * (n - 2)), (2, -1))
-        for n, text in SIGNS.items()
-    },
-    **{
-        f"floats{n}": Trial(
-            f"float{n}",
-            f"float{n} x = a[0]; a[0] = fma(floor(sqrt(x)), x, convert_float{n}(clamp(convert_int{n}_sat(x), 0, 3)));",
-            tuple(k + 0.5 for k in range(n)),
-            tuple(math.floor(math.sqrt(k + 0.5)) * (k + 0.5) + min(k, 3) for k in range(n)),
-        )
-        for n in WIDTHS
-    },
-    **{
-        f"wide{n}": Trial(
-            "float16", try_wide(n), tuple(range(16)), tuple(float(k + k % 2 * k) for k in range(15, -1, -1))
-        )
-        for n in WIDER
-    },
-}
-"""Functions that a compiler may have besides OpenCL C."""
 _EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
 __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *c, __global floatWIDE *nan,
@@ -275,11 +237,11 @@ class Machine:
             binary = program.get_info(self.cl.program_info.BINARIES)[0]
             store.save(self._key(text, self.options(math)), bytes(binary))
 
-    def pace(self) -> Pace:
+    def pace(self, *, bounded: bool) -> Pace:
         """The pace of a new kernel. What stops long dispatches does so on anything but a CPU."""
         if self.device.type & self.cl.device_type.CPU:
-            return Pace(_CPU_SECONDS)
-        return Pace()
+            return Pace(_CPU_SECONDS, bounded=bounded)
+        return Pace(bounded=bounded)
 
     def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int) -> None:
         """Run a kernel over columns and lines of work items, and as many idle ones as fill each line's last group.
@@ -294,6 +256,10 @@ class Machine:
         # Whole lines, or groups of the only one; each core should have a group.
         rows, width = (lines, columns) if lines > 1 else (groups, group)
         least = -(-self.device.max_compute_units * group // width)
+        elements = groups * group * lines * each
+        if pace.is_brief(elements):  # the host waits when it reads
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, lines), (group, 1))
+            return
         for first, count in pace.parts(rows, width * each, least):
             size = (groups * group, count) if lines > 1 else (count * group, 1)
             if first:
@@ -301,11 +267,12 @@ class Machine:
             self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
 
     def starter(
-        self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int
+        self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int, *, brief: bool
     ) -> Callable[[], None]:
         """Return what starts a kernel, whose arguments nobody else sets, as `launch` runs it.
 
-        It waits where the run takes several dispatches, or where it is not known yet whether it does.
+        It waits where the run takes several dispatches, or where it is not known yet whether it does; with `brief`,
+        unless the run is known to be brief.
         """
         columns, lines = items
         groups = max(1, -(-columns // group))
@@ -314,7 +281,7 @@ class Machine:
         enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, groups * group * lines * each
 
         def start() -> None:
-            if pace.fits(elements):
+            if pace.is_brief(elements) if brief else pace.fits(elements):
                 enqueue(queue, kernel, size, (group, 1))
             else:
                 self.launch(kernel, args, items, group, pace, each)
@@ -460,10 +427,10 @@ class Machine:
 
     @cached_property
     def _succeeded(self) -> frozenset[str]:
-        """Those of _TRIALS that work: tried once for each driver version, and kept on disk."""
-        key = self._key("".join(trial.text(name) for name, trial in _TRIALS.items()), self._options)
+        """Those of TRIALS that work: tried once for each driver version, and kept on disk."""
+        key = self._key("".join(trial.text(name) for name, trial in TRIALS.items()), self._options)
         try:
-            return store.known_names(key, _TRIALS, lambda: works(self._place(), self._options, _TRIALS))
+            return store.known_names(key, TRIALS, lambda: works(self._place(), self._options, TRIALS))
         except Unfinished as error:  # which is not kept: the next process tries again
             warnings.warn(
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "

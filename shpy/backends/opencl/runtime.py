@@ -15,8 +15,8 @@ import math
 import re
 import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Final
 
@@ -29,6 +29,7 @@ from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
 from shpy.backends.opencl.spelling import ELEMENTWISE, FAST
+from shpy.backends.opencl.staging import Staged, Stages, is_small, staged_array
 from shpy.backends.opencl.widths import Choosing, measured_widths, next_width
 from shpy.backends.pace import Pace
 from shpy.backends.probe import refuse_wrong
@@ -40,6 +41,7 @@ from shpy.ir.tabledata import TableData
 from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type, vec
+from shpy.passes.exits import few_turns
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.size import check_growth, check_size
@@ -134,7 +136,9 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         try:
             program = machine.build(kernel.text, options.math)
             compiled = machine.cl.Kernel(program, kernel.name)
-            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, machine.pace())
+            executable = OpenCLExecutable(
+                machine, kernel, prepared, program, compiled, machine.pace(bounded=few_turns(prepared.module))
+            )
             executable.warm_up()
             machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
@@ -165,6 +169,7 @@ class OpenCLExecutable:
     compiled: Any
     pace: Pace
     remarks: tuple[str, ...] = ()
+    stages: Stages = field(default_factory=Stages)
 
     @property
     def source(self) -> str:
@@ -211,7 +216,8 @@ class OpenCLExecutable:
         with self.machine.lock:
             used: list[Any] = []
             try:
-                status = self._run(call, used)
+                staged = self.machine.shares_memory and not self.kernel.tables and is_small(call)
+                status = self._run_staged(call) if staged else self._run(call, used)
             except BaseException as error:
                 self.machine.abandon((used, call))
                 if isinstance(error, self.machine.cl.MemoryError):
@@ -244,6 +250,42 @@ class OpenCLExecutable:
         machine.finish([buffer for buffer, is_lent in outputs if is_lent])
         return self._collect(call, outputs)
 
+    def _run_staged(self, call: Call) -> Array | None:
+        staged = self.stages.get(call, self._stage)
+        for i, array in staged.inputs:
+            np.copyto(array, call.inputs[i], casting="unsafe")
+        if self.kernel.params:
+            staged.set_params(self._params(call.params))
+        staged.start()
+        self.machine.finish(staged.buffers)
+        return self._hand_over(call, staged.outputs)
+
+    def _stage(self, call: Call) -> Staged:
+        """Arrays for runs of this shape, and a kernel whose arguments they are."""
+        machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
+        row = self._row_length(call.shape)
+        args: list[Any] = [np.uint64(call.count), self._start, *self._row(row), *self._shape(call.shape)]
+        inputs: list[tuple[int, Array]] = []
+        for i in kernel.inputs:
+            array, buffer = staged_array(machine, entry.inputs[i].type, len(call.inputs[i]))
+            inputs.append((i, array))
+            args += [buffer, np.int32(len(array) == call.count)]
+        first = len(args)
+        args += self._params(call.params)
+        found = [staged_array(machine, slot.type, call.count) for slot in entry.outputs]
+        buffers = [buffer for _, buffer in found]
+        args += buffers
+        compiled = machine.cl.Kernel(self.program, kernel.name)
+        items = self._items(call.count, row)
+        start = machine.starter(compiled, args, items, self._group, self.pace, kernel.lanes, brief=True)
+
+        def set_params(values: list[Any]) -> None:
+            args[first : first + len(values)] = values
+            for at, value in enumerate(values, first):
+                compiled.set_arg(at, value)
+
+        return Staged(inputs, [array for array, _ in found], buffers, set_params, start)
+
     def ready(self, call: DeviceCall) -> Callable[[], None]:
         """Prepare a run over buffers of the device: see `base.Executable`."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
@@ -264,7 +306,9 @@ class OpenCLExecutable:
         args += [_own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
         # A kernel holds its arguments, so each run that is ready has one of its own.
         compiled = machine.cl.Kernel(self.program, kernel.name)
-        run = machine.starter(compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes)
+        run = machine.starter(
+            compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes, brief=False
+        )
         copies = [copy for _, _, copy in tables if copy is not None]
         if not copies:
             return run
@@ -345,25 +389,36 @@ class OpenCLExecutable:
         return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []
 
     def _collect(self, call: Call, outputs: list[tuple[Any, bool]]) -> Array | None:
-        status: Array | None = None
-        if self.prepared.status:
-            status = np.empty(call.count, np.int32)
-            self.machine.download(status, outputs[-1][0])
-            if status.min() == status.max() == Status.WRITTEN:
-                status = None
-        written = None if status is None else status == Status.WRITTEN
+        """Bring to the host what is not there yet."""
+        found: list[Array | None] = []
         slots = self.prepared.module.entry.outputs
-        for out, slot, (buffer, is_lent) in zip(call.outputs, slots, outputs, strict=False):
-            dtype = np.dtype(MEMORY[slot.type.base])
+        for k, (slot, (buffer, is_lent)) in enumerate(zip(slots, outputs, strict=True)):
             if is_lent:
+                found.append(None)
                 continue
-            if written is None and out.dtype == dtype and out.flags.c_contiguous:
-                self.machine.download(out, buffer)
-                continue
-            found = np.empty(out.shape, dtype)
-            self.machine.download(found, buffer)
-            mask = True if written is None else written.reshape(-1, *[1] * (out.ndim - 1))
-            np.copyto(out, found.astype(out.dtype), where=mask)
+            dtype = np.dtype(MEMORY[slot.type.base])
+            out = call.outputs[k] if k < len(call.outputs) and not self.prepared.status else None
+            direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
+            shape = (call.count, slot.type.size) if slot.type.size > 1 else (call.count,)
+            array = out if direct and out is not None else np.empty(shape, dtype)
+            self.machine.download(array, buffer)
+            found.append(None if direct else array)
+        return self._hand_over(call, found)
+
+    def _hand_over(self, call: Call, found: Sequence[Array | None]) -> Array | None:
+        """Copy what was found to the outputs, where elements were written; gives the statuses if not all were."""
+        status: Array | None = None
+        written: Any = True
+        if self.prepared.status:
+            last = found[-1]
+            assert last is not None
+            if not (last == Status.WRITTEN).all():
+                status = last.copy()
+                written = status == Status.WRITTEN
+        for out, array in zip(call.outputs, found, strict=False):
+            if array is not None:
+                where = written if status is None else written.reshape(-1, *[1] * (out.ndim - 1))
+                np.copyto(out, array, casting="unsafe", where=where)
         return status
 
 
