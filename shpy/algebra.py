@@ -151,8 +151,8 @@ def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str |
         if target is not None and not _fits(layout, wanted[target]):
             spoken = f"the output {name}" if name is not None else "an output"
             raise ShpyTypeError(
-                f"{spoken} of {f.module.name} is {_article(layout)} and cannot be the input {target} of "
-                f"{g.module.name}, {_article(wanted[target])}: {signature(f)} goes into {signature(g)}",
+                f"{spoken} of {f.module.name} is {with_article(layout)} and cannot be the input {target} of "
+                f"{g.module.name}, {with_article(wanted[target])}: {signature(f)} goes into {signature(g)}",
                 loc=here(),
                 cure="a program between the two that converts"
                 + (f", or {f.module.name}.rename({name}=…), so that names join as they are meant" if name else ""),
@@ -210,7 +210,8 @@ def _fits(given: Layout, wanted: Layout) -> bool:
     return alike(given, wanted)
 
 
-def _article(layout: Layout) -> str:
+def with_article(layout: InputType) -> str:
+    """Return the type of an input or output with its article."""
     spoken = type_name(layout)
     return f"a{'n' if spoken[0] in 'AEIOU' else ''} {spoken}"
 

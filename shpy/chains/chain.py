@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.algebra import alike, type_name
+from shpy.algebra import alike, with_article
 from shpy.backends.base import Precision
 from shpy.chains.member import Member, element_layout
 from shpy.chains.running import ChainResult, Run
@@ -104,7 +104,7 @@ class Chain(ABC):
                 first, other = known.setdefault(name, (type_, kernel))
                 if not alike(element_layout(first), element_layout(type_)):
                     raise ShpyTypeError(
-                        f"the stream {name} is a {type_name(first)} in {other.signature} and a {type_name(type_)} in "
+                        f"the stream {name} is {with_article(first)} in {other.signature} and {with_article(type_)} in "
                         f"{kernel.signature}",
                         loc=here(),
                         cure=f'{kernel.name}.rename({name}="…"), or one type in both',

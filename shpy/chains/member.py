@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from shpy.algebra import alike, signature, type_name
+from shpy.algebra import alike, signature, type_name, with_article
 from shpy.backends.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard
@@ -193,7 +193,7 @@ def _check_shared(recorded: Recorded, name: str, type_: InputType, other: str) -
     known = recorded.inputs.get(name)
     if known is not None and known != type_:
         raise ShpyTypeError(
-            f"the stream {name} is a {type_name(known)} in {signature(recorded)} and a {type_name(type_)} in {other}",
+            f"the stream {name} is {with_article(known)} in {signature(recorded)} and {with_article(type_)} in {other}",
             loc=here(),
             cure=f"rename({name}=…) of one of the two",
         )
