@@ -85,10 +85,13 @@ def _add_certify(commands: Any) -> None:
     command.add_argument("--device", type=whole(0), help="the number of its device, as shpy doctor counts (default: 0)")
     command.add_argument("--lanes", type=int, choices=(1, 4, 8, 16, 32, 64), help="opencl: lanes that run together")
     command.add_argument(
-        "--section", help="of conformance,functions,accuracy,examples,pictures, with commas between them (default: all)"
+        "--section",
+        help="of conformance,functions,accuracy,examples,pictures, with commas between them (default: all); or inputs",
     )
     command.add_argument(
-        "--full", action="store_true", help="all checks, and all 2**32 inputs of each function of one argument: hours"
+        "--full",
+        action="store_true",
+        help="all checks without a limit of time, and functions of one argument on all 2**32 inputs: hours",
     )
     command.add_argument(
         "-o", "--output", type=Path, default=Path("certificate.json"), help="(default: certificate.json)"

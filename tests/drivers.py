@@ -4,6 +4,7 @@
     python -m tests.drivers                         # runs the list on what is there; writes docs/drivers.md
     python -m tests.drivers softpipe rusticl        # on these; the other rows of the table stay
     python -m tests.drivers PoCL --print            # writes nothing
+    python -m tests.drivers --certify               # runs `shpy certify` instead; writes the table of docs/certify.md
 
 Drivers that are not on the system are in the folder SHPY_DRIVERS (default: ~/.cache/shpy-drivers), one folder each.
 """
@@ -30,6 +31,7 @@ from shpy.testing.conformance.cases import Case, all_cases
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "drivers.md"
+CERTIFIED = ROOT / "docs" / "certify.md"
 PRIVATE = Path(os.environ.get("SHPY_DRIVERS") or Path.home() / ".cache" / "shpy-drivers")
 MESA = {"EGL_PLATFORM": "surfaceless", "LIBGL_ALWAYS_SOFTWARE": "1"}
 ZINK = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "LIBGL_KOPPER_DRI2": "1"}
@@ -109,9 +111,14 @@ class Driver:
         """Whether it can be run."""
         return self.source is None or self.source.found() is not None
 
+    @property
+    def family(self) -> str:
+        """Its name without a width."""
+        return self.name.partition(",")[0]
+
     def command(self, *arguments: str) -> list[str]:
-        """The command that runs this module for it."""
-        command = [sys.executable, "-m", "tests.drivers", *arguments]
+        """The command that runs a module for it."""
+        command = [sys.executable, "-m", *arguments]
         return [*OVERLAY, str(self.source.path), *command] if self.source and self.source.fixed else command
 
     def selected(self) -> dict[str, str]:
@@ -211,7 +218,7 @@ def run(driver: Driver, seconds: float = SECONDS) -> Report:
     """Run the list in processes of their own, for about so long: one more for each program that ends its process."""
     report = Report()
     while True:
-        command = driver.command("--here", driver.target, "--seconds", str(seconds))
+        command = driver.command("tests.drivers", "--here", driver.target, "--seconds", str(seconds))
         done = subprocess.run(
             command, input=json.dumps(sorted(report.outcomes)),
             cwd=ROOT, env=driver.selected(), capture_output=True, text=True, timeout=2 * SECONDS, check=False,
@@ -244,7 +251,9 @@ with a `CompileError` that names the operation or type which the device gets wro
 
 `python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
 system as it is. rusticl looks for the files of libclc in /usr/lib, so it runs in a mount namespace (`unshare`) where
-they are. Not run: GPUs; PoCL newer than 3.1, which neither Debian 12 nor PyPI has.
+they are. Not run: GPUs; PoCL newer than 3.1, which neither Debian 12 nor PyPI has. Rows were made on two processors,
+an AMD EPYC with AVX2 and an Intel Xeon with AVX-512, of which PoCL and Intel's runtime tell the name. Where fewer
+programs were run, the time ended: PoCL compiles for one to three seconds for each.
 
 | driver | device and version | results |
 |---|---|---|
@@ -260,12 +269,42 @@ def write_table(rows: dict[str, str]) -> None:
     DOCUMENT.write_text(HEAD + "".join(f"{line}\n" for line in whole.values()))
 
 
+def certify(driver: Driver) -> str:
+    """Run `shpy certify` on it, as a user of that driver would; gives its row of the table."""
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "certificate.json"
+        given = ["certify", "--backend", driver.target.partition("-")[0], "-o", str(path)]
+        done = subprocess.run(
+            driver.command("shpy", *given), cwd=ROOT, env=driver.selected(), capture_output=True, text=True, check=False
+        )
+        if not path.exists():
+            return f"| {driver.family} | no report: {done.stderr.strip()[-200:]} | | | | |"
+        (target,) = json.loads(path.read_text())["targets"]
+    sections = target["sections"].values()
+    found = [finding for section in sections for finding in section["findings"].values()]
+    same = sum(finding["verdict"] in ("same", "denormals") for finding in found)
+    refused = sum(finding["verdict"] == "refused" for finding in found)
+    wrong = sorted(name for s in sections for name, f in s["findings"].items() if f["verdict"] in ("differs", "failed"))
+    said = f"{target['verdict']}: {', '.join(wrong)}" if wrong else target["verdict"]
+    left, seconds = sum(s["not run"] for s in sections), sum(s["seconds"] for s in sections)
+    return f"| {driver.family} | {said} | {same} | {refused} | {left} | {seconds:.0f} |"
+
+
+def write_certified(row: str) -> None:
+    """Put a row of `certify` into the table that ends its document."""
+    text, head, table = CERTIFIED.read_text().partition("| --- | --- | ---: | ---: | ---: | ---: |\n")
+    rows = {line.split("|")[1].strip(): line for line in [*table.splitlines(), row]}
+    ordered = [rows[family] for family in dict.fromkeys(d.family for d in DRIVERS) if family in rows]
+    CERTIFIED.write_text(text + head + "".join(f"{line}\n" for line in ordered))
+
+
 def main() -> None:
     """Run what is asked for, print the rows, and write the document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="drivers, by the beginning of their names (default: all)")
     parser.add_argument("--get", action="store_true", help="download drivers instead")
-    parser.add_argument("--print", action="store_true", help="do not write docs/drivers.md")
+    parser.add_argument("--certify", action="store_true", help="run `shpy certify` once on each driver instead")
+    parser.add_argument("--print", action="store_true", help="do not write docs/drivers.md or docs/certify.md")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each driver, after which no program begins")
     parser.add_argument("--here", help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -275,10 +314,17 @@ def main() -> None:
     chosen = [d for d in DRIVERS if not given.names or d.name in given.names] or [
         d for d in DRIVERS if any(d.name.startswith(name) for name in given.names)
     ]
+    if given.certify:
+        chosen = list({driver.family: driver for driver in reversed(chosen)}.values())[::-1]
     for driver in chosen:
         if given.get:
             if driver.source and not driver.installed:
                 driver.source.get()
+        elif driver.installed and given.certify:
+            row = certify(driver)
+            print(row, flush=True)
+            if not given.print:
+                write_certified(row)
         elif driver.installed:
             row = run(driver, given.seconds).row(driver)
             print(row, flush=True)

@@ -59,7 +59,7 @@ def input_type(annotation: Any, name: str) -> InputType:
     return layout_of(annotation, name)
 
 
-RESERVED = ("out", "shape", "where")
+RESERVED = ("out", "shape")
 
 
 def record(function: Callable[..., Any], name: str | None = None) -> Recorded:

@@ -310,4 +310,5 @@ def refused(source: str, log: str, loc: Loc | None) -> CompileError:
 
 def unsupported(type: Type, loc: Loc | None) -> CompileError:
     """The error for a base that GLSL 3.30 has not."""
-    return CompileError(f"GLSL 3.30 has no {type!r}", loc=loc, cure='compile this program on "numpy" or "opencl"')
+    name = {Base.D: "64-bit floats (f64)", Base.H: "16-bit floats (f16)"}.get(type.base, repr(type))
+    return CompileError(f"GLSL 3.30 has no {name}", loc=loc, cure='compile this program on "numpy" or "opencl"')

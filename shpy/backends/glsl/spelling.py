@@ -38,7 +38,8 @@ FAST: Final = TRANSCENDENTALS | GEOMETRIC | {"rsqrt"}
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _WRITTEN_OUT: Final = 16
-_ARITHMETIC: Final = frozenset({"add", "sub", "mul", "div"})
+_ARITHMETIC: Final = frozenset({"add", "sub", "mul", "div", "sqrt"})
+"""Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x."""
 
 # The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {

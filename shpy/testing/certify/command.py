@@ -10,45 +10,78 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from shpy.accuracy.files import check_file, write_json
 from shpy.backends.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.testing.certify.findings import Section, Target
-from shpy.testing.certify.report import certificate, device_lines, difference_lines, section_line, verdict
-from shpy.testing.certify.sections import SECTIONS, Ran, run_section, sections
+from shpy.testing.certify.report import (
+    certificate,
+    device_lines,
+    difference_lines,
+    duration,
+    left_line,
+    section_line,
+    verdict,
+    verdict_line,
+)
+from shpy.testing.certify.sections import INPUTS, SECTIONS, Ran, run_section, sections
 
 __all__ = ["certify", "chosen_sections", "targets"]
 
 _ABOUT = """\
 Programs in strict mode, the default, give the same bits on every device. This runs programs whose results are known
 on the devices below, and compares every bit."""
+_OFTEN = 30.0
+"""Seconds between the files that are written, and the lines of progress that are printed, while a section runs."""
 
 
 def certify(options: argparse.Namespace) -> int:
-    """Run the checks; 0 where every device gives the same bits, 1 where one differs, 2 for options that do not fit."""
+    """Run the checks; 0 where every device gives the same bits, 1 where one differs, 2 for options that do not fit.
+
+    After Ctrl-C the file holds what was found until then.
+    """
     try:
         wanted = targets(options.backend, options.device, options.lanes)
-        names = chosen_sections(options.section)
+        names = chosen_sections(options.section, options.full)
         check_file(options.output)
     except ShpyError as error:
         print(f"shpy certify: {error}", file=sys.stderr)
         return 2
     made = sections(names, options.full)
     print(_ABOUT)
-    print(_expected(len(wanted), options.full), flush=True)
-    found = {target: _run(target, made, options.full) for target in wanted}
-    write_json(options.output, certificate(found, options.full))
+    print(_expected(len(wanted), made, options.full), flush=True)
+    found: dict[Target, list[Ran]] = {}
+
+    def keep() -> None:
+        write_json(options.output, certificate(found, options.full))
+
+    try:
+        for target in wanted:
+            found[target] = [Ran(section) for section in made]
+            _run(target, found[target], options.full, keep)
+    except KeyboardInterrupt:
+        if any(ran.findings for rans in found.values() for ran in rans):
+            keep()
+            print(f"\n{options.output} holds what was found until it was stopped.", flush=True)
+        raise
+    keep()
     return _conclude(found, options.output)
 
 
-def _expected(devices: int, full: bool) -> str:
-    """How long it will take, in words."""
-    if full:
-        return "With --full this takes hours: every function of one argument runs on all 4,294,967,296 numbers."
-    return f"This takes at most about two minutes for {'each device' if devices > 1 else 'the device'}."
+def _expected(devices: int, made: Sequence[Section], full: bool) -> str:
+    """How long it will take, and how to end it, in words."""
+    each = f"each of the {devices} devices" if devices > 1 else "the device"
+    if any(section.name == INPUTS for section in made):
+        said = f"This takes hours for {each}: functions run on all 4,294,967,296 numbers."
+    elif full:
+        said = f"This runs all checks, which takes minutes for {each}, or an hour where a driver compiles slowly."
+    else:
+        said = f"This takes at most about two minutes for {each}, more on a simulator."
+    return f"{said}\nCtrl-C ends it and keeps what was found."
 
 
 def targets(name: str | None, device: int | None, lanes: int | None) -> list[Target]:
@@ -70,42 +103,63 @@ def targets(name: str | None, device: int | None, lanes: int | None) -> list[Tar
     return [Target(name, device, lanes)]
 
 
-def chosen_sections(words: str | None) -> list[str]:
-    """The sections that are named, or all; ShpyError for a name that is none."""
+def chosen_sections(words: str | None, full: bool) -> list[str]:
+    """The sections that are named, or all; ShpyError for a name that is none, and for one that takes hours."""
     names = words.split(",") if words is not None else list(SECTIONS)
-    unknown = [name for name in names if name not in SECTIONS]
+    unknown = [name for name in names if name not in (*SECTIONS, INPUTS)]
     if unknown:
-        raise ShpyError(f"there is no section {unknown[0]!r}", cure=", ".join(SECTIONS))
+        raise ShpyError(f"there is no section {unknown[0]!r}", cure=", ".join((*SECTIONS, INPUTS)))
+    if INPUTS in names and not full:
+        raise ShpyError(f"section {INPUTS} takes hours", cure=f"--section {INPUTS} --full")
     return names
 
 
-def _run(target: Target, made: Sequence[Section], full: bool) -> list[Ran]:
+def _run(target: Target, rans: Sequence[Ran], full: bool, keep: Callable[[], None]) -> None:
+    """Run the sections and print what each finds, also where Ctrl-C ends it; `keep` writes the file meanwhile."""
     print("\n" + "\n".join(device_lines(target)), flush=True)
-    rans = []
-    for section in made:
-        shown = _Progress(f"{target.backend}, {section.name}")
+    for ran in rans:
+        shown = _Progress(f"{target.backend}, {ran.section.name}", None if full else ran.section.seconds, keep)
         try:
-            ran = run_section(section, target, full=full, progress=shown)
+            run_section(ran, target, full=full, progress=shown)
         finally:
             shown.clear()
-        print("\n".join([section_line(ran), *difference_lines(ran)]), flush=True)
-        rans.append(ran)
-    print(f"  -> {verdict(rans)}", flush=True)
-    return rans
+            if ran.findings:
+                said = [section_line(ran), *left_line(ran, target), *difference_lines(ran)]
+                print("\n".join(said), flush=True)
+    print(f"  -> {verdict_line(rans)}", flush=True)
 
 
 class _Progress:
-    """A line on a terminal that tells what is being run; nothing elsewhere."""
+    """Tells what is being run: on a terminal in a line that changes, elsewhere in a line now and then."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, limit: float | None, keep: Callable[[], None]) -> None:
+        """`limit`: the seconds after which no check begins; `keep` is called now and then."""
         self.what = what
+        self.limit = limit
+        self.keep = keep
         self.width = 0
+        self.started = self.kept = time.monotonic()
 
     def __call__(self, name: str, number: int, count: int) -> None:
+        now = time.monotonic()
+        rare = now - self.kept > _OFTEN
+        if rare:
+            self.kept = now
+            self.keep()
         if sys.stderr.isatty():
-            line = f"{self.what}: {number + 1} of {count}, {name}"[:100]
+            line = self._line(name, number, count, now - self.started)
             print(f"\r{line:{self.width}}", end="", file=sys.stderr, flush=True)
             self.width = len(line)
+        elif rare and self.limit is None:
+            print(self._line(name, number, count, now - self.started), file=sys.stderr, flush=True)
+
+    def _line(self, name: str, number: int, count: int, seconds: float) -> str:
+        time_ = ""
+        if self.limit is not None:
+            time_ = f" ({seconds:.0f} of at most {self.limit:.0f} s)"
+        elif number and seconds > 5:
+            time_ = f" (about {duration(seconds / number * (count - number))} left)"
+        return f"{self.what}: {number + 1} of {count}{time_}, {name}"[:100]
 
     def clear(self) -> None:
         """Take the line away."""
@@ -114,11 +168,18 @@ class _Progress:
 
 
 def _conclude(found: dict[Target, list[Ran]], path: Path) -> int:
-    wrong = [target.backend for target, rans in found.items() if verdict(rans) == "differs"]
     print(f"\n{path} holds every result.")
+    wrong = [target.backend for target, rans in found.items() if verdict(rans) == "differs"]
     if wrong:
-        print(f"DIFFERS: {', '.join(wrong)}. Please open an issue and attach {path.name}: it is all that is needed.")
+        print(
+            f"DIFFERS: {', '.join(wrong)}, in what is named above. "
+            f"Please open an issue and attach {path.name}: it holds all that is needed."
+        )
         return 1
-    said = [target.backend + verdict(rans).removeprefix("same bits") for target, rans in found.items()]
-    print(f"SAME BITS: {', '.join(said)}. Nothing is left to do.")
+    said = ", ".join(target.backend + verdict(rans).removeprefix("same bits") for target, rans in found.items())
+    left = sum(ran.left for rans in found.values() for ran in rans)
+    if left:
+        print(f"SAME BITS: {said}. {left:,} checks did not fit into their time; the lines above tell how to run them.")
+    else:
+        print(f"SAME BITS: {said}. Nothing is left to do.")
     return 0

@@ -11,11 +11,14 @@ import numpy as np
 
 from shpy.testing.arrays import Array
 
-__all__ = ["everything", "fractions", "no_denormals", "pairs", "scattered", "sweep"]
+__all__ = ["PARTS", "everything", "fractions", "no_denormals", "pairs", "scattered", "sweep"]
 
 MANTISSAS = 2048
 """Mantissas for each exponent and sign."""
-CHUNK = 1 << 22
+PARTS = 64
+"""Parts of all float32 numbers, by the first six bits."""
+_PART = (1 << 32) // PARTS
+_CHUNK = 1 << 22
 
 
 def scattered(count: int, seed: int) -> Array:
@@ -59,10 +62,10 @@ def pairs(count: int, seed: int, arity: int = 2) -> tuple[Array, ...]:
     return no_denormals(*made)
 
 
-def everything() -> Iterator[Array]:
-    """Every float32 number that is no denormal, in chunks."""
-    for first in range(0, 1 << 32, CHUNK):
-        x = np.arange(first, first + CHUNK, dtype=np.uint64).astype(np.uint32).view(np.float32)
+def everything(part: int) -> Iterator[Array]:
+    """The float32 numbers of a part that are no denormals, in chunks."""
+    for first in range(part * _PART, (part + 1) * _PART, _CHUNK):
+        x = np.arange(first, first + _CHUNK, dtype=np.uint64).astype(np.uint32).view(np.float32)
         kept = no_denormals(x)[0]
         if len(kept):
             yield kept

@@ -5,9 +5,11 @@ Stage: test. Nothing in it names a person or a folder.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -18,9 +20,21 @@ from typing import Any
 from shpy.backends.base import Device
 from shpy.backends.registry import backend
 from shpy.testing.certify.findings import SHOWN, Finding, Target
+from shpy.testing.certify.golden import FILE
 from shpy.testing.certify.sections import Ran
 
-__all__ = ["FORMAT", "certificate", "device_lines", "device_of", "difference_lines", "section_line", "verdict"]
+__all__ = [
+    "FORMAT",
+    "certificate",
+    "device_lines",
+    "device_of",
+    "difference_lines",
+    "duration",
+    "left_line",
+    "section_line",
+    "verdict",
+    "verdict_line",
+]
 
 FORMAT = 1
 """The version of the JSON's layout."""
@@ -50,15 +64,30 @@ def device_lines(target: Target) -> list[str]:
 
 def section_line(ran: Ran) -> str:
     """What a section found, in a line."""
-    total, reached = len(ran.section.checks), len(ran.findings)
     counted = [f"{n} {spoken}" for verdict, spoken in _SPOKEN.items() if (n := ran.count(verdict))]
+    counted += [f"{ran.left} not run"] if ran.left else []
     said = f"  {ran.section.name:12} {ran.section.title:38} {', '.join(counted)}"
     worst = max(((f.ulp or 0, name) for name, f in ran.findings.items()), default=(0, ""))
     if worst[0]:
         said += f"; error up to {worst[0]:.3g} ULP ({worst[1]})"
-    if reached < total:
-        said += f"; {total - reached} left for --full"
-    return f"{said} ({ran.seconds:.0f} s)"
+    return f"{said} ({duration(ran.seconds)})"
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words: "52 s", "11 minutes", "3.5 hours"."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} minutes" if seconds < 6000 else f"{seconds / 3600:.1f} hours"
+
+
+def left_line(ran: Ran, target: Target) -> list[str]:
+    """How to run the checks that a section had no time for."""
+    if not (ran.cut and ran.findings):
+        return []
+    options = [f"--{name} {value}" for name, value in target.options.items()]
+    words = ["shpy certify --backend", target.backend, *options, "--section", ran.section.name, "--full"]
+    every = duration(ran.seconds / len(ran.findings) * len(ran.section.checks))
+    return [f"    to run all, in about {every}: {' '.join(words)}"]
 
 
 def difference_lines(ran: Ran) -> list[str]:
@@ -71,8 +100,11 @@ def difference_lines(ran: Ran) -> list[str]:
         first, *rest = finding.detail.splitlines() or [""]
         said += [f"    {name}: {first}", *(f"      {line}" for line in rest)]
     for verdict, spoken in (("absent", "not checked"), ("refused", "refused with an error, never run wrong")):
-        reasons = sorted({f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail})
-        said += [f"    {spoken}: {', '.join(reasons[:SHOWN])}"] if reasons else []
+        found = [f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail]
+        reasons = Counter(found).most_common()
+        listed = [reason if count == len(found) else f"{reason} ({count})" for reason, count in reasons[:SHOWN]]
+        more = [f"{len(reasons) - SHOWN} other reasons"] if len(reasons) > SHOWN else []
+        said += [f"    {spoken}: {', '.join(listed + more)}"] if reasons else []
     return said
 
 
@@ -83,13 +115,26 @@ def verdict(rans: Sequence[Ran]) -> str:
     return "same bits but for denormals" if any(ran.count("denormals") for ran in rans) else "same bits"
 
 
+def verdict_line(rans: Sequence[Ran]) -> str:
+    """The verdict, how many checks it stands for, and what its words mean."""
+    said, left = verdict(rans), sum(ran.left for ran in rans)
+    if left and said != "differs":
+        run = sum(len(ran.findings) for ran in rans)
+        said += f", in the {run:,} of {run + left:,} checks that were run"
+    if "denormals" in said:
+        said += " (numbers nearer to 0 than 1.18e-38, which this device takes for 0)"
+    return said
+
+
 def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
     """What is kept: the machine, each device, and every finding."""
     return {
         "format": FORMAT,
         "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "full": full,
+        "complete": not any(ran.left for rans in found.values() for ran in rans),
         "verdict": "differs" if any(verdict(rans) == "differs" for rans in found.values()) else "same bits",
+        "golden": hashlib.sha256(FILE.read_bytes()).hexdigest()[:16],
         "machine": {
             "system": f"{platform.system()} {platform.release()}",
             "architecture": platform.machine(),
@@ -118,6 +163,7 @@ def _target(target: Target, rans: Sequence[Ran]) -> dict[str, Any]:
         "sections": {
             ran.section.name: {
                 "checks": len(ran.section.checks),
+                "not run": ran.left,
                 "seconds": round(ran.seconds, 1),
                 "findings": {name: _finding(finding) for name, finding in ran.findings.items()},
             }

@@ -1,6 +1,9 @@
 """The sections of a certificate, and how one is run on a target.
 
 Stage: test. By default a section ends after its seconds; its checks are in an order that mixes their kinds.
+
+    ran = Ran(section)
+    run_section(ran, target, full=False, progress=show)     # after Ctrl-C, `ran` holds what was found until then
 """
 
 from __future__ import annotations
@@ -8,34 +11,45 @@ from __future__ import annotations
 import functools
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import shpy
 from shpy.errors import CompileError, ShpyWarning
 from shpy.testing.certify.findings import Check, Finding, Section, Target
-from shpy.testing.certify.functions import bound_checks, full_checks, sweep_checks
+from shpy.testing.certify.functions import bound_checks, input_checks, sweep_checks
 from shpy.testing.certify.pictures import example_checks, picture_checks
 from shpy.testing.conformance.cases import Case, all_cases
 
-__all__ = ["SECTIONS", "Progress", "Ran", "run_section", "sections"]
+__all__ = ["INPUTS", "SECTIONS", "Progress", "Ran", "run_section", "sections"]
 
 SECTIONS: Final = ("conformance", "functions", "accuracy", "examples", "pictures")
+INPUTS: Final = "inputs"
+"""The section that takes hours: run with `--full` alone."""
 _GOLDEN_RATIO: Final = 0.6180339887498949
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of a check before it is run, its number, and the number of checks."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Ran:
-    """What a section found on a target: findings by the names of its checks, of `count` in all."""
+    """What a section found on a target so far: findings by the names of its checks, in `seconds`.
+
+    `cut`: its time ended before its checks did.
+    """
 
     section: Section
-    findings: Mapping[str, Finding]
-    seconds: float
+    findings: dict[str, Finding] = field(default_factory=dict)
+    seconds: float = 0
+    cut: bool = False
+
+    @property
+    def left(self) -> int:
+        """How many checks were not run."""
+        return len(self.section.checks) - len(self.findings)
 
     @property
     def wrong(self) -> dict[str, Finding]:
@@ -48,24 +62,26 @@ class Ran:
 
 
 def sections(names: Sequence[str] = SECTIONS, full: bool = False) -> list[Section]:
-    """The sections of these names, in their order; `full` with all inputs of the functions of one argument."""
+    """The sections of these names, in their order; `full` adds INPUTS to all of SECTIONS."""
     made = []
-    for name in SECTIONS:
-        if name not in names:
+    wanted = {*names, INPUTS} if full and set(names) == set(SECTIONS) else set(names)
+    for name in (*SECTIONS, INPUTS):
+        if name not in wanted:
             continue
         match name:
             case "conformance":
                 checks = [Check(case.name, functools.partial(_conform, case)) for case in mixed(all_cases())]
                 made.append(Section(name, "small programs with known results", 60, checks))
             case "functions":
-                checks = sweep_checks() + (full_checks() if full else [])
-                made.append(Section(name, "every exponent, 2,048 numbers of each", 40, checks))
+                made.append(Section(name, "every exponent, 2,048 numbers of each", 40, sweep_checks()))
             case "accuracy":
                 made.append(Section(name, "errors in relaxed mode and at f64", 15, bound_checks()))
             case "examples":
                 made.append(Section(name, "kernels of the examples", None, example_checks()))
             case "pictures":
                 made.append(Section(name, "rendered scenes", None, picture_checks()))
+            case "inputs":
+                made.append(Section(name, "functions on all 4,294,967,296 numbers", None, input_checks()))
     return made
 
 
@@ -80,17 +96,20 @@ def _conform(case: Case, target: Target) -> Finding:
     return Finding("differs", wrong) if wrong else Finding("same")
 
 
-def run_section(section: Section, target: Target, *, full: bool, progress: Progress) -> Ran:
-    """Run the checks of a section, for its seconds or all of them."""
-    findings: dict[str, Finding] = {}
-    limit = None if full else section.seconds
+def run_section(ran: Ran, target: Target, *, full: bool, progress: Progress) -> None:
+    """Run the checks of a section, for its seconds or all of them, and keep in `ran` what each finds."""
+    checks, limit = ran.section.checks, None if full else ran.section.seconds
     started = time.monotonic()
-    for number, check in enumerate(section.checks):
-        if limit is not None and time.monotonic() - started > limit:
-            break
-        progress(check.name, number, len(section.checks))
-        findings[check.name] = _guarded(check, target)
-    return Ran(section, findings, time.monotonic() - started)
+    try:
+        for number, check in enumerate(checks):
+            ran.seconds = time.monotonic() - started
+            if limit is not None and ran.seconds > limit:
+                ran.cut = True
+                break
+            progress(check.name, number, len(checks))
+            ran.findings[check.name] = _guarded(check, target)
+    finally:
+        ran.seconds = time.monotonic() - started
 
 
 def _guarded(check: Check, target: Target) -> Finding:

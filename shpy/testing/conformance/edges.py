@@ -272,6 +272,12 @@ def roots_of_edges(x: sh.Attrib1f):
     return sh.sqrt(x), sh.rsqrt(x)
 
 
+@case(x=f(-3, 0.1, 2, 3, 0.7, INF), expected=f(NAN, 0.1, 1.9999999, 3, 0.7, INF))
+def the_square_of_a_root_is_not_its_radicand(x: sh.Attrib1f) -> sh.Attrib1f:
+    root = sh.sqrt(x)
+    return root * root
+
+
 def cases() -> list[Case]:
     """Every edge."""
     return CASES
