@@ -214,8 +214,11 @@ class Executable(Protocol):
     def run(self, call: Call) -> Array | None:
         """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
 
-    def ready(self, call: DeviceCall) -> Callable[[], None]:
-        """Prepare a run over memory of the device; gives what `Space.start` calls, any number of times."""
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
+        """Prepare a run over memory of the device; gives what `Space.start` calls, any number of times.
+
+        With `once` it is called once, before the executable runs anything else, which may save what repeating needs.
+        """
 
 
 class Backend(Protocol):

@@ -18,6 +18,7 @@ from shpy.errors import BackendUnavailable
 NAMES = ("numpy", "opencl", "glsl")
 
 _default: str | None = None
+_found: dict[str, Backend] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +34,11 @@ class BackendInfo:
 
 def backend(name: str) -> Backend:
     """The backend of this name; BackendUnavailable for a name that is none."""
-    if name not in NAMES:
-        raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
-    found: Backend = importlib.import_module(f"shpy.backends.{name}").backend
+    found = _found.get(name)
+    if found is None:
+        if name not in NAMES:
+            raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
+        found = _found[name] = importlib.import_module(f"shpy.backends.{name}").backend
     return found
 
 

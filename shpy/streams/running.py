@@ -115,7 +115,7 @@ def run_prepared(executable: Executable, prepared: Prepared) -> StreamResult:
     """Start the run; what it wrote belongs to the outputs."""
     space, call = prepared.place.space, prepared.call
     if math.prod(call.shape):
-        space.start([executable.ready(call)])
+        space.start([executable.ready(call, once=True)])
         take_over(prepared)
     return StreamResult(prepared.outputs, call.shape, prepared.place, call.status)
 

@@ -72,7 +72,7 @@ class Interpreted:
                     there[n] = value
         return statuses
 
-    def ready(self, call: DeviceCall) -> Callable[[], None]:
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over memory of the numpy backend."""
         return over_arrays(self.run, call)
 

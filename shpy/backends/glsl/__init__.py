@@ -64,7 +64,7 @@ class GlslExecutable:
             return None
         return self.runtime.run(self.programs, self.groups, call)
 
-    def ready(self, call: DeviceCall) -> Callable[[], None]:
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over textures: see `base.Executable`."""
         if math.prod(call.shape) == 0 or not self.programs:
             return lambda: None

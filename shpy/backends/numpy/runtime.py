@@ -128,7 +128,7 @@ class NumpyExecutable:
                 self._run_tile(call, place, uniforms, status)
         return None if status is None or np.all(status == Status.WRITTEN) else status
 
-    def ready(self, call: DeviceCall) -> Callable[[], None]:
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over arrays of the host: see `base.Executable`."""
         return over_arrays(self.run, call)
 

@@ -267,9 +267,18 @@ class Machine:
             self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
 
     def starter(
-        self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int, *, brief: bool
+        self,
+        kernel: Any,
+        args: list[Any],
+        items: tuple[int, int],
+        group: int,
+        pace: Pace,
+        each: int,
+        *,
+        brief: bool,
+        once: bool = False,
     ) -> Callable[[], None]:
-        """Return what starts a kernel, whose arguments nobody else sets, as `launch` runs it.
+        """Return what starts a kernel, whose arguments nobody else sets, as `launch` runs it; or anybody, with `once`.
 
         It waits where the run takes several dispatches, or where it is not known yet whether it does; with `brief`,
         unless the run is known to be brief.
@@ -277,11 +286,14 @@ class Machine:
         columns, lines = items
         groups = max(1, -(-columns // group))
         size = (groups * group, lines)
-        kernel.set_args(*args)
+        if not once:
+            kernel.set_args(*args)
         enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, groups * group * lines * each
 
         def start() -> None:
             if pace.is_brief(elements) if brief else pace.fits(elements):
+                if once:
+                    kernel.set_args(*args)
                 enqueue(queue, kernel, size, (group, 1))
             else:
                 self.launch(kernel, args, items, group, pace, each)

@@ -286,7 +286,7 @@ class OpenCLExecutable:
 
         return Staged(inputs, [array for array, _ in found], buffers, set_params, start)
 
-    def ready(self, call: DeviceCall) -> Callable[[], None]:
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over buffers of the device: see `base.Executable`."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
         count = math.prod(call.shape)
@@ -304,8 +304,8 @@ class OpenCLExecutable:
         args += self._params(call.params)
         results = (*call.outputs, *(() if call.status is None else (call.status,)))
         args += [_own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
-        # A kernel holds its arguments, so each run that is ready has one of its own.
-        compiled = machine.cl.Kernel(self.program, kernel.name)
+        # A kernel holds its arguments, so each run that is to be repeated has one of its own, which takes long to make.
+        compiled = self.compiled if once else machine.cl.Kernel(self.program, kernel.name)
         run = machine.starter(
             compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes, brief=False
         )

@@ -159,9 +159,9 @@ class Choosing:
                 self._trying = False
         return status
 
-    def ready(self, call: DeviceCall) -> Callable[[], None]:
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over memory of the device, at the width that is in use now."""
-        return self._current.ready(call)
+        return self._current.ready(call, once=once)
 
     def _clock(self, count: int, lanes: int) -> Callable[[], float]:
         """Return the clock of a trial: CPU time, which other programs hardly change, where no core can be idle."""
