@@ -74,11 +74,11 @@ def _rounded(bins: NDArray[Any], special: Any, dtype: np.dtype[Any]) -> Any:
         half_unit = 1 << (dropped - 1)
         size = (kept + (rest > half_unit or (rest == half_unit and kept & 1))) << dropped
     try:
-        value = float(math.copysign(_scaled(size, unit), total))
+        value = _scaled(size, unit)
     except OverflowError:
-        value = math.copysign(math.inf, total)
+        value = math.inf
     with np.errstate(over="ignore"):
-        return dtype.type(value)
+        return dtype.type(-value if total < 0 else value)
 
 
 def _scaled(size: int, unit: int) -> float:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from shpy.ir.traverse import is_straight, walk
-from shpy.ir.types import Base
+from shpy.ir.types import FLOATS, Base
 from shpy.lang.builtins import cond, grid_index, isinf, isnan
 from shpy.lang.control import SH_ELSE, SH_IF
 from shpy.lang.data import TableType
@@ -253,20 +253,20 @@ def logic(size: int, every: bool) -> Reduction:
 
 
 @lru_cache(maxsize=64)
-def quotient(size: int) -> Program:
+def quotient(size: int, base: Base) -> Program:
     """Record the program that divides a sum by a number of elements."""
-    cls = CLASSES["Attrib", size, Base.F]
+    cls = CLASSES["Attrib", size, base]
 
     def divide(total: Any, count: Any) -> Any:
         return total / count
 
-    return annotated(divide, total=cls, count=CLASSES["Attrib", 1, Base.F], out=cls)
+    return annotated(divide, total=cls, count=CLASSES["Attrib", 1, base], out=cls)
 
 
 def _exceeds(b: Any, a: Any, least: bool) -> Any:
     """Whether b comes before a, each a number or NaN, which comes before all numbers."""
     before = b < a if least else b > a
-    return before | (isnan(b) & ~isnan(a)) if b.base is Base.F else before
+    return before | (isnan(b) & ~isnan(a)) if b.base in FLOATS else before
 
 
 def _holds(x: Any, i: Any) -> Any:

@@ -18,7 +18,7 @@ from shpy.collectives.exact import exact_sums
 from shpy.collectives.programs import Reduction, counts, extremes, logic, places, quotient, sums
 from shpy.collectives.trees import check_combination, fold, retyped
 from shpy.errors import ShpyTypeError
-from shpy.ir.types import Base
+from shpy.ir.types import FLOATS, Base
 from shpy.lang.location import here
 from shpy.lang.structure import Leaf, layout_of
 from shpy.lang.values import CLASSES
@@ -55,22 +55,22 @@ def _sum(stream: Stream, method: str, axis: int | None) -> Any:
         cure = " or ".join(f'method="{m}"' for m in _METHODS)
         raise ShpyTypeError(f"method={method!r} of a sum", loc=here(), cure=cure)
     size, base = _element(stream, "sum")
-    if method == "exact" and base is Base.F:
+    if method == "exact" and base in FLOATS:
         return _exact(stream, axis, size)
-    kind = sums(size, base, "pairwise" if base is not Base.F else method)
+    kind = sums(size, base, method if base in FLOATS else "pairwise")
     return _reduced(stream, axis, kind, _same_kind(stream, base), 0)
 
 
 def _mean(stream: Stream, axis: int | None) -> Any:
     size, base = _element(stream, "mean")
-    if base is not Base.F:
-        raise ShpyTypeError(f"the mean of {stream!r} is no {base.name.lower()}", loc=here(), cure="a stream of floats")
+    if base not in FLOATS:
+        raise ShpyTypeError(f"the mean of {stream!r} is no number of its type", loc=here(), cure="a stream of floats")
     rows = _rows(stream, axis)
     count = rows.shape[len(rows.shape) // 2]
     if not count:
         return _filled(stream, axis, stream.type, math.nan)
     total = fold(rows, sums(size, base, "pairwise").combine)
-    mean = quotient(size).compile_for(stream)(retyped(total, total.type, total.shape), float(count))
+    mean = quotient(size, base).compile_for(stream)(retyped(total, total.type, total.shape), float(count))
     return _result(mean, stream, axis, stream.type)
 
 

@@ -94,6 +94,8 @@ def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None =
     before, after = stream.shape[:axis], stream.shape[axis + 1 :]
     if not stream.size:
         return Stream.empty((*before, 1, *after), made, stream.backend, stream.device, stream.precision)
+    if stream.shape[axis] == 1 and lift is None:
+        return stream
     if is_on_host(stream):
         return _fold_on_host(stream, combine, made, lift)
     width = width_for(combine)

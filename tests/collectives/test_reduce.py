@@ -1,0 +1,258 @@
+"""sh.reduce and the reductions of streams give the bits of their definitions on every backend."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from backends.running import differs
+from collectives.definition import (
+    SIZES,
+    add,
+    add_columns,
+    as_columns,
+    columns,
+    from_columns,
+    halve,
+    halve_columns,
+    rounded,
+    target,
+    tree,
+)
+
+import shpy as sh
+
+__all__ = ["target"]
+
+
+def check(target, sizes, seed):
+    for n in sizes:
+        x = columns(n, seed, target)
+        for program, f in ((add_columns, add), (halve_columns, halve)):
+            found = from_columns(sh.reduce(program, as_columns(x, target)))
+            assert not differs(found, tree(x, f)).any(), (n, seed, program)
+
+
+def test_reductions_have_the_bits_of_the_tree(target):
+    check(target, SIZES, 1)
+    check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
+
+
+@pytest.mark.slow
+def test_ten_thousand_inputs(target):
+    check(target, np.random.default_rng(6).integers(1, 5000, 320), 3)
+
+
+def two_sums(a, b):
+    """(..., 2): sums and their errors, as "compensated" combines them."""
+    with np.errstate(all="ignore"):
+        s = a[..., 0] + b[..., 0]
+        back = s - a[..., 0]
+        error = (a[..., 0] - (s - back)) + (b[..., 0] - back)
+        return np.stack((s, a[..., 1] + b[..., 1] + error), axis=-1)
+
+
+def compensated(x):
+    s, e = np.moveaxis(tree(np.stack((x, np.zeros_like(x)), axis=-1), two_sums), -1, 0)
+    return np.where(np.isfinite(s), s + np.where(np.isfinite(s), e, 0), s)
+
+
+def vectors(x, target):
+    """A stream (n, 4) of vectors of 4 with the same numbers."""
+    return sh.Stream(x.reshape(len(x), 4, 4), sh.Attrib4f, backend=target)
+
+
+BACKENDS = ("numpy", "opencl", "glsl")
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_sums_of_vectors_along_an_axis(backend):
+    for n in (1, 2, 3, 17, 33, 257):
+        x = columns(n, 7, backend)
+        rows = vectors(x, backend)
+        for method, wanted in (("pairwise", tree(x, add)), ("compensated", compensated(x))):
+            found = rows.sum(method, axis=0)
+            assert found.shape == (4,)
+            assert not differs(found.numpy().ravel(), wanted).any(), (n, method)
+        with np.errstate(all="ignore"):
+            mean = tree(x, add) / np.float32(n)
+        assert not differs(rows.mean(axis=-2).numpy().ravel(), mean).any(), n
+        assert not differs(rows.mean(), tree(x.reshape(-1, 4), add) / np.float32(4 * n)).any(), n
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_extremes_and_where_they_stand(backend):
+    for n in (1, 2, 3, 17, 33, 257):
+        x = columns(n, 8, backend)
+        x[:, 0] = np.random.default_rng(n).choice(np.float32([0, -0.0, 1, np.nan] if n > 3 else [0, -0.0]), n)
+        rows = vectors(x, backend)
+        for name in ("min", "max"):
+            at = getattr(np, f"arg{name}")(x, axis=0)
+            assert (getattr(rows, f"arg{name}")(axis=0).numpy().ravel() == at).all(), (n, name)
+            assert not differs(getattr(rows, name)(axis=0).numpy().ravel(), x[at, range(16)]).any(), (n, name)
+            whole = x.reshape(-1, 4)
+            at = getattr(np, f"arg{name}")(whole, axis=0)
+            assert (getattr(rows, f"arg{name}")() == at).all(), (n, name)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_logic_and_counts(backend):
+    x = np.array([[0, -0.0, 1, np.nan], [0, 0, 2, 0], [0, 0, 3, 0]], np.float32)
+    s = sh.Stream(x, sh.Attrib1f, backend=backend)
+    assert s.any(axis=0).numpy().tolist() == [False, False, True, True]
+    assert s.all(axis=0).numpy().tolist() == [False, False, True, False]
+    assert s.count(axis=0).numpy().tolist() == [0, 0, 3, 1]
+    assert (s.any(), s.all(), s.count()) == (True, False, 4)
+    flags = sh.Stream(x > 0, sh.Attrib1b, backend=backend)
+    assert (flags.any(), flags.all(), flags.count(), flags.sum()) == (True, False, 3, 3)
+    assert (flags.min(), flags.max(), flags.argmax()) == (False, True, 2)
+    assert flags.sum(axis=1).type is sh.Attrib1i
+    assert flags.any(axis=1).numpy().dtype == np.bool_
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_integers_wrap(backend):
+    x = np.random.default_rng(1).integers(0, 2**32, 1000, np.uint32)
+    for type_, word in ((sh.Attrib1u, np.uint32), (sh.Attrib1i, np.int32)):
+        s = sh.Stream(x.view(word), type_, backend=backend)
+        for method in ("pairwise", "compensated", "exact"):
+            assert s.sum(method) == x.view(word).sum(dtype=word)
+        assert (s.min(), s.argmax()) == (x.view(word).min(), x.view(word).argmax())
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_no_elements(backend):
+    for shape in ((0,), (3, 0), (0, 3)):
+        s = sh.Stream.empty(shape, sh.Attrib2f, backend=backend)
+        axis = None if len(shape) == 1 else shape.index(0)
+        left = () if axis is None else (3,)
+        for found, value in ((s.sum(axis=axis), 0), (s.any(axis), False), (s.all(axis), True), (s.count(axis), 0)):
+            assert np.array_equal(np.asarray(found), np.full((*left, 2), value))
+        assert np.isnan(np.asarray(s.mean(axis))).all()
+        for name in ("min", "max", "argmin", "argmax"):
+            with pytest.raises(sh.ShpyTypeError, match=f"{name} of no elements has no result"):
+                getattr(s, name)(axis)
+    with pytest.raises(sh.ShpyTypeError, match=re.escape("sh.reduce of no elements has no result")):
+        sh.reduce(add_pairs, s)
+    assert sh.Stream.empty((0, 3), sh.Attrib1f, backend=backend).sum(axis=1).shape == (0,)
+    assert sh.Stream.empty((0, 3), sh.Attrib1f, backend=backend).min(axis=1).shape == (0,)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_exact_sums_are_rounded_once(backend):
+    for n in (0, 1, 2, 3, 17, 300):
+        x = columns(max(n, 1), 9, backend)[:n]
+        found = sh.Stream(x.T.copy(), sh.Attrib1f, backend=backend).sum("exact", axis=1).numpy()
+        for k, (column, got) in enumerate(zip(x.T, found, strict=True)):
+            if np.isnan(column).any() or {np.inf, -np.inf} <= set(column.tolist()):
+                assert np.isnan(got), (n, k)
+            else:
+                wanted = column.sum() if np.isinf(column).any() else rounded(column, np.float32)
+                assert got == wanted, (n, k)
+
+
+def test_an_exact_sum_of_zero_is_positive():
+    assert not np.signbit(sh.Stream([-0.0, -0.0], sh.Attrib1f, backend="numpy").sum("exact"))
+
+
+@sh.program
+def add_pairs(a: sh.Attrib2f, b: sh.Attrib2f) -> sh.Attrib2f:
+    return a + b
+
+
+def doubles(rng, n):
+    """Doubles whose sum cancels, at all exponents."""
+    x = np.ldexp(rng.integers(-(2**52), 2**52, n).astype(float), rng.integers(-1074, 900, n))
+    return np.concatenate((x, rng.permutation(-x) * rng.choice([1, 1, 1, 0.5], n)))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+def test_exact_sums_of_doubles_are_those_of_fsum(backend):
+    rng = np.random.default_rng(4)
+    for n in (1, 2, 30, 1000):
+        x = np.stack([doubles(rng, n) for _ in range(60)])
+        wanted = [math.fsum(row) for row in x.tolist()]
+        for type_, precision in ((sh.Attrib1f, "f64"), (sh.Attrib1d, "f32")):
+            found = sh.Stream(x, type_, backend=backend, precision=precision).sum("exact", axis=1)
+            assert found.numpy().tolist() == wanted
+            assert found.numpy().dtype == np.float64
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+@pytest.mark.parametrize(("type_", "word"), [(sh.Attrib1d, np.float64), (sh.Attrib1h, np.float16)])
+def test_other_floats_than_the_working_one(backend, type_, word):
+    x = np.random.default_rng(2).standard_normal(301).astype(word)
+    x[7] = np.nan
+    s = sh.Stream(x, type_, backend=backend)
+    assert (np.isnan(s.min()), s.argmin(), np.isnan(s.sum("compensated"))) == (True, 7, True)
+    x[7] = 0
+    s.update(x)
+    assert s.sum() == tree(x, add)
+    assert s.sum().dtype == word
+    assert s.mean() == tree(x, add) / word(301)
+    assert s.sum("exact") == word(math.fsum(x.tolist()))
+
+
+def test_rounding_twice_is_another_number():
+    """Half of a unit and a bit that a double has no room for: float32(math.fsum(x)) is off by one unit."""
+    x = np.float32([1, 2.0**-24, 2.0**-80])
+    assert np.float32(math.fsum(x)) == 1
+    assert sh.Stream(x, sh.Attrib1f, backend="numpy").sum("exact") == np.nextafter(np.float32(1), np.float32(2))
+
+
+def test_misuse_names_the_line_and_a_cure():
+    s = sh.Stream(np.ones((2, 3)), sh.Attrib1f, backend="numpy")
+    with pytest.raises(sh.ShpyTypeError, match=r"test_reduce.py:\d+: axis=2 of .*, which has 2 axes"):
+        s.sum(axis=2)
+    with pytest.raises(sh.ShpyTypeError, match=r"method='kahan' of a sum\n.*method=\"exact\""):
+        s.sum("kahan")
+    with pytest.raises(sh.ShpyTypeError, match="takes a program of two elements, not builtin"):
+        sh.reduce(max, s)
+    with pytest.raises(sh.ShpyTypeError, match="add_pairs\\(a: sh.Attrib1f, b: sh.Attrib1f\\) -> sh.Attrib1f"):
+        sh.reduce(add_pairs, s)
+    with pytest.raises(sh.ShpyTypeError, match="takes a Stream, not ndarray"):
+        sh.reduce(add_pairs, np.ones((2, 2)))
+    with pytest.raises(sh.ShpyTypeError, match="the mean of"):
+        sh.Stream([1, 2], sh.Attrib1i, backend="numpy").mean()
+    with pytest.raises(sh.ShpyTypeError, match="sum takes scalars and vectors"):
+        as_columns(np.ones((2, 16)), "numpy").sum()
+
+
+def test_programs_that_ask_where_they_are_do_not_combine():
+    @sh.program
+    def here(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+        return a + b + sh.Attrib1f(sh.grid_index(1))
+
+    with pytest.raises(sh.ShpyTypeError, match=r"test_reduce.py:\d+: here uses grid_index"):
+        sh.reduce(here, sh.Stream([1, 2], sh.Attrib1f, backend="numpy"))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_programs_with_branches_and_uniforms(backend):
+    limit = sh.Param(sh.Attrib1f, 3.0)
+
+    @sh.program
+    def longer(a: sh.Point2f, b: sh.Point2f) -> sh.Point2f:
+        result = a.copy()
+        with sh.SH_IF(sh.dot(b, b) > sh.dot(a, a) * limit):
+            result[:] = b
+        return result
+
+    def wanted(a, b):
+        return np.where((b * b).sum(-1, keepdims=True) > (a * a).sum(-1, keepdims=True) * limit.value, b, a)
+
+    x = np.random.default_rng(3).integers(-9, 9, (77, 2)).astype(np.float32)
+    s = sh.Stream(x, sh.Point2f, backend=backend)
+    for value in (3.0, 1.5):
+        limit.value = value
+        assert (sh.reduce(longer, s) == tree(x, wanted)).all()
+    along = sh.reduce(longer, sh.Stream(x.reshape(7, 11, 2), sh.Point2f, backend=backend), axis=1)
+    assert along.type is sh.Point2f
+    assert (along.numpy() == [tree(row, wanted) for row in x.reshape(7, 11, 2)]).all()
+
+
+def test_a_result_along_an_axis_is_a_stream_of_its_own():
+    s = sh.Stream([[1.0], [2.0]], sh.Attrib1f, backend="numpy")
+    total = s.sum(axis=1)
+    s.update([[5.0], [6.0]])
+    assert total.numpy().tolist() == [1, 2]

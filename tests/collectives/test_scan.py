@@ -1,0 +1,77 @@
+"""sh.scan gives the bits of its definition on every backend."""
+
+import re
+
+import numpy as np
+import pytest
+from backends.running import differs
+from collectives.definition import (
+    SIZES,
+    add,
+    add_columns,
+    as_columns,
+    columns,
+    from_columns,
+    halve,
+    halve_columns,
+    prefixes,
+    target,
+)
+
+import shpy as sh
+
+__all__ = ["target"]
+
+
+@sh.program
+def add_ints(a: sh.Attrib1u, b: sh.Attrib1u) -> sh.Attrib1u:
+    return a + b
+
+
+def check(target, sizes, seed):
+    for n in sizes:
+        x = columns(n, seed, target)
+        for program, f in ((add_columns, add), (halve_columns, halve)):
+            found = from_columns(sh.scan(program, as_columns(x, target)).numpy())
+            assert not differs(found, prefixes(x, f)).any(), (n, seed, program)
+
+
+def test_prefixes_have_the_bits_of_the_definition(target):
+    check(target, SIZES, 1)
+    check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
+
+
+@pytest.mark.slow
+def test_ten_thousand_inputs(target):
+    check(target, np.random.default_rng(6).integers(1, 5000, 320), 3)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_the_last_prefix_of_a_power_of_two_is_the_reduction(backend):
+    x = columns(256, 4, backend)
+    found = from_columns(sh.scan(halve_columns, as_columns(x, backend))[-1])
+    assert not differs(found, from_columns(sh.reduce(halve_columns, as_columns(x, backend)))).any()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_exclusive_prefixes_begin_with_zero(backend):
+    for n in (0, 1, 2, 3, 4, 5, 17, 300):
+        x = np.random.default_rng(n).integers(0, 2**32, n, np.uint32)
+        s = sh.Stream(x, sh.Attrib1u, backend=backend)
+        sums = np.cumsum(x, dtype=np.uint32)
+        assert sh.scan(add_ints, s).numpy().tolist() == sums.tolist()
+        assert sh.scan(add_ints, s, exclusive=True).numpy().tolist() == [0, *sums[:-1]][:n]
+
+
+def test_prefixes_keep_the_shape_and_the_type():
+    s = sh.Stream(np.ones((2, 3), np.uint32), sh.Attrib1u, backend="numpy")
+    found = sh.scan(add_ints, s)
+    assert (found.shape, found.type) == ((2, 3), sh.Attrib1u)
+    assert found.numpy().tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert s.numpy().tolist() == [[1, 1, 1], [1, 1, 1]]
+
+
+def test_misuse_names_the_line_and_a_cure():
+    s = sh.Stream([1.0, 2.0], sh.Attrib1f, backend="numpy")
+    with pytest.raises(sh.ShpyTypeError, match=re.escape("add_ints(a: sh.Attrib1f, b: sh.Attrib1f)")):
+        sh.scan(add_ints, s)
