@@ -12,6 +12,8 @@ import importlib
 from typing import Any
 
 from shpy.backends.registry import BackendInfo, backends, default_backend
+from shpy.chains.chain import Chain, loop, repeat, sequence
+from shpy.chains.running import ChainResult
 from shpy.choice import choice
 from shpy.collectives import reduce, scan
 from shpy.errors import (
@@ -274,6 +276,8 @@ __all__ = [
     "Attrib4u",
     "BackendInfo",
     "BackendUnavailable",
+    "Chain",
+    "ChainResult",
     "Color1d",
     "Color1f",
     "Color1h",
@@ -402,6 +406,7 @@ __all__ = [
     "length",
     "log",
     "log2",
+    "loop",
     "mad",
     "mix",
     "mod",
@@ -414,9 +419,11 @@ __all__ = [
     "reduce",
     "reflect",
     "refract",
+    "repeat",
     "rsqrt",
     "saturate",
     "scan",
+    "sequence",
     "sign",
     "sin",
     "sinh",

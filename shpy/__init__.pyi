@@ -19,6 +19,11 @@ from shpy import testing as testing
 from shpy.backends.registry import BackendInfo as BackendInfo
 from shpy.backends.registry import backends as backends
 from shpy.backends.registry import default_backend as default_backend
+from shpy.chains.chain import Chain as Chain
+from shpy.chains.chain import loop as loop
+from shpy.chains.chain import repeat as repeat
+from shpy.chains.chain import sequence as sequence
+from shpy.chains.running import ChainResult as ChainResult
 from shpy.choice import choice as choice
 from shpy.errors import BackendUnavailable as BackendUnavailable
 from shpy.errors import CompileError as CompileError
@@ -10898,6 +10903,8 @@ __all__ = [
     "Attrib4u",
     "BackendInfo",
     "BackendUnavailable",
+    "Chain",
+    "ChainResult",
     "Color1d",
     "Color1f",
     "Color1h",
@@ -11026,6 +11033,7 @@ __all__ = [
     "length",
     "log",
     "log2",
+    "loop",
     "mad",
     "mix",
     "mod",
@@ -11038,9 +11046,11 @@ __all__ = [
     "reduce",
     "reflect",
     "refract",
+    "repeat",
     "rsqrt",
     "saturate",
     "scan",
+    "sequence",
     "sign",
     "sin",
     "sinh",

@@ -138,7 +138,7 @@ def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str |
     parts = _named_parts(f.output)
     fed = [name if name in wanted else None for name, _ in parts]
     first = next(iter(wanted), None)
-    whole = isinstance(f.output, Group) and first is not None and _alike(f.output, wanted[first])
+    whole = isinstance(f.output, Group) and first is not None and alike(f.output, wanted[first])
     if any(fed):
         _check_one_reading(g, f, parts, fed, wanted, whole)
         whole = False
@@ -151,8 +151,8 @@ def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str |
         if target is not None and not _fits(layout, wanted[target]):
             spoken = f"the output {name}" if name is not None else "an output"
             raise ShpyTypeError(
-                f"{spoken} of {f.module.name} is {_article(layout)} and cannot be the input {target} of "
-                f"{g.module.name}, {_article(wanted[target])}: {_signature(f)} goes into {_signature(g)}",
+                f"{spoken} of {f.module.name} is {with_article(layout)} and cannot be the input {target} of "
+                f"{g.module.name}, {with_article(wanted[target])}: {signature(f)} goes into {signature(g)}",
                 loc=here(),
                 cure="a program between the two that converts"
                 + (f", or {f.module.name}.rename({name}=…), so that names join as they are meant" if name else ""),
@@ -171,11 +171,11 @@ def _check_one_reading(
     """Error where some names match and what is left could go on by position."""
     free = {name: type_ for name, type_ in wanted.items() if name not in fed}
     for (name, layout), target in zip(parts, fed, strict=True):
-        fitting = next((n for n, t in free.items() if target is None and _alike(layout, t)), None)
+        fitting = next((n for n, t in free.items() if target is None and alike(layout, t)), None)
         if fitting is not None:
             raise ShpyTypeError(
                 f"{g.module.name} << {f.module.name} can be read in two ways: by name, {name} is no input of "
-                f"{g.module.name}; by position it could be {fitting}: {_signature(f)} goes into {_signature(g)}",
+                f"{g.module.name}; by position it could be {fitting}: {signature(f)} goes into {signature(g)}",
                 loc=here(),
                 cure=f"{f.module.name}.rename({name}={fitting!r}) to join the two, or, to keep them apart, a program "
                 f"that calls {f.module.name} and {g.module.name}",
@@ -184,7 +184,7 @@ def _check_one_reading(
         first = next(iter(wanted))
         raise ShpyTypeError(
             f"{g.module.name} << {f.module.name} can be read in two ways: all of it could be {first}, and a part "
-            f"of it is named as an input: {_signature(f)} goes into {_signature(g)}",
+            f"of it is named as an input: {signature(f)} goes into {signature(g)}",
             loc=here(),
             cure=f"{g.module.name}.rename(…), so that no input has the name of a part that is not meant for it",
         )
@@ -195,7 +195,7 @@ def _leaf_types(layout: InputType) -> list[Any]:
     return [] if isinstance(layout, TableType | TextureType) else [cls.type for _, _, cls in leaves(layout, "")]
 
 
-def _alike(a: Layout, b: Layout) -> bool:
+def alike(a: Layout, b: Layout) -> bool:
     """Return whether two layouts hold the same types in the same way, kinds aside."""
     same_form = isinstance(a, Group) == isinstance(b, Group) and isinstance(a, Rows) == isinstance(b, Rows)
     names = not (isinstance(a, Group) and isinstance(b, Group)) or a.names == b.names
@@ -207,27 +207,29 @@ def _fits(given: Layout, wanted: Layout) -> bool:
     if isinstance(given, Leaf) and isinstance(wanted, Leaf):
         old, new = given.cls.type, wanted.cls.type
         return old.size in (1, new.size) and widens(old.base, new.base)
-    return _alike(given, wanted)
+    return alike(given, wanted)
 
 
-def _article(layout: Layout) -> str:
-    spoken = _type_name(layout)
+def with_article(layout: InputType) -> str:
+    """Return the type of an input or output with its article."""
+    spoken = type_name(layout)
     return f"a{'n' if spoken[0] in 'AEIOU' else ''} {spoken}"
 
 
-def _type_name(type_: InputType) -> str:
+def type_name(type_: InputType) -> str:
+    """Return the type of an input or output as a message spells it."""
     if isinstance(type_, Group):
-        inner = ", ".join(_type_name(part) for part in type_.parts)
+        inner = ", ".join(type_name(part) for part in type_.parts)
         return type_.cls.__name__ if type_.cls is not None else f"({inner})"
     if isinstance(type_, TableType):
         return f"Table[{type_.cls.__name__}, {type_.rank}]"
     return f"Texture2D[{type_.cls.__name__}]" if isinstance(type_, TextureType) else type_.cls.__name__
 
 
-def _signature(p: Recorded) -> str:
+def signature(p: Recorded) -> str:
     """`f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
-    inputs = ", ".join(f"{name}: {_type_name(type_)}" for name, type_ in p.inputs.items())
-    outputs = [f"{name}: {_type_name(part)}" if name else _type_name(part) for name, part in _named_parts(p.output)]
+    inputs = ", ".join(f"{name}: {type_name(type_)}" for name, type_ in p.inputs.items())
+    outputs = [f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _named_parts(p.output)]
     named = len(outputs) > 1 or _named_parts(p.output)[0][0] is not None
     return f"{p.module.name}({inputs}) -> {'(' * named}{', '.join(outputs)}{')' * named}"
 

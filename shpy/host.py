@@ -25,7 +25,7 @@ from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureTy
 from shpy.lang.hostdata import as_base
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded
-from shpy.lang.structure import Layout, flatten, leaves
+from shpy.lang.structure import Group, Layout, entries_of, flatten, leaves
 from shpy.lang.values import Value
 
 Shape = tuple[int, ...]
@@ -161,8 +161,10 @@ def inputs(
 def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
     """The entry of each leaf: an array or a number, or where a leaf of a stream lies."""
     if not hasattr(given, "leaf_entries"):
-        entries = flatten(layout, given, what)
-        return [e.leaf_entries()[0] if hasattr(e, "leaf_entries") else e for e in entries]
+        if not isinstance(layout, Group):
+            return flatten(layout, given, what)
+        parts = zip(layout.names, layout.parts, entries_of(given, layout.form, layout.names, what), strict=True)
+        return [leaf for name, part, entry in parts for leaf in entries_of_input(part, entry, f"{what}.{name}")]
     found, wanted = given.leaf_entries(), list(leaves(layout, what))
     if len(found) != len(wanted):
         listed = ", ".join(path for path, _, _ in wanted)

@@ -9,6 +9,7 @@ import itertools
 import math
 import sys
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from shpy import host
 from shpy.backends.base import Backend, Call, Counts, Executable, Options
 from shpy.backends.dump import dump
+from shpy.backends.registry import backend as backend_named
 from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ir.collector import uncollected
@@ -24,6 +26,7 @@ from shpy.ir.nodes import Let, Status
 from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
 from shpy.lang.data import Table, Texture2D, TextureType
+from shpy.lang.guarded import guarded
 from shpy.lang.location import here
 from shpy.lang.record import Recorded
 from shpy.lang.structure import build_arrays
@@ -124,12 +127,16 @@ class Kernel:
         self._plan(arrays, common, named, shape)
         return outputs if status is None else self._result(common, outputs, status).outputs
 
-    def run(self, *arrays: Any, out: Any = None, shape: Any = None, **named: Any) -> Result:
+    def run(self, *arrays: Any, out: Any = None, shape: Any = None, where: Any = None, **named: Any) -> Result:
         """Run on arrays; gives a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 
         Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs. With a Stream among
-        the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device.
+        the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device. `where`, bools of the
+        shape of the elements in an array or a Stream, tells which elements run; the others count as discarded.
         """
+        if where is not None:
+            given = host.bind(self._recorded, arrays, named)
+            return self._guarded.run(*(given[name] for name in self._recorded.inputs), where, out=out, shape=shape)
         known = None if named or shape is not None else self._run_planned(arrays, out)
         if known is not None:
             common, outputs, status = known
@@ -142,6 +149,11 @@ class Kernel:
         if status is None:
             return ArrayResult(outputs, np.ones(common, np.bool_), math.prod(common))
         return self._result(common, outputs, status)
+
+    @cached_property
+    def _guarded(self) -> Kernel:
+        """The kernel with one more input, `where`, that discards the elements for which it is False."""
+        return Kernel(guarded(self._recorded, None, "where"), backend_named(self.backend), self.options)
 
     def _holds_streams(self, given: dict[str, Any], out: Any) -> bool:
         values = itertools.chain(given.values(), (out,), self._recorded.tables.values())
@@ -156,7 +168,7 @@ class Kernel:
         """Run over streams; raises LoopLimitExceeded as soon as a loop can have run out of iterations."""
         result = run_prepared(self._executable, self.prepare_on_device(given, out, shape))
         if result.status is not None and self._executable.loops and result.counts.stopped:
-            raise self._limit_error(result.counts.stopped, result.counts.first, result)
+            raise self.limit_error(result.counts.stopped, result.counts.first, result)
         return result
 
     def prepare_on_device(self, given: dict[str, Any], out: Any, shape: Any) -> Prepared:
@@ -286,10 +298,11 @@ class Kernel:
         counts = Counts.of(status)
         result = ArrayResult(outputs, status == Status.WRITTEN, counts.written)
         if counts.stopped:
-            raise self._limit_error(counts.stopped, counts.first, result)
+            raise self.limit_error(counts.stopped, counts.first, result)
         return result
 
-    def _limit_error(self, count: int, first: int, result: Result) -> LoopLimitExceeded:
+    def limit_error(self, count: int, first: int, result: Any) -> LoopLimitExceeded:
+        """Return the error for so many elements stopped in loops; `first` is the least of their statuses."""
         elements = f"{count} element{'s' if count > 1 else ''}"
         loops = self._executable.loops
         if first < Status.FIRST_LOOP:

@@ -58,6 +58,17 @@ LAYERS = {
         "shpy.kernel",
         "shpy.program",
     ],
+    "shpy.chains": [
+        "shpy.errors",
+        "shpy.ir",
+        "shpy.lang",
+        "shpy.backends",
+        "shpy.host",
+        "shpy.streams",
+        "shpy.kernel",
+        "shpy.algebra",
+        "shpy.program",
+    ],
 }
 UNNAMED = re.compile(r"(utils?|helpers?|misc|common|manager)")
 

@@ -59,7 +59,7 @@ def input_type(annotation: Any, name: str) -> InputType:
     return layout_of(annotation, name)
 
 
-RESERVED = ("out", "shape")
+RESERVED = ("out", "shape", "where")
 
 
 def record(function: Callable[..., Any], name: str | None = None) -> Recorded:

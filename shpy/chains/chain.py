@@ -1,0 +1,268 @@
+"""Chains: kernels in sequence, repeated, or in a loop, over named streams that stay on the device.
+
+Stage: run.
+
+    chain = sh.sequence(generate, sh.loop(traverse, intersect))
+    result = chain.run(rays=rays, voxels=voxels)
+    result.streams["rays"]
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from shpy.algebra import alike, with_article
+from shpy.backends.base import Precision
+from shpy.chains.member import Member, element_layout
+from shpy.chains.running import ChainResult, Run
+from shpy.errors import LoopLimitExceeded, ShpyTypeError
+from shpy.ir.nodes import Loc
+from shpy.kernel import Kernel
+from shpy.lang.location import here
+from shpy.lang.record import InputType
+from shpy.program import Program
+
+__all__ = ["Chain", "Loop", "Repeat", "Sequence", "loop", "repeat", "sequence"]
+
+
+class Chain(ABC):
+    """Kernels that run one after the other over named streams: see `sh.sequence`, `sh.repeat` and `sh.loop`.
+
+    An input of a kernel reads the stream of its name: the element of each run, or, annotated `sh.Table[…]` or
+    `sh.Texture2D[…]`, any element by index. An output replaces the stream of its name; a single output without a name
+    replaces the stream of the only input of its type. A Table reads what the stream held before the kernel ran.
+    """
+
+    def __init__(self, members: tuple[Member | Chain, ...]) -> None:
+        self.members = members
+        self.loc: Loc | None = here()
+        self._check_types()
+
+    @cached_property
+    def kernels(self) -> tuple[Member, ...]:
+        """Every kernel of the chain and of the chains in it, in order."""
+        return tuple(kernel for member in self.members for kernel in member.kernels)
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """The type of each stream, Table or number that `run` takes, by name."""
+        found: dict[str, Any] = {}
+        written: set[str] = set()
+        for kernel in self.kernels:
+            for name, type_ in kernel.inputs.items():
+                if name not in written and name not in kernel.recorded.defaults:
+                    found.setdefault(name, getattr(type_, "cls", type_))
+            written |= {name for name, _ in kernel.outputs} if not kernel.rejects else set()
+        return found
+
+    @property
+    def outputs(self) -> dict[str, Any]:
+        """The type of each stream that the chain writes, by name."""
+        return {name: getattr(layout, "cls", layout) for kernel in self.kernels for name, layout in kernel.outputs}
+
+    def run(
+        self,
+        *,
+        shape: Any = None,
+        backend: str | None = None,
+        device: int | None = None,
+        precision: Precision | None = None,
+        **streams: Any,
+    ) -> ChainResult:
+        """Run the chain on the device where the streams lie; gives the streams that it wrote, and counts.
+
+        `streams` are Streams, host arrays, which are copied to the device once, Tables and Textures, and numbers and
+        Params, which hold for every element. They keep their elements: what the chain writes lies in memory of its own.
+        `shape` is that of kernels which read no stream by element and write a new one. `backend`, `device` and
+        `precision` say where arrays go if no stream is given.
+        Raises ShpyTypeError for missing and unknown streams before anything runs, LoopLimitExceeded for a `loop` of the
+        chain or a loop of a kernel that ran out of its iterations.
+        """
+        return Run(self, streams, shape, backend, device, precision).result()
+
+    def where(self, condition: str | Program) -> Chain:
+        """The chain with a condition on the elements of each kernel."""
+        return self._with(_guarded(self.members, condition))
+
+    @abstractmethod
+    def perform(self, run: Run) -> None:
+        """Run the members as often as this chain says."""
+
+    @abstractmethod
+    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+        """This chain with other members."""
+
+    def _check_types(self) -> None:
+        """Raise ShpyTypeError where two kernels give the stream of one name different types."""
+        known: dict[str, tuple[InputType, Member]] = {}
+        for kernel in self.kernels:
+            for name, type_ in [*kernel.inputs.items(), *kernel.outputs]:
+                first, other = known.setdefault(name, (type_, kernel))
+                if not alike(element_layout(first), element_layout(type_)):
+                    raise ShpyTypeError(
+                        f"the stream {name} is {with_article(first)} in {other.signature} and {with_article(type_)} in "
+                        f"{kernel.signature}",
+                        loc=here(),
+                        cure=f'{kernel.name}.rename({name}="…"), or one type in both',
+                    )
+
+    def __repr__(self) -> str:
+        return f"<Chain {self}>"
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__.lower()}({', '.join(_spoken(m) for m in self.members)})"
+
+
+class Sequence(Chain):
+    """Each member once, in order: see `sh.sequence`."""
+
+    @cached_property
+    def _is_flat(self) -> bool:
+        return all(isinstance(m, Member) or (isinstance(m, Sequence) and m._is_flat) for m in self.members)
+
+    def perform(self, run: Run) -> None:
+        """Run each member once."""
+        if self._is_flat:
+            run.play(self)
+            return
+        for member in self.members:
+            member.perform(run)
+
+    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+        return Sequence(members)
+
+
+class Repeat(Chain):
+    """The members a number of times: see `sh.repeat`."""
+
+    def __init__(self, members: tuple[Member | Chain, ...], times: int) -> None:
+        super().__init__(members)
+        self.times = times
+
+    def perform(self, run: Run) -> None:
+        """Run the members so many times."""
+        for _ in range(self.times):
+            for member in self.members:
+                member.perform(run)
+
+    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+        return Repeat(members, self.times)
+
+    def __str__(self) -> str:
+        return f"repeat({', '.join(_spoken(m) for m in self.members)}, {self.times})"
+
+
+class Loop(Chain):
+    """The members until a round writes nothing: see `sh.loop`."""
+
+    def __init__(self, members: tuple[Member | Chain, ...], loop_limit: int | None) -> None:
+        super().__init__(members)
+        self.loop_limit = loop_limit
+        self._round = Sequence(members)
+        for kernel in self.kernels:
+            if not kernel.rejects:
+                raise ShpyTypeError(
+                    f"{self} never ends: {kernel.signature} writes every element, and a loop ends with a round that "
+                    f"writes nothing",
+                    loc=here(),
+                    cure=f"SH_DISCARD in {kernel.name} where there is nothing left to do, where=, or sh.repeat",
+                )
+
+    def perform(self, run: Run) -> None:
+        """Run rounds until one writes nothing; raises LoopLimitExceeded where there are too many."""
+        outside, before, ever = run.watching, run.wrote, False
+        run.watching = True
+        rounds = 0
+        while self.loop_limit is None or rounds < self.loop_limit:
+            run.wrote = False
+            self._round.perform(run)
+            rounds += 1
+            if not run.wrote:
+                run.watching, run.wrote = outside, before or ever
+                return
+            ever = True
+        raise LoopLimitExceeded(
+            f"{self} took more than {self.loop_limit} rounds",
+            loc=self.loc,
+            cure="kernels that discard every element in the end, or loop_limit=N if it needs more (None: no limit)",
+            result=run.so_far(),
+        )
+
+    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+        return Loop(members, self.loop_limit)
+
+
+def sequence(*members: Program | Kernel | Chain, where: str | Program | None = None) -> Chain:
+    """Return the chain that runs each member once, in order; members are programs, kernels and chains.
+
+    `sh.sequence(a, b, c)` gives the bits of `c << b << a` where these connect by name, with the results between them in
+    streams. `where`, the name of a stream of bools or a program of the element, tells which elements run: the others
+    keep what the streams hold. It is evaluated for each kernel when that runs.
+    Raises ShpyTypeError where an output has no name, or where a stream would have two types.
+    """
+    return Sequence(_guarded(_members(members), where))
+
+
+def repeat(member: Program | Kernel | Chain, times: int, *, where: str | Program | None = None) -> Chain:
+    """Return the chain that runs a program, kernel or chain `times` times.
+
+    `where`, the name of a stream of bools or a program of the element, tells which elements run. Raises ShpyTypeError
+    for a number of times that is no int or negative.
+
+        @sh.program
+        def smooth(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+            i = sh.grid_index(2)
+            return 0.25 * (u[i + (0, 1)] + u[i - (0, 1)] + u[i + (1, 0)] + u[i - (1, 0)])
+
+        sh.repeat(smooth, 500).run(u=image).streams["u"]
+    """
+    if not isinstance(times, int | np.integer) or isinstance(times, bool) or times < 0:
+        raise ShpyTypeError(f"repeat takes a number of times, not {times!r}", loc=here(), cure="sh.repeat(step, 500)")
+    return Repeat(_guarded(_members((member,)), where), int(times))
+
+
+def loop(
+    *members: Program | Kernel | Chain, where: str | Program | None = None, loop_limit: int | None = 1_048_576
+) -> Chain:
+    """Return the chain that runs its members in rounds until a round writes no element.
+
+    Each kernel has to discard elements (`SH_DISCARD`) or to run under a condition: see `where` of `sh.sequence`. The
+    round that writes nothing counts among the executions. `run` raises LoopLimitExceeded after `loop_limit` rounds, or
+    never if that is None. Raises ShpyTypeError for a kernel that writes every element.
+    """
+    if loop_limit is not None and not (
+        isinstance(loop_limit, int | np.integer) and not isinstance(loop_limit, bool) and loop_limit > 0
+    ):
+        raise ShpyTypeError(f"loop_limit={loop_limit!r}", loc=here(), cure="a number of rounds, or None for no limit")
+    return Loop(_guarded(_members(members), where), None if loop_limit is None else int(loop_limit))
+
+
+def _members(given: tuple[Any, ...]) -> tuple[Member | Chain, ...]:
+    if not given:
+        raise ShpyTypeError("a chain has at least one member", loc=here(), cure="sh.sequence(first, second)")
+    return tuple(_member(value) for value in given)
+
+
+def _member(value: Any) -> Member | Chain:
+    if isinstance(value, Chain):
+        return value
+    if isinstance(value, Program | Kernel):
+        return Member.of(value)
+    spoken = getattr(value, "__name__", None) or repr(value)
+    raise ShpyTypeError(
+        f"{spoken} is neither a program nor a kernel nor a chain",
+        loc=here(),
+        cure=f"@sh.program above {spoken}" if callable(value) else "sh.sequence(first, second); sh.repeat(step, 500)",
+    )
+
+
+def _guarded(members: tuple[Member | Chain, ...], where: str | Program | None) -> tuple[Member | Chain, ...]:
+    return members if where is None else tuple(member.where(where) for member in members)
+
+
+def _spoken(member: Member | Chain) -> str:
+    return member.name if isinstance(member, Member) else str(member)

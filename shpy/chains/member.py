@@ -1,0 +1,199 @@
+"""Members: the kernels of a chain, connected with its streams by name.
+
+Stage: run. An input reads the stream of its name, and an input annotated `sh.Table[…]` or `sh.Texture2D[…]` reads it by
+index. An output replaces the stream of its name. A single output without a name replaces the only input of its type,
+be it an element or a Table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from shpy.algebra import alike, signature, type_name, with_article
+from shpy.backends.registry import backend as backend_named
+from shpy.errors import ShpyTypeError
+from shpy.ir.nodes import Discard
+from shpy.ir.traverse import walk
+from shpy.kernel import Kernel
+from shpy.lang.data import TableType, TextureType
+from shpy.lang.guarded import MASK, guarded
+from shpy.lang.location import here
+from shpy.lang.record import InputType, Recorded
+from shpy.lang.structure import Group, Layout, Leaf, Rows, layout_of
+from shpy.program import Program
+from shpy.streams.stream import Place
+
+__all__ = ["RUN_ARGUMENTS", "Member", "element_layout", "is_gathered"]
+
+RUN_ARGUMENTS = ("shape", "backend", "device", "precision")
+"""Arguments of `Chain.run` besides the streams: no stream has these names."""
+
+
+def is_gathered(type_: InputType) -> bool:
+    """Return whether an input reads its stream by index."""
+    return isinstance(type_, TableType | TextureType)
+
+
+def element_layout(type_: InputType) -> Layout:
+    """Return the layout of an element of the stream that an input reads."""
+    return layout_of(type_.cls, "an element") if isinstance(type_, TableType | TextureType) else type_
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A program or kernel in a chain: `original` as the user gave it, `kernel` with its condition if there is one."""
+
+    kernel: Program | Kernel
+    original: Program | Kernel
+    outputs: tuple[tuple[str, Layout], ...]
+
+    @classmethod
+    def of(cls, kernel: Program | Kernel) -> Member:
+        """Connect a program or kernel by its names; ShpyTypeError where an output has no name and needs one."""
+        recorded = kernel._recorded
+        for name in recorded.inputs:
+            if name in RUN_ARGUMENTS:
+                raise ShpyTypeError(
+                    f"the input {name} of {signature(recorded)} cannot be a stream: {name} is an argument of run",
+                    loc=here(),
+                    cure=f"{recorded.module.name}.rename({name}=…)",
+                )
+        outputs = _outputs(recorded)
+        for name, layout in outputs:
+            _check_stream(name, layout, recorded)
+        return cls(kernel, kernel, outputs)
+
+    @property
+    def kernels(self) -> tuple[Member, ...]:
+        """Itself: a member is the smallest part of a chain."""
+        return (self,)
+
+    def perform(self, run: Any) -> None:
+        """Run it once."""
+        run.play(self)
+
+    @property
+    def recorded(self) -> Recorded:
+        """The recorded program, of the guarded kernel if there is a condition."""
+        return self.kernel._recorded
+
+    @property
+    def name(self) -> str:
+        """The program's name."""
+        return self.recorded.module.name
+
+    @property
+    def inputs(self) -> dict[str, InputType]:
+        """The type of each input by name."""
+        return self.recorded.inputs
+
+    @cached_property
+    def signature(self) -> str:
+        """The signature as messages spell it."""
+        return signature(self.recorded)
+
+    @cached_property
+    def rejects(self) -> bool:
+        """Return whether an element may write nothing."""
+        functions = self.recorded.module.functions
+        return any(isinstance(s, Discard) for f in functions for s in walk(f.body))
+
+    def where(self, condition: str | Program) -> Member:
+        """The member for the elements for which a stream or a program of the element holds."""
+        recorded = self.recorded
+        if isinstance(condition, str):
+            _check_shared(recorded, condition, Leaf(MASK), f'where="{condition}"')
+            made = guarded(recorded, None, condition)
+        else:
+            _check_condition(condition)
+            for name, type_ in condition._recorded.inputs.items():
+                _check_shared(recorded, name, type_, signature(condition._recorded))
+            made = guarded(recorded, condition._recorded, "")
+        if isinstance(self.kernel, Kernel):
+            kernel: Program | Kernel = Kernel(made, backend_named(self.kernel.backend), self.kernel.options)
+        else:
+            kernel = Program(made)
+        return replace(self, kernel=kernel)
+
+    def compiled(self, place: Place) -> Kernel:
+        """The kernel for a device; ShpyTypeError for a kernel of another one."""
+        if isinstance(self.kernel, Program):
+            return self.kernel.compile(place.backend, device=place.device or None, precision=place.precision)
+        if self.kernel.place != place:
+            raise ShpyTypeError(
+                f"{self.name} is compiled for {self.kernel.place}, and the streams of the chain lie on {place}",
+                loc=here(),
+                cure=f"the program {self.name} in the chain, which is compiled for the streams' device",
+            )
+        return self.kernel
+
+
+def _outputs(recorded: Recorded) -> tuple[tuple[str, Layout], ...]:
+    """The name and the layout of the stream that each output replaces."""
+    layout = recorded.output
+    form = layout.form if isinstance(layout, Group) else None
+    if isinstance(layout, Group) and form == "dict":
+        return tuple(zip(layout.names, layout.parts, strict=True))
+    fitting = [] if form in ("tuple", "list") else _fitting(recorded, layout)
+    if len(fitting) == 1:
+        return ((fitting[0], layout),)
+    if isinstance(layout, Group) and form in ("struct", "namedtuple") and not fitting:
+        return tuple(zip(layout.names, layout.parts, strict=True))
+    if form in ("tuple", "list"):
+        problem = "the outputs of {} have no names"
+    elif fitting:
+        problem = f"the output of {{}} has no name, and could replace {' or '.join(fitting)}"
+    else:
+        problem = "the output of {} has no name, and no input has its type"
+    raise ShpyTypeError(
+        f"{problem.format(signature(recorded))}: an output of a chain replaces the stream of its name",
+        loc=here(),
+        cure=f'return {{"{fitting[0] if fitting else "name"}": value}}, or a NamedTuple of the streams',
+    )
+
+
+def _fitting(recorded: Recorded, layout: Layout) -> list[str]:
+    """The inputs whose elements have the type of the output: with the same kinds if there are some."""
+    elements = {name: element_layout(type_) for name, type_ in recorded.inputs.items()}
+    same = [name for name, element in elements.items() if element == layout]
+    return same or [name for name, element in elements.items() if alike(element, layout)]
+
+
+def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
+    """A stream has a type: an output made of several values needs a struct."""
+    known = isinstance(layout, Leaf | Rows) or (layout.form in ("struct", "namedtuple"))
+    if not known:
+        raise ShpyTypeError(
+            f"the output {name} of {signature(recorded)} is {type_name(layout)}, which is no type of a stream",
+            loc=here(),
+            cure="a @sh.struct, or an output for each value",
+        )
+    if name in RUN_ARGUMENTS:
+        raise ShpyTypeError(
+            f"the output {name} of {signature(recorded)} cannot be a stream: {name} is an argument of run",
+            loc=here(),
+            cure=f"{recorded.module.name}.rename({name}=…)",
+        )
+
+
+def _check_condition(condition: Any) -> None:
+    if isinstance(condition, Program) and condition._recorded.output == Leaf(MASK):
+        return
+    spoken = signature(condition._recorded) if isinstance(condition, Program) else repr(condition)
+    raise ShpyTypeError(
+        f"where={spoken} is neither the name of a stream nor a program that returns one Attrib1b",
+        loc=here(),
+        cure='where="alive", or a program of the element: alive(x: sh.Attrib1f) -> sh.Attrib1b',
+    )
+
+
+def _check_shared(recorded: Recorded, name: str, type_: InputType, other: str) -> None:
+    known = recorded.inputs.get(name)
+    if known is not None and known != type_:
+        raise ShpyTypeError(
+            f"the stream {name} is {with_article(known)} in {signature(recorded)} and {with_article(type_)} in {other}",
+            loc=here(),
+            cure=f"rename({name}=…) of one of the two",
+        )

@@ -1,0 +1,58 @@
+"""Merging: what a kernel wrote goes into the streams, and the elements that it discarded keep theirs.
+
+Stage: run. The merge is itself a program, so it runs on the device between the kernels, and counts there how often each
+element was written: the host need not wait for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from shpy.ir.nodes import Status
+from shpy.ir.types import Base
+from shpy.lang.builtins import cond
+from shpy.lang.record import InputType, record_body
+from shpy.lang.recorder import recording
+from shpy.lang.structure import Leaf
+from shpy.lang.values import CLASSES, Value
+from shpy.program import Program
+
+__all__ = ["COUNT", "merge_of"]
+
+COUNT = CLASSES["Attrib", 1, Base.I]
+"""The type of a status, and of the number of executions in which an element was written."""
+
+
+def merge_of(types: Sequence[type[Value]], stops: bool) -> Program:
+    """The program from status, new and old elements of these types to the elements that stay, in this order of inputs.
+
+    Its last inputs and outputs are the number of times that the element was written and, if a loop may stop elements,
+    the status of the first execution in which one did, or 0.
+    """
+    return _merge_of(tuple((cls.size, cls.base) for cls in types), stops)
+
+
+@cache
+def _merge_of(kinds: tuple[tuple[int, Base], ...], stops: bool) -> Program:
+    leaves = [Leaf(CLASSES["Attrib", size, base]) for size, base in kinds]
+    inputs: dict[str, InputType] = {"status": Leaf(COUNT)}
+    inputs |= {f"new_{k}": leaf for k, leaf in enumerate(leaves)}
+    inputs |= {f"old_{k}": leaf for k, leaf in enumerate(leaves)}
+    inputs["times"] = Leaf(COUNT)
+    if stops:
+        inputs["stop"] = Leaf(COUNT)
+
+    def body(given: Mapping[str, Any]) -> Any:
+        status = given["status"]
+        written = status == Status.WRITTEN
+        kept = [cond(written, given[f"new_{k}"], given[f"old_{k}"]) for k in range(len(leaves))]
+        times = cond(written, given["times"] + 1, given["times"])
+        if not stops:
+            return (*kept, times)
+        stopped = (status != Status.WRITTEN) & (status != Status.DISCARDED) & (given["stop"] == Status.DISCARDED)
+        return (*kept, times, cond(stopped, status, given["stop"]))
+
+    with recording("merge", None) as made:
+        return Program(record_body(made, inputs, None, body))

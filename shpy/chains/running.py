@@ -1,0 +1,417 @@
+"""Runs of chains: each kernel is bound once to the memory that it reads and writes, and then only started.
+
+Stage: run. A stream that the chain writes has up to two memories of its own, so that a kernel can read the elements
+from before by index. What the user gave is only read. The assignment of memories recurs after a few rounds: the runs
+that are ready for it are kept and started again, all on the device's queue; the host waits only where a loop asks
+whether a round has written anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import chain as joined
+from typing import Any, Protocol
+
+import numpy as np
+
+from shpy import host
+from shpy.backends.base import DeviceCall, Memory, Precision
+from shpy.backends.registry import default_backend
+from shpy.chains.member import Member, element_layout, is_gathered
+from shpy.chains.merging import COUNT, merge_of
+from shpy.errors import ShpyTypeError
+from shpy.kernel import Kernel
+from shpy.lang.data import Table, TableType, Texture2D
+from shpy.lang.location import here
+from shpy.lang.structure import Layout, Leaf, leaves
+from shpy.streams.running import check_places
+from shpy.streams.stream import Place, Stream, _place, streams_in
+
+__all__ = ["ChainResult", "Node", "Run"]
+
+Shape = tuple[int, ...]
+_AHEAD = 256
+"""Runs that are collected before they are started."""
+
+
+class Node(Protocol):
+    """A part of a chain."""
+
+    @property
+    def kernels(self) -> Iterable[Member]:
+        """Every kernel, in order."""
+
+
+class Performed(Node, Protocol):
+    """A part of a chain that knows how often and in which order its kernels run."""
+
+    def perform(self, run: Run) -> None:
+        """Run it."""
+
+
+@dataclass(eq=False)
+class ChainResult:
+    """What a chain gave: `streams` by name, those that it wrote; `executions` of each kernel by the program's name."""
+
+    streams: dict[str, Stream]
+    executions: dict[str, int]
+    _full: dict[str, int]
+    _times: dict[str, list[Stream]]
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """How many elements each kernel wrote in all of its executions; those of SH_DISCARD are read when asked for."""
+        read = {name: sum(int(s.numpy().sum(dtype=np.int64)) for s in found) for name, found in self._times.items()}
+        return {name: self._full[name] + read.get(name, 0) for name in self.executions}
+
+
+@dataclass(slots=True, eq=False)
+class _Plan:
+    """The runs that are ready for one assignment of memories, and the streams afterwards."""
+
+    starts: list[Callable[[], None]] = field(default_factory=list)
+    after: dict[Any, Stream] = field(default_factory=dict)
+    statuses: list[Memory] = field(default_factory=list)
+    sizes: list[tuple[Member, int]] = field(default_factory=list)
+    held: list[Any] = field(default_factory=list)
+    times: int = 0
+
+
+class Run:
+    """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and looks at `wrote`."""
+
+    def __init__(
+        self,
+        node: Performed,
+        given: Mapping[str, Any],
+        shape: Any,
+        backend: str | None,
+        device: int | None,
+        precision: Precision | None,
+    ) -> None:
+        self._node = node
+        self._members = tuple(node.kernels)
+        self._shape = None if shape is None else host.given_shape(shape)
+        _check_names(node, given)
+        self.place = _place_of(self._members, given, backend, device, precision)
+        self._kernels = {member: member.compiled(self.place) for member in self._members}
+        self._constants: dict[str, Any] = {}
+        self.current: dict[Any, Stream] = {}
+        for name, value in given.items():
+            self._bring(name, value)
+        self._owned: dict[Any, list[Stream]] = {}
+        self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _Plan]]] = {}
+        self._pending: list[Callable[[], None]] = []
+        self.watching = False
+        self.wrote = False
+
+    # What the chain is given
+
+    def _bring(self, name: str, value: Any) -> None:
+        """Bring a stream, array or number to the device; what is only read by index stays a Table or texture."""
+        inputs = [m.inputs[name] for m in self._members if name in m.inputs]
+        outputs = [layout for m in self._members for n, layout in m.outputs if n == name]
+        gathered = all(is_gathered(type_) for type_ in inputs) and not outputs
+        if isinstance(value, Table | Texture2D) or (gathered and not isinstance(value, Stream)):
+            if not gathered:
+                users = ", ".join(m.signature for m in self._members if name in m.inputs or name in dict(m.outputs))
+                raise ShpyTypeError(
+                    f"{name} is given as a {type(value).__name__}, and kernels read or write it by element: {users}",
+                    loc=here(),
+                    cure=f"{name}=array, or a sh.Stream: a Table input reads that by index",
+                )
+            first = inputs[0]
+            if not isinstance(value, Table | Texture2D):
+                value = Table(value, first.cls, name) if isinstance(first, TableType) else Texture2D(value, name=name)
+            self._constants[name] = value
+        elif isinstance(value, Stream):
+            self.current[name] = value
+        else:
+            elements = [type_ for type_ in inputs if not is_gathered(type_)]
+            layout = elements[0] if elements else outputs[0] if outputs else element_layout(inputs[0])
+            self.current[name] = self._uploaded(name, layout, value)
+
+    def _uploaded(self, name: str, layout: Any, value: Any) -> Stream:
+        """A stream of an array, of a number (one element), or of streams for the fields of a struct."""
+        dtypes = host.dtypes_at(self.place.precision)
+        found = host.inputs({name: layout}, {name: value}, dtypes)
+        shape = host.common_shape(found, None)
+        memories: list[Memory] = []
+        for leaf in found:
+            if isinstance(leaf, host.DeviceLeaf):
+                memories.append(leaf.entry.memory)
+                continue
+            flat = leaf.flat(shape)
+            memory = self.place.space.allocate(len(flat), leaf.type, flat.dtype)
+            memory.write(flat)
+            memories.append(memory)
+        return Stream.over(_class_of(layout), shape, self.place, memories)
+
+    # Playing
+
+    def play(self, node: Node) -> None:
+        """Run each kernel of a part once."""
+        known = self._plans.get(node)
+        if known is None:
+            keys: dict[Any, None] = {}
+            for member in node.kernels:
+                named = (*member.inputs, *(name for name, _ in member.outputs))
+                keys.update(dict.fromkeys((*named, ("times", member), ("stop", member))))
+            known = self._plans[node] = list(keys), {}
+        names, plans = known
+        current = self.current
+        state = tuple([current.get(name) for name in names])
+        plan = plans.get(state)
+        if plan is None:
+            plan = plans[state] = self._plan(node)
+        else:
+            current.update(plan.after)
+        plan.times += 1
+        self._pending += plan.starts
+        if self.watching and not self.wrote:
+            self.flush()
+            self.wrote = any(self.place.space.count(status).written for status in plan.statuses)
+        elif len(self._pending) >= _AHEAD:
+            self.flush()
+
+    def flush(self) -> None:
+        """Start everything that was collected."""
+        pending, self._pending = self._pending, []
+        if pending:
+            self.place.space.start(pending)
+
+    def _plan(self, node: Node) -> _Plan:
+        plan = _Plan()
+        for member in node.kernels:
+            self._bind(member, plan)
+        return plan
+
+    def _bind(self, member: Member, plan: _Plan) -> None:
+        """Make a kernel ready for the streams as they are now."""
+        kernel = self._kernels[member]
+        shape = self._shape_of(member)
+        size = math.prod(shape)
+        executable = kernel._executable
+        given = host.bind(member.recorded, (), {n: self._input(n, member) for n in member.inputs if self._has(n)})
+        after: dict[Any, Stream] = {}
+        if executable.writes_all or not size:
+            after = {name: self._target(name, layout, shape, member) for name, layout in member.outputs}
+            if size:
+                whole = len(after) == 1 and member.outputs[0][1] is member.recorded.output
+                out = next(iter(after.values())) if whole else after
+                prepared = kernel.prepare_on_device(given, out, shape)
+                plan.starts.append(executable.ready(prepared.call))
+                plan.held.append(prepared)
+            plan.sizes.append((member, size))
+        else:
+            prepared = kernel.prepare_on_device(given, None, shape)
+            plan.starts.append(executable.ready(prepared.call))
+            plan.held.append(prepared)
+            assert prepared.call.status is not None
+            plan.statuses.append(prepared.call.status)
+            plan.sizes.append((member, 0))
+            after = self._merge(member, prepared.call, plan)
+        self.current.update(after)
+        plan.after.update(after)
+
+    def _merge(self, member: Member, call: DeviceCall, plan: _Plan) -> dict[Any, Stream]:
+        """Make the run ready that puts what was written into the streams, and counts it."""
+        stops = bool(self._kernels[member]._executable.loops)
+        counters = [("times", member), ("stop", member)][: 1 + stops]
+        parts: list[tuple[Any, Layout]] = [*member.outputs, *((key, Leaf(COUNT)) for key in counters)]
+        after = {key: self._target(key, layout, call.shape, None) for key, layout in parts}
+        old = [m for key, layout in parts for m in self._memories(key, layout)]
+        new = [entry.memory for stream in after.values() for entry in stream.leaf_entries()]
+        classes = [cls for _, layout in member.outputs for _, _, cls in leaves(layout, "")]
+        merge = merge_of(classes, stops)
+        kernel = merge.compile(self.place.backend, device=self.place.device or None, precision=self.place.precision)
+        whole = DeviceCall(call.shape, (call.status, *call.outputs, *old), tuple(new), None, {}, {})  # type: ignore[arg-type]
+        plan.starts.append(kernel._executable.ready(whole))
+        plan.held.append(whole)
+        return after
+
+    def _memories(self, key: Any, layout: Layout) -> list[Memory]:
+        """The memories of a stream before a kernel runs: one zero for all elements if there is no stream yet."""
+        stream = self.current.get(key)
+        if stream is not None:
+            return [entry.memory for entry in stream.leaf_entries()]
+        dtypes = host.dtypes_at(self.place.precision)
+        found = []
+        for _, _, cls in leaves(layout, ""):
+            memory = self.place.space.allocate(1, cls.type, np.dtype(dtypes[cls.base]))
+            memory.write(np.zeros((1, cls.size) if cls.size > 1 else 1, memory.dtype))
+            found.append(memory)
+        return found
+
+    def _target(self, key: Any, layout: Layout, shape: Shape, member: Member | None) -> Stream:
+        """The stream that a kernel or, for None, a merge writes: where the elements lie now, or beside it."""
+        space, now = self.place.space, self.current.get(key)
+        if now is not None and now.size != 1 and now.shape != shape:
+            raise ShpyTypeError(
+                f"the stream {key} has the shape {now.shape}, and {member.signature if member else 'a kernel'} would "
+                f"replace it by one of the shape {shape}",
+                loc=here(),
+                cure="another name for the output",
+            )
+        owned = [stream for stream in self._owned.setdefault(key, []) if stream.shape == shape]
+        type_ = None if member is None else member.inputs.get(key)
+        is_read = member is None or type_ is not None
+        apart = is_read and (not space.overwrites or (type_ is not None and is_gathered(type_)))
+        if not apart and any(stream is now for stream in owned):
+            return now  # type: ignore[return-value]
+        beside = next((stream for stream in owned if stream is not now), None)
+        if beside is None:
+            dtypes = host.dtypes_at(self.place.precision)
+            memories = [
+                space.allocate(math.prod(shape), cls.type, np.dtype(dtypes[cls.base]))
+                for _, _, cls in leaves(layout, "")
+            ]
+            beside = Stream.over(_class_of(layout), shape, self.place, memories)
+            self._owned[key].append(beside)
+        return beside
+
+    def _has(self, name: str) -> bool:
+        return name in self._constants or name in self.current
+
+    def _input(self, name: str, member: Member) -> Any:
+        """What an input reads now."""
+        if name in self._constants:
+            return self._constants[name]
+        stream, type_ = self.current[name], member.inputs[name]
+        if isinstance(type_, TableType) and len(stream.shape) != type_.rank:
+            raise ShpyTypeError(
+                f"the stream {name} has the shape {stream.shape}, and {member.signature} reads it as a Table of "
+                f"{type_.rank} axes",
+                loc=here(),
+                cure=f"sh.Table[sh.{type_.cls.__name__}, {len(stream.shape)}]",
+            )
+        return stream
+
+    def _shape_of(self, member: Member) -> Shape:
+        """The shape of a run: that of the streams it reads by element, of those it replaces, or what `run` was told."""
+        read = {n: self.current[n].shape for n, t in member.inputs.items() if not is_gathered(t) and n in self.current}
+        written = {name: self.current[name].shape for name, _ in member.outputs if name in self.current}
+        for found in (read, written):
+            many = {name: shape for name, shape in found.items() if math.prod(shape) != 1}
+            if len(set(many.values())) > 1:
+                listed = ", ".join(f"{name} {shape}" for name, shape in many.items())
+                raise ShpyTypeError(
+                    f"the streams of {member.signature} have several shapes: {listed}",
+                    loc=here(),
+                    cure="streams of one shape; a Table reads one of another shape by index",
+                )
+            if many:
+                return next(iter(many.values()))
+        if self._shape is not None:
+            return self._shape
+        for found in (read, written):
+            if found:
+                return max(found.values(), key=len)
+        raise ShpyTypeError(
+            f"{member.signature} reads no stream by element that would tell how many there are",
+            loc=here(),
+            cure="chain.run(shape=(h, w), …)",
+        )
+
+    # The result
+
+    def result(self) -> ChainResult:
+        """Run the chain; raises LoopLimitExceeded of the first kernel whose loop was stopped."""
+        self._node.perform(self)
+        found = self.so_far()
+        for member in self._members:
+            stop = self.current.get(("stop", member))
+            if stop is not None:
+                counts = self.place.space.count(stop.leaf_entries()[0].memory)
+                if counts.stopped:
+                    raise self._kernels[member].limit_error(counts.stopped, counts.first, found)
+        return found
+
+    def so_far(self) -> ChainResult:
+        """The streams as they are now, and the counts."""
+        self.flush()
+        names = _labels(self._members)
+        executions = dict.fromkeys(names.values(), 0)
+        full = dict(executions)
+        times: dict[str, list[Stream]] = {}
+        for _, plans in self._plans.values():
+            for plan in plans.values():
+                for member, size in plan.sizes:
+                    executions[names[member]] += plan.times
+                    full[names[member]] += plan.times * size
+        for member, label in names.items():
+            stream = self.current.get(("times", member))
+            if stream is not None:
+                times.setdefault(label, []).append(stream)
+        streams = {}
+        for name in dict.fromkeys(name for member in self._members for name, _ in member.outputs):
+            stream = self.current.get(name)
+            if stream is not None:
+                streams[name] = stream if any(stream is s for s in self._owned.get(name, ())) else stream.copy()
+        return ChainResult(streams, executions, full, times)
+
+
+def _class_of(layout: Layout) -> Any:
+    return layout.cls
+
+
+def _labels(members: Iterable[Member]) -> dict[Member, str]:
+    """A name for each kernel: that of the program, numbered if programs that differ have the same."""
+    taken: dict[str, Any] = {}
+    found = {}
+    for member in members:
+        label, count = member.name, 2
+        while taken.setdefault(label, member.original) is not member.original:
+            label, count = f"{member.name}_{count}", count + 1
+        found[member] = label
+    return found
+
+
+def _check_names(node: Performed, given: Mapping[str, Any]) -> None:
+    """Raise ShpyTypeError for a stream that no kernel knows, and one that a kernel reads and nobody gave or wrote."""
+    known = dict.fromkeys(n for m in node.kernels for n in (*m.inputs, *(name for name, _ in m.outputs)))
+    for name in given:
+        if name not in known:
+            listed = "; ".join(dict.fromkeys(member.signature for member in node.kernels))
+            raise ShpyTypeError(
+                f"{name} is no stream of {node}: {listed}", loc=here(), cure=f"one of {', '.join(known)}"
+            )
+    there = set(given)
+    for member in node.kernels:
+        missing = [n for n in member.inputs if n not in there and n not in member.recorded.defaults]
+        if missing:
+            raise ShpyTypeError(
+                f"{node} lacks {', '.join(missing)}, which {member.signature} reads",
+                loc=here(),
+                cure=f"chain.run({', '.join(f'{n}=…' for n in (*given, *missing))})",
+            )
+        there |= {name for name, _ in member.outputs}
+
+
+def _place_of(
+    members: Iterable[Member],
+    given: Mapping[str, Any],
+    backend: str | None,
+    device: int | None,
+    precision: Precision | None,
+) -> Place:
+    """Where the streams lie, or else what a kernel is compiled for, or else what `run` was told."""
+    members = tuple(members)
+    tables = (table for member in members for table in member.recorded.tables.values())
+    stream = next(streams_in(joined(given.values(), tables)), None)
+    kernel = next((member.kernel for member in members if isinstance(member.kernel, Kernel)), None)
+    if stream is None and kernel is None:
+        return _place(default_backend() if backend is None else backend, device, precision or "f32")
+    place = stream.place if stream is not None else kernel.place  # type: ignore[union-attr]
+    told = {"backend": backend, "device": device, "precision": precision}
+    for name, value in told.items():
+        if value is not None and value != getattr(place, name):
+            what = repr(stream) if stream is not None else repr(kernel)
+            raise ShpyTypeError(
+                f"{name}={value!r}, and the chain runs where {what} is", loc=here(), cure=f"no {name}=, or arrays"
+            )
+    check_places(given.values(), place, "the chain")
+    return place

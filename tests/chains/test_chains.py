@@ -1,0 +1,312 @@
+"""Chains give what their kernels give one by one on host arrays, bit for bit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import shpy as sh
+
+BACKENDS = ["numpy", "opencl"]
+on_every_backend = pytest.mark.parametrize("backend", BACKENDS)
+
+
+@sh.program
+def move(x: sh.Attrib1f, v: sh.Attrib1f):
+    return {"x": x + 0.25 * v}
+
+
+@sh.program
+def swing(x: sh.Attrib1f, v: sh.Attrib1f):
+    return {"v": v - 0.125 * x, "x": x * 0.75}
+
+
+@sh.program
+def blur(x: sh.Table[sh.Attrib1f, 1]) -> sh.Attrib1f:
+    i = sh.grid_index(1)
+    return 0.5 * x[i] + 0.25 * (x[i - 1] + x[i + 1])
+
+
+@sh.program
+def shift(v: sh.Attrib1f, x: sh.Table[sh.Attrib1f, 1]):
+    return {"v": v + x[sh.grid_index(1) + 1], "x": v}
+
+
+@sh.program
+def wear(x: sh.Attrib1f, n: sh.Attrib1i):
+    sh.SH_DISCARD(n >= 6)
+    return {"n": n + 1, "x": x + 1}
+
+
+@sh.program
+def count_up(n: sh.Attrib1i, limit: sh.Attrib1i, x: sh.Table[sh.Attrib1f, 1]):
+    sh.SH_DISCARD(n >= limit)
+    return {"n": n + 1 + sh.Attrib1i(sh.min(sh.abs(x[n]), 2.0))}
+
+
+@sh.program
+def is_even(n: sh.Attrib1i) -> sh.Attrib1b:
+    return n % 2 == 0
+
+
+ALL = (move, swing, blur, shift, wear, count_up)
+REJECTING = (wear, count_up)
+
+
+def chains(members):
+    """Trees of sequences and repeats over members."""
+    nest = lambda inner: st.one_of(  # noqa: E731
+        st.lists(inner, min_size=1, max_size=3).map(lambda parts: ("sequence", parts)),
+        st.tuples(st.just("repeat"), inner, st.integers(0, 4)),
+    )
+    return st.recursive(members, nest, max_leaves=5)
+
+
+def loops():
+    return chains(st.sampled_from(REJECTING)).map(lambda body: ("loop", body))
+
+
+def built(tree):
+    match tree:
+        case ("sequence", parts):
+            return sh.sequence(*map(built, parts))
+        case ("repeat", body, times):
+            return sh.repeat(built(body), times)
+        case ("loop", body):
+            return sh.loop(built(body))
+    return tree
+
+
+def names_of(program):
+    if program.outputs.keys() == {"0"}:
+        return [next(name for name, type_ in program.inputs.items() if name in ("x", "n"))]
+    return list(program.outputs)
+
+
+class OneByOne:
+    """The same over host arrays: every kernel is called, and its outputs take the place of the arrays."""
+
+    def __init__(self, backend, arrays):
+        self.backend = backend
+        self.arrays = {name: np.array(array) for name, array in arrays.items()}
+        self.executions, self.counts = {}, {}
+
+    def run(self, tree):
+        """Run a tree; returns how many elements were written."""
+        match tree:
+            case ("sequence", parts):
+                return sum([self.run(part) for part in parts])
+            case ("repeat", body, times):
+                return sum([self.run(body) for _ in range(times)])
+            case ("loop", body):
+                total = 0
+                while written := self.run(body):
+                    total += written
+                return total
+        inputs = {name: self.arrays[name] for name in tree.inputs}
+        names = names_of(tree)
+        out = {name: self.arrays[name].copy() for name in names}
+        whole = out if tree.outputs.keys() != {"0"} else out[names[0]]
+        result = tree.compile(self.backend).run(**inputs, out=whole, shape=self.arrays["x"].shape)
+        self.arrays |= out
+        self.executions[tree.name] = self.executions.get(tree.name, 0) + 1
+        self.counts[tree.name] = self.counts.get(tree.name, 0) + result.count
+        return result.count
+
+
+def check(tree, backend, arrays):
+    expected = OneByOne(backend, arrays)
+    expected.run(tree)
+    chain = built(tree)
+    if not isinstance(chain, sh.Chain):
+        chain = sh.sequence(chain)
+    known = {name: array for name, array in arrays.items() if name in {n for k in chain.kernels for n in k.inputs}}
+    for kernel in chain.kernels:
+        known |= {name: arrays[name] for name, _ in kernel.outputs}
+    result = chain.run(**known, backend=backend)
+    for name, stream in result.streams.items():
+        array = stream.numpy()
+        np.testing.assert_array_equal(array.view(np.int32), expected.arrays[name].view(np.int32), err_msg=name)
+    assert {n: k for n, k in result.executions.items() if k} == expected.executions
+    assert {n: k for n, k in result.counts.items() if result.executions[n]} == expected.counts
+
+
+def data(seed, size):
+    rng = np.random.default_rng(seed)
+    return {
+        "x": rng.normal(size=size).astype(np.float32),
+        "v": rng.normal(size=size).astype(np.float32),
+        "n": rng.integers(0, 8, size).astype(np.int32),
+        "limit": rng.integers(0, 12, size).astype(np.int32),
+    }
+
+
+TREES = chains(st.one_of(st.sampled_from(ALL), loops()))
+
+
+@on_every_backend
+@settings(max_examples=25)
+@given(tree=TREES, seed=st.integers(0, 9), size=st.sampled_from([1, 2, 7, 64, 131]))
+def test_random_chains_give_what_their_kernels_give_one_by_one(backend, tree, seed, size):
+    check(tree, backend, data(seed, size))
+
+
+@on_every_backend
+def test_a_table_reads_what_the_stream_held_before(backend):
+    x = np.array([1, 0, 0, 0, 0], np.float32)
+    result = sh.repeat(blur, 2).run(x=x, backend=backend)
+    np.testing.assert_array_equal(result.streams["x"], [0.625, 0.3125, 0.0625, 0, 0])
+
+
+@on_every_backend
+def test_what_is_given_keeps_its_elements(backend):
+    x = sh.Stream([1.0, 2.0], sh.Attrib1f, backend=backend)
+    v = np.array([4, 4], np.float32)
+    chain = sh.repeat(swing, 3)
+    first, second = (chain.run(x=x, v=v).streams for _ in range(2))
+    np.testing.assert_array_equal(x, [1, 2])
+    np.testing.assert_array_equal(v, [4, 4])
+    np.testing.assert_array_equal(first["x"], second["x"])
+    assert first["x"] is not second["x"]
+    assert first["x"].backend == backend
+
+
+@on_every_backend
+def test_a_chain_of_no_executions_gives_copies(backend):
+    x = sh.Stream([1.0, 2.0], sh.Attrib1f, backend=backend)
+    result = sh.repeat(blur, 0).run(x=x)
+    assert result.executions == {"blur": 0}
+    assert result.counts == {"blur": 0}
+    result.streams["x"].update([5, 5])
+    np.testing.assert_array_equal(x, [1, 2])
+
+
+@on_every_backend
+def test_numbers_and_params_hold_for_every_element(backend):
+    speed = sh.Param(sh.Attrib1f, 8)
+    chain = sh.repeat(move, 2)
+    np.testing.assert_array_equal(chain.run(x=[0.0, 1.0], v=speed, backend=backend).streams["x"], [4, 5])
+    speed.value = 16
+    np.testing.assert_array_equal(chain.run(x=[0.0, 1.0], v=speed, backend=backend).streams["x"], [8, 9])
+    # A number that kernels replace becomes a stream.
+    result = sh.loop(wear).run(x=[0.0, 1.0, 2.0], n=3, backend=backend)
+    np.testing.assert_array_equal(result.streams["n"], [6, 6, 6])
+    np.testing.assert_array_equal(result.streams["x"], [3, 4, 5])
+
+
+@sh.struct
+class Ray:
+    """A ray on its way."""
+
+    at: sh.Point3f
+    along: sh.Vector3f
+    left: sh.Attrib1i
+
+
+@sh.program
+def generate():
+    i = sh.Attrib1f(sh.grid_index(1))
+    return {"rays": Ray(sh.Point3f(i, 0, 0), sh.Vector3f(0, 1, 0.5), sh.Attrib1i(i) % 3 + 1)}
+
+
+@sh.program
+def traverse(rays: Ray, heights: sh.Table[sh.Attrib1f, 1]) -> Ray:
+    sh.SH_DISCARD(rays.left == 0)
+    step = heights[rays.left]
+    return Ray(rays.at + step * rays.along, rays.along, rays.left - 1)
+
+
+@on_every_backend
+def test_structs_and_tables(backend):
+    chain = sh.sequence(generate, sh.loop(traverse))
+    result = chain.run(shape=5, heights=[1, 2, 4, 8], backend=backend)
+    rays = result.streams["rays"]
+    assert rays.type is Ray
+    np.testing.assert_array_equal(rays.numpy().at, [[0, 2, 1], [1, 6, 3], [2, 14, 7], [3, 2, 1], [4, 6, 3]])
+    np.testing.assert_array_equal(rays.numpy().left, 0)
+    assert result.executions == {"generate": 1, "traverse": 4}
+    assert result.counts == {"generate": 5, "traverse": 9}
+    again = sh.loop(traverse).run(rays=rays, heights=sh.Table([1, 2, 4, 8], sh.Attrib1f))
+    assert again.executions == {"traverse": 1}
+    np.testing.assert_array_equal(again.streams["rays"].numpy().at, rays.numpy().at)
+
+
+@on_every_backend
+def test_tables_of_vectors_follow_their_stream(backend):
+    @sh.program
+    def turn(p: sh.Table[sh.Point3f, 1]) -> sh.Point3f:
+        return p[sh.grid_index(1) - 1].yzx
+
+    points = np.arange(63, dtype=np.float32).reshape(21, 3)
+    expected = points
+    for _ in range(5):
+        expected = expected[[0, *range(20)]][:, [1, 2, 0]]
+    np.testing.assert_array_equal(sh.repeat(turn, 5).run(p=points, backend=backend).streams["p"], expected)
+
+
+@on_every_backend
+def test_kernels_are_members_too(backend):
+    chain = sh.sequence(move.compile(backend), sh.repeat(blur, 2))
+    result = chain.run(x=np.arange(4.0), v=1)
+    expected = OneByOne(backend, {"x": np.arange(4, dtype=np.float32), "v": np.ones(4, np.float32)})
+    expected.run(("sequence", [move, ("repeat", blur, 2)]))
+    np.testing.assert_array_equal(result.streams["x"], expected.arrays["x"])
+    assert result.streams["x"].backend == backend
+
+
+@on_every_backend
+def test_a_sequence_gives_the_bits_of_the_fused_program(backend):
+    @sh.program
+    def polar(x: sh.Attrib1f, y: sh.Attrib1f):
+        return {"r": sh.sqrt(x * x + y * y), "phi": sh.atan2(y, x)}
+
+    @sh.program
+    def twist(r: sh.Attrib1f, phi: sh.Attrib1f):
+        return {"r": sh.exp(-r), "phi": phi + 1 / (0.5 + r)}
+
+    @sh.program
+    def cartesian(r: sh.Attrib1f, phi: sh.Attrib1f):
+        return {"a": r * sh.cos(phi), "b": r * sh.sin(phi)}
+
+    x, y = np.random.default_rng(3).normal(size=(2, 500)).astype(np.float32)
+    apart = sh.sequence(polar, twist, cartesian).run(x=x, y=y, backend=backend).streams
+    fused = (cartesian << twist << polar).compile(backend)(x, y)
+    for name, whole in zip(("a", "b"), fused.values() if isinstance(fused, dict) else fused, strict=True):
+        np.testing.assert_array_equal(apart[name].numpy().view(np.int32), whole.view(np.int32))
+
+
+@on_every_backend
+def test_empty_streams(backend):
+    result = sh.sequence(move, sh.loop(wear)).run(x=np.zeros(0), v=np.zeros(0), n=np.zeros(0, int), backend=backend)
+    assert result.streams["x"].shape == (0,)
+    assert result.executions == {"move": 1, "wear": 1}
+    assert result.counts == {"move": 0, "wear": 0}
+
+
+@on_every_backend
+def test_programs_of_one_name_are_counted_apart(backend):
+    first, second = move, sh.sequence(move, where="on")
+    other = move.bind(v=2)
+    result = sh.sequence(first, other, second).run(x=np.zeros(3), v=1, on=[True, False, True], backend=backend)
+    assert result.executions == {"move": 2, "move_2": 1}
+    assert result.counts == {"move": 5, "move_2": 3}
+
+
+@on_every_backend
+def test_loops_nest(backend):
+    @sh.program
+    def outer(n: sh.Attrib1i, m: sh.Attrib1i):
+        sh.SH_DISCARD(m == 0)
+        return {"n": 3, "m": m - 1}
+
+    @sh.program
+    def inner(n: sh.Attrib1i, total: sh.Attrib1i):
+        sh.SH_DISCARD(n == 0)
+        return {"n": n - 1, "total": total + 1}
+
+    m = np.array([0, 1, 4])
+    result = sh.loop(sh.loop(inner), outer).run(n=0, m=m, total=0, backend=backend)
+    np.testing.assert_array_equal(result.streams["total"], 3 * m)
+    assert result.counts == {"inner": 15, "outer": 5}
+    # Rounds of the outer loop: one that sets n, four of three steps and one that finds nothing, and a last one.
+    assert result.executions == {"inner": 1 + 4 * 4 + 1, "outer": 6}
