@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+import warnings
 import weakref
 from typing import Any
 
@@ -263,6 +264,34 @@ def test_f64_where_the_device_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine_of(None), "doubles", False)
     with pytest.raises(sh.CompileError, match="no f64"):
         backend.compile(doubled(), Options(precision="f64"))
+
+
+def test_relaxed_kernels_say_that_their_device_flushes_denormals(monkeypatch):
+    monkeypatch.setattr(machine_of(None), "denormals", False)
+
+    @sh.program
+    def program(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.exp2(x)
+
+    said = "in relaxed mode this device flushes denormals to zero"
+    assert said in program.compile("opencl", math="relaxed").notes
+    assert said in program.compile("opencl", math="relaxed", lanes=1).notes
+    assert not any("flushes" in note for note in program.compile("opencl").notes)
+
+
+def test_a_log_of_the_driver_warns_nobody(monkeypatch):
+    machine = machine_of(None)
+    build = machine.cl.Program.build
+
+    def noisy(*given: Any, **named: Any) -> Any:
+        warnings.warn("the driver's log", machine.cl.CompilerWarning, stacklevel=2)
+        return build(*given, **named)
+
+    monkeypatch.setattr(machine.cl.Program, "build", noisy)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert machine._found(machine._options) == machine.wrong
+        machine.build("kernel void silent(void) {}")
 
 
 def test_many_threads_share_the_device() -> None:

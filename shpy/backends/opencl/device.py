@@ -128,7 +128,7 @@ def devices() -> list[Device]:
     return [
         Device(
             d.name.strip(),
-            f"{d.platform.name.strip()}, {d.version.strip()}",
+            f"{d.platform.name.strip()}, {d.version.strip()}, driver {d.driver_version.strip()}",
             tuple(name for name, extension in _FEATURES.items() if extension in d.extensions.split()),
             machine_of(at).notes,
         )
@@ -137,6 +137,13 @@ def devices() -> list[Device]:
 
 
 _FEATURES = {"f64": "cl_khr_fp64", "f16": "cl_khr_fp16"}
+
+
+def _built_silently(program: Any, options: list[str]) -> Any:
+    """Build a program; pyopencl warns of each driver that writes a log, also where the log says "done"."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return program.build(options=options, cache_dir=False)
 
 
 def _rounds_correctly(device: Any) -> bool:
@@ -171,6 +178,8 @@ class Machine:
         self._lock = threading.RLock()
         self.waiter = Waiter(self._lock)
         self.doubles = "cl_khr_fp64" in device.extensions.split()
+        self.denormals = bool(device.single_fp_config & self.cl.device_fp_config.DENORM)
+        """Whether the driver promises that its own functions keep denormals."""
         self._options = ["-cl-std=CL1.2", "-w"]
         if _rounds_correctly(device):
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
@@ -201,11 +210,7 @@ class Machine:
         """The program of this text, from memory if it was built before; pyopencl's error if the driver refuses it."""
         program = self._programs.get((text, math))
         if program is None:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                program = self._kept(text, math) or self.cl.Program(self.context, text).build(
-                    options=self.options(math), cache_dir=False
-                )
+            program = self._kept(text, math) or _built_silently(self.cl.Program(self.context, text), self.options(math))
             self._programs[text, math] = program
         return program
 
@@ -221,7 +226,8 @@ class Machine:
         if binary is None:
             return None
         try:
-            program = self.cl.Program(self.context, [self.device], [binary]).build(self.options(math), cache_dir=False)
+            source = self.cl.Program(self.context, [self.device], [binary])
+            program = _built_silently(source, self.options(math))
         except self.cl.Error as error:
             store.tell(f"{self.device.name.strip()} refuses the binary of an earlier process ({error})")
             return None
@@ -421,7 +427,7 @@ class Machine:
         text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         flags = np.tile(np.array([0, 1], np.uint8), COUNT)
         with self.lock:
-            program = self.cl.Program(self.context, text).build(options, cache_dir=False)
+            program = _built_silently(self.cl.Program(self.context, text), options)
             kernel = self.cl.Kernel(program, "probe")
             given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
             inputs = [self.upload(array) for array in given]

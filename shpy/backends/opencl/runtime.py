@@ -52,6 +52,8 @@ _MOST_STATEMENTS: Final = 1 << 26
 """All calls followed: PoCL follows every path of calls, inlined or not, so its time doubles with each level."""
 _GROUPS: Final = 4
 """Groups of packets for each core, with which all cores end at nearly the same time."""
+_FLUSHED: Final = "in {} mode this device flushes denormals to zero"
+"""Where its driver does not promise them: its own functions flush, whatever its products do."""
 _WIDE: Final = 32
 """Images of fewer columns are run as lists: too many lanes would hold no element."""
 
@@ -89,7 +91,7 @@ class OpenCLBackend:
             single = _built(machine, module, options, 1)
             remark = f"one element at a time, not {lanes}: {e.message}"
             warnings.warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}", ShpyWarning, stacklevel=4)
-            return replace(single, remarks=(remark,))
+            return replace(single, remarks=(*single.remarks, remark))
 
     def space(self, device: int | None) -> OpenCLSpace:
         """The memory of a device."""
@@ -105,7 +107,7 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
     first = _built(machine, module, options, lanes)
     if measured and next_width(lanes, measured, machine.widths) is None:
         others = ", ".join(map(str, measured[1:]))
-        return replace(first, remarks=(f"{lanes} lanes: trials against {others} chose them",))
+        return replace(first, remarks=(*first.remarks, f"{lanes} lanes: trials against {others} chose them"))
     build = partial(_built, machine, module, options)
     spread = _GROUPS * PACKETS * machine.device.max_compute_units
     return Choosing(first, machine.widths, build, time.perf_counter() - start, key, measured, spread)
@@ -136,9 +138,9 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         try:
             program = machine.build(kernel.text, options.math)
             compiled = machine.cl.Kernel(program, kernel.name)
-            executable = OpenCLExecutable(
-                machine, kernel, prepared, program, compiled, machine.pace(bounded=few_turns(prepared.module))
-            )
+            pace = machine.pace(bounded=few_turns(prepared.module))
+            remarks = () if options.math == "strict" or machine.denormals else (_FLUSHED.format(options.math),)
+            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, remarks)
             executable.warm_up()
             machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
