@@ -17,7 +17,7 @@ from typing import Any
 
 import shpy as sh
 from raytracer import Scene
-from raytracer.kernels.tracer import Tracer
+from raytracer.kernels.tracer import EyeRays, Tracer
 from raytracer.layout import Layout
 from raytracer.renderer import eye_rays
 from shpy import SH_FOR, SH_IF
@@ -83,7 +83,7 @@ def mixed() -> tuple[Scene, Layout]:
 def ray_tracer() -> sh.Program:
     """The kernel of that scene."""
     scene, layout = mixed()
-    made: sh.Program = eye_rays(Tracer(layout, scene.background, scene.ambient, 3, "opencl"))
+    made: sh.Program = eye_rays(Tracer(layout, scene.background, scene.ambient, 3, "opencl"), EyeRays())
     return made
 
 

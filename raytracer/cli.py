@@ -20,7 +20,7 @@ from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError
 from raytracer.image import SAVING, Image, writer
 from raytracer.memory import check_fits
-from raytracer.renderer import Progress, render
+from raytracer.renderer import THRESHOLD, TRACERS, Progress, render
 from raytracer.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.trade import new_figure, tradeoff
@@ -55,7 +55,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.add_argument("--bounces", type=_whole, default=3, help="how often a ray may be mirrored (3)")
     command.add_argument("--samples", type=_positive, default=1, help="rays for each pixel: 1, 4, 9, 16, ... (1)")
-    command.add_argument("--accel", choices=ACCELERATORS, default="bvh", help="how rays find triangles (bvh)")
+    command.add_argument("--accel", choices=ACCELERATORS, help="how rays find triangles (bvh; grid if staged)")
+    command.add_argument(
+        "--tracer", choices=TRACERS, default="unified", help="one kernel, or stages over streams of rays (unified)"
+    )
+    command.add_argument(
+        "--threshold", type=_share, default=THRESHOLD, help="staged: share of rays that wait to be intersected (0.2)"
+    )
+    command.add_argument(
+        "--grid", type=_positive, help="cells of a grid along each axis (as many as suit the triangles)"
+    )
     command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
     command.set_defaults(run=_render)
     command = commands.add_parser("tradeoff", help="time and error of every variant of a scene, and the one to take")
@@ -74,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-_whole, _positive, _error = sh.command.whole(0), sh.command.whole(1), sh.command.real(0)
+_whole, _positive, _error, _share = sh.command.whole(0), sh.command.whole(1), sh.command.real(0), sh.command.real(0)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -98,6 +107,9 @@ def _render(options: argparse.Namespace) -> int:
             bounces=options.bounces,
             samples=options.samples,
             accel=options.accel,
+            tracer=options.tracer,
+            threshold=options.threshold,
+            grid=options.grid,
             max_error=options.error,
             progress=progress,
         )

@@ -38,7 +38,8 @@ def encoded(pixels: Array) -> Array:
 class Stats:
     """What a rendering took: times in seconds, rays and triangles in numbers, `features` what the kernel contains.
 
-    `picked` is the variant that `max_error` chose, if it was given.
+    `picked` is the variant that `max_error` chose, if it was given. Of the staged tracer `calls` says how often each
+    kernel ran, and `alive` how many rays each round began with.
     """
 
     backend: str
@@ -50,6 +51,8 @@ class Stats:
     triangles: int
     features: Mapping[str, bool | int] = field(default_factory=dict)
     picked: str = ""
+    calls: Mapping[str, int] = field(default_factory=dict)
+    alive: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,8 +96,8 @@ class Layout:
     lights: Rows
 
     @classmethod
-    def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32") -> Layout:
-        """The layout of a scene of at least one triangle, for kernels that work at `precision`."""
+    def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32", across: int | None = None) -> Layout:
+        """The layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`."""
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
         origin = origin_of(corners)
@@ -110,7 +110,7 @@ class Layout:
         return cls(
             origin=origin,
             scale=scale,
-            structure=build(accel, corners, precision),
+            structure=build(accel, corners, precision, across),
             roundoff=float(np.finfo(WORKING.get(precision, np.float32)).eps) / 2,
             triangles=triangle_rows(corners),
             normals=_normals(meshes),

@@ -18,13 +18,15 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.choice import check
+from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
-from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.tracer import EyeRays, Pixel, Tracer
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
 from raytracer.scene import Scene
+from raytracer.staged import Log, StagedTracer
 
 Progress = Callable[[int, int], None]
 """Called with the rows that are done and all rows, after each band."""
@@ -33,13 +35,19 @@ _BAND = 1 << 14
 """Rays of a band on numpy: few enough for progress to be seen and Ctrl-C to be heard."""
 _DEVICE_BAND = 1 << 19
 """Rays of a band on a device: enough to keep it busy."""
+_STAGED_BAND = 1 << 18
+"""Rays of a band of the staged tracer, whose streams take about 300 bytes for each."""
+TRACERS = ("unified", "staged")
+THRESHOLD = 0.2
+"""The share of waiting rays in the thesis."""
 
 
 class Renderer:
     """The compiled tracer of one scene, for pictures of any size from any camera.
 
     `backend` is one of `sh.backends()`, None for the default one; `bounces` how often a ray may be mirrored; `accel`
-    one of `accel.choice.ACCELERATORS`.
+    one of `accel.choice.ACCELERATORS`, None for the one that suits the tracer. `tracer`, `threshold` and `grid` are
+    those of `render`.
     """
 
     def __init__(
@@ -50,24 +58,36 @@ class Renderer:
         bounces: int = 3,
         precision: str = "f32",
         math: str = "strict",
-        accel: str = "bvh",
+        accel: str | None = None,
+        tracer: str = "unified",
+        threshold: float = THRESHOLD,
+        grid: int | None = None,
     ) -> None:
         if isinstance(bounces, bool) or not isinstance(bounces, int) or not 0 <= bounces <= 64:
             raise SceneError(f"bounces is a number from 0 to 64, not {bounces!r}")
-        check(accel)
+        accel = _checked_tracer(tracer, accel, threshold, grid)
         self.scene = scene
         self.backend = backend or sh.default_backend()
         started = time.perf_counter()
-        self.layout = Layout.of(scene, accel, precision) if scene.triangles else None
+        self.layout = Layout.of(scene, accel, precision, grid) if scene.triangles else None
         self.build_seconds = time.perf_counter() - started
         self.record_seconds = self.compile_seconds = 0.0
         self.features: dict[str, bool | int] = {}
+        self.staged: StagedTracer | None = None
         if self.layout is None:
             return
         started = time.perf_counter()
-        tracer = Tracer(self.layout, scene.background, scene.ambient, bounces, self.backend)
-        self.features = tracer.features
-        self.program = eye_rays(tracer)
+        unified, rays = Tracer(self.layout, scene.background, scene.ambient, bounces, self.backend), EyeRays()
+        self.features = unified.features
+        if tracer == "staged":
+            self.staged = StagedTracer(
+                unified, rays, backend=self.backend, threshold=threshold, precision=precision, math=math
+            )
+            self.params = self.staged.params
+            self.compile_seconds = time.perf_counter() - started
+            return
+        self.program = eye_rays(unified, rays)
+        self.params = self.program.params
         recorded = time.perf_counter()
         # No budget of turns: each turn of the walk leaves a triangle or a cell behind, each of the tracer's a ray.
         self.kernel = self.program.compile(self.backend, precision=precision, math=math, loop_limit=None)
@@ -93,7 +113,9 @@ class Renderer:
             _clear(layers, self.scene.background)
         else:
             self._aim(camera or self.scene.camera, width * fine, height * fine)
-            rows = max(1, (_BAND if self.backend == "numpy" else _DEVICE_BAND) // (width * fine * fine))
+            if self.staged is not None:
+                self.staged.log = Log()
+            rows = max(1, self._rays_at_once // (width * fine * fine))
             for top in range(0, height, rows):
                 count = min(rows, height - top)
                 self._band(layers, top, count, width, fine)
@@ -108,8 +130,16 @@ class Renderer:
             rays=int(layers["rays"].sum(dtype=np.int64)),
             triangles=self.scene.triangles,
             features=self.features,
+            calls={} if self.staged is None else dict(self.staged.log.calls),
+            alive=() if self.staged is None else tuple(self.staged.log.alive),
         )
         return Image(**layers, stats=stats)
+
+    @property
+    def _rays_at_once(self) -> int:
+        if self.staged is not None:
+            return _STAGED_BAND
+        return _BAND if self.backend == "numpy" else _DEVICE_BAND
 
     def _aim(self, camera: Camera | None, width: int, height: int) -> None:
         assert camera is not None  # a scene frames one if it has none
@@ -117,18 +147,19 @@ class Renderer:
         view = camera.view(width, height)
         view = view._replace(eye=(view.eye - self.layout.origin) * self.layout.scale)
         for name, value in view._asdict().items():
-            self.program.params[name].value = value
+            self.params[name].value = value
 
     def _band(self, layers: dict[str, Any], top: int, count: int, width: int, fine: int) -> None:
         """Trace rows `top` to `top + count` and put them into the layers."""
         assert self.layout is not None
-        self.program.params["first_row"].value = top * fine
+        self.params["first_row"].value = top * fine
         band = Pixel(*(layer[top : top + count] for layer in layers.values()))
-        if fine == 1 and self.kernel.options.precision == "f32":
+        if fine == 1 and self.staged is None and self.kernel.options.precision == "f32":
             self.kernel.run(shape=(count, width), out=band)
             self._unscale(band)
             return
-        found = self.kernel(shape=(count * fine, width * fine))
+        shape = (count * fine, width * fine)
+        found = self.kernel(shape=shape) if self.staged is None else self.staged.trace(shape)
         middle = slice(fine // 2, None, fine)
         for layer, given in zip(band, found, strict=True):
             layer[:] = given[middle, middle]
@@ -145,19 +176,14 @@ class Renderer:
             depth[:] = depth.astype(np.float64) / self.layout.scale
 
 
-def eye_rays(tracer: Tracer) -> Any:
+def eye_rays(tracer: Tracer, rays: EyeRays) -> Any:
     """The program of the whole picture: makes the eye ray of each pixel of a band and traces it."""
-    eye = sh.Param(sh.Point3f, (0, 0, 0), name="eye")
-    corner = sh.Param(sh.Vector3f, (0, 0, 0), name="corner")
-    across = sh.Param(sh.Vector3f, (0, 0, 0), name="across")
-    down = sh.Param(sh.Vector3f, (0, 0, 0), name="down")
-    first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
 
     @sh.program
     def picture() -> Pixel:
         row, column = sh.grid_index(2)
-        ray = sh.normalize(corner + (column + 0.5) * across + (row + first_row + 0.5) * down)
-        return tracer(ray, sh.Point3f(eye))
+        ray = sh.normalize(rays.through(row, column))
+        return tracer(ray, sh.Point3f(rays.eye))
 
     return picture
 
@@ -171,7 +197,10 @@ def render(
     samples: int = 1,
     precision: str = "f32",
     math: str = "strict",
-    accel: str = "bvh",
+    accel: str | None = None,
+    tracer: str = "unified",
+    threshold: float = THRESHOLD,
+    grid: int | None = None,
     max_error: float | None = None,
     progress: Progress | None = None,
 ) -> Image:
@@ -182,22 +211,51 @@ def render(
     `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone. An empty scene shows its
     background.
 
+    `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays that the
+    host runs one after the other (Christen 2005), which differ in time alone. The staged tracer walks through a grid,
+    or tries every triangle; its intersector runs once the share `threshold`, from 0 to 1, of the rays on their way
+    waits for it. `grid` is how many cells a grid has along each axis, None for as many as suit the triangles.
+
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
     Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for another
-    accelerator, and for an error that no
-    variant keeps; sh.BackendUnavailable for a backend that is not there.
+    accelerator or tracer, for options of one tracer that the other has not, and for an error that no variant keeps;
+    sh.BackendUnavailable for a backend that is not there.
     """
     _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         from raytracer.trade import fastest
 
+        if tracer != "unified" or grid is not None or accel is not None:
+            raise SceneError(
+                "max_error chooses among the variants of the unified tracer: without tracer, accel and grid"
+            )
         variant, chosen = fastest(scene, max_error, backend, bounces)
         image = chosen.render(size, samples=samples, progress=progress)
         return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))
-    renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, math=math, accel=accel)
+    walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid}
+    renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, math=math, **walk)
     return renderer.render(size, samples=samples, progress=progress)
+
+
+def _checked_tracer(tracer: str, accel: str | None, threshold: float, grid: int | None) -> str:
+    """The accelerator; SceneError for a tracer, accelerator, threshold or grid that does not go with the others."""
+    if tracer not in TRACERS:
+        raise SceneError(f"the tracer is one of {', '.join(map(repr, TRACERS))}, not {tracer!r}")
+    chosen = accel or ("grid" if tracer == "staged" else "bvh")
+    check(chosen)
+    if tracer == "staged" and chosen == "bvh":
+        raise SceneError('the staged tracer goes through cells of a grid: accel="grid" or "brute", not "bvh"')
+    if isinstance(threshold, bool) or not isinstance(threshold, int | float) or not 0 <= threshold <= 1:
+        raise SceneError(f"a threshold is a share from 0 to 1, not {threshold!r}")
+    if grid is None:
+        return chosen
+    if isinstance(grid, bool) or not isinstance(grid, int) or not 1 <= grid <= MAX_PER_SIDE:
+        raise SceneError(f"a grid has from 1 to {MAX_PER_SIDE} cells along each axis, not {grid!r}")
+    if chosen != "grid":
+        raise SceneError(f'grid={grid} is for accel="grid", not {chosen!r}')
+    return chosen
 
 
 def _checked(size: tuple[int, int]) -> tuple[int, int]:

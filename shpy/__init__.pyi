@@ -42,6 +42,7 @@ from shpy.program import Program as Program
 from shpy.program import Step as Step
 from shpy.program import parse as parse
 from shpy.program import program as program
+from shpy.streams.stream import Stream as Stream
 
 _T = TypeVar("_T")
 _P = ParamSpec("_P")

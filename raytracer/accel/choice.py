@@ -22,9 +22,14 @@ WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "
 """The floats of a precision."""
 
 
-def build(accel: str, corners: Corners, precision: str = "f32") -> Grid | Bvh:
-    """The accelerator of this name, for a kernel that works at `precision`; SceneError if there is none."""
+def build(accel: str, corners: Corners, precision: str = "f32", across: int | None = None) -> Grid | Bvh:
+    """The accelerator of this name, for a kernel that works at `precision`; SceneError if there is none.
+
+    A grid has `across` cells along each axis, None for as many as suit the triangles.
+    """
     check(accel)
+    if accel == "grid":
+        return build_grid(corners.astype(np.float32), across=across)
     return ACCELERATORS[accel](corners, precision)
 
 

@@ -26,6 +26,8 @@ DENSITY = 5.0
 """Cells per triangle, roughly: more cost steps, fewer cost tests."""
 MAX_CELLS = 1 << 21
 MAX_PER_AXIS = 512
+MAX_PER_SIDE = 128
+"""Cells along each axis of a grid whose size is given: its cube is `MAX_CELLS`."""
 MAX_OUTSIDE = 16
 ROUNDINGS = 8 * float(np.finfo(np.float32).eps)
 """By how much the walk may misplace the side of a cell, as a part of its largest coordinate: that of the grid's corner,
@@ -54,14 +56,14 @@ class Grid:
         return self.cells.nbytes + self.items.nbytes
 
 
-def build_grid(corners: NDArray[np.floating], density: float = DENSITY) -> Grid:
-    """The grid of triangles with `corners` (N, 3, 3), about `density` cells for each of them."""
+def build_grid(corners: NDArray[np.floating], density: float = DENSITY, across: int | None = None) -> Grid:
+    """The grid of triangles with `corners` (N, 3, 3): `across` cells an axis, or about `density` for each triangle."""
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
     large = _far_larger(triangles)
     inside = np.flatnonzero(~large)
     small = triangles[inside]
     low, high = _bounds(small, triangles)
-    shape = _resolution(high - low, len(small), density)
+    shape = _resolution(high - low, len(small), density) if across is None else (across, across, across)
     cell = (high - low) / shape
     owner, place = _touched(small, low, cell, shape)
     order = np.argsort(place, kind="stable")

@@ -34,20 +34,37 @@ class GridIntersector:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
         test = TriangleTest(ray, eye, self.roundoff)
-        cells = CellWalk(self.low, self.size, self.shape, ray, eye, near)
+        cells = self.walk(ray, eye, near)
 
         # The triangles outside of the grid are tried before the first cell.
         item = sh.Attrib1i(0)
         end = sh.Attrib1i(self.outside)
         with SH_IF(is_ray(ray, eye)), SH_DO():
             with SH_IF(item < end):
-                test(self.triangles, self.items[item], near, hit)
-                item += 1
+                self.try_next(test, item, near, hit)
                 SH_BREAK(any_hit & (hit.id >= 0))
             with SH_ELSE():
-                SH_BREAK((cells.t >= cells.far) | (cells.t > farther(hit.l)))  # nothing as near can follow
-                span = self.cells[cells.voxel.zyx]
-                item[:] = span.x
-                end[:] = span.y
-                cells.advance()
+                SH_BREAK(is_over(cells, hit))
+                self.enter(cells, item, end)
         return hit
+
+    def walk(self, ray: Any, eye: Any, near: Any) -> CellWalk:
+        """The cells that a ray goes through from the distance `near` on."""
+        return CellWalk(self.low, self.size, self.shape, ray, eye, near)
+
+    def try_next(self, test: TriangleTest, item: Any, near: Any, hit: Hit) -> None:
+        """Try the triangle at `item` of the lists, and go on to the next one."""
+        test(self.triangles, self.items[item], near, hit)
+        item += 1
+
+    def enter(self, cells: CellWalk, item: Any, end: Any) -> None:
+        """Take the list of the cell that the ray is in, and go on to the next cell."""
+        span = self.cells[cells.voxel.zyx]
+        item[:] = span.x
+        end[:] = span.y
+        cells.advance()
+
+
+def is_over(cells: CellWalk, hit: Hit) -> Any:
+    """Return whether no cell can follow that has a hit as near."""
+    return (cells.t >= cells.far) | (cells.t > farther(hit.l))

@@ -35,6 +35,32 @@ class Pixel(NamedTuple):
     rays: sh.Attrib1i
 
 
+class Path:
+    """How much light an eye ray and its mirrored rays have brought, and what the ray that is followed now is for.
+
+    `color` is what is summed up, `scolor` the colour of the surface that was hit last; `rn` the product of the
+    reflection coefficients and the last of them; `r` how many more mirrored rays may follow, `shadows` how many shadow
+    rays of this surface; `tracing` says whether the ray is an eye ray or a mirrored one, `finished` whether it was the
+    last.
+    """
+
+    def __init__(self, color: Any, scolor: Any, rn: Any, r: Any, shadows: Any, tracing: Any, finished: Any) -> None:
+        self.color, self.scolor, self.rn, self.r = color, scolor, rn, r
+        self.shadows, self.tracing, self.finished = shadows, tracing, finished
+
+    @classmethod
+    def eye_ray(cls, bounces: int) -> Path:
+        """The path of an eye ray that has met nothing yet."""
+        color = sh.Color3f(0, 0, 0)
+        scolor = sh.Color3f(0, 0, 0)
+        rn = sh.Attrib2f(1, 0)
+        r = sh.Attrib1i(bounces)
+        shadows = sh.Attrib1i(0)
+        tracing = sh.Attrib1b(True)
+        finished = sh.Attrib1b(False)
+        return cls(color, scolor, rn, r, shadows, tracing, finished)
+
+
 class Tracer:
     """The tables of a scene, and the loop that follows a ray through it.
 
@@ -65,60 +91,85 @@ class Tracer:
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""
-        color = sh.Color3f(0, 0, 0)
-        scolor = sh.Color3f(0, 0, 0)
-        rn = sh.Attrib2f(1, 0)
-        r = sh.Attrib1i(self.bounces)
-        shadows = sh.Attrib1i(0)
-        tracing = sh.Attrib1b(True)
-        finished = sh.Attrib1b(False)
-        surface = Surface()
-        rays = sh.Attrib1i(0)
-        pixel = background_pixel(color, rays)
+        path, surface, pixel = self.begin()
         with SH_DO() if self.loops else nullcontext():
             limit = sh.Attrib1f(FAR)
             lightcol = sh.Color3f(0, 0, 0)
-            if self.lights.count:
-                with SH_IF(shadows > 0):
-                    shadows -= 1
-                    self.lights.aim(shadows, surface, ray, eye, limit, lightcol)
-            hit = self.intersector(ray, eye, 0.0, limit, ~tracing)
-            rays += sh.cond(limit > 0, 1, 0)
-            with SH_IF(tracing):
-                tracing[:] = False
-                with SH_IF(hit.id >= 0):
-                    rn.y = self.surfaces.arrive(hit, ray, eye, surface)
-                    with SH_IF(pixel.object < 0):
-                        self.note(pixel, hit, surface)
-                    scolor[:] = self.ambient * surface.color
-                    shadows[:] = self.surfaces.lights_seen(surface, self.lights.count)
-                with SH_ELSE():
-                    scolor[:] = self.background
-                    rn.y = 0
-            if self.lights.count:
-                with SH_ELSE():
-                    lit = (hit.id < 0) & (limit > 0)
-                    scolor += sh.cond(lit, self.surfaces.shade(surface, ray) * lightcol, 0.0)
-            with SH_IF(shadows == 0):
-                # All light is in: accumulate, then go on to the reflection if there is one.
-                color += rn.x * scolor
-                finished[:] = True
-                if self.reflects:
-                    rn.x *= rn.y
-                    color -= rn.x * scolor
-                    finished[:] = (r == 0) | (rn.y == 0)
-                    r -= 1
-                    tracing[:] = True
-                    reflect(surface, ray, eye)
+            self.aim(path, surface, ray, eye, limit, lightcol)
+            hit = self.intersector(ray, eye, 0.0, limit, ~path.tracing)
+            finished = self.settle(path, surface, pixel, hit, ray, eye, limit, lightcol)
             if self.loops:
                 SH_UNTIL(finished)
         return pixel
+
+    def begin(self) -> tuple[Path, Surface, Pixel]:
+        """What is known of an eye ray that has met nothing yet."""
+        path = Path.eye_ray(self.bounces)
+        surface = Surface()
+        rays = sh.Attrib1i(0)
+        return path, surface, background_pixel(path.color, rays)
+
+    def aim(self, path: Path, surface: Surface, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+        """Make the ray that comes next a shadow ray where lights are left to be seen."""
+        if self.lights.count:
+            with SH_IF(path.shadows > 0):
+                path.shadows -= 1
+                self.lights.aim(path.shadows, surface, ray, eye, limit, lightcol)
+
+    def settle(
+        self, path: Path, surface: Surface, pixel: Pixel, hit: Hit, ray: Any, eye: Any, limit: Any, lightcol: Any
+    ) -> Any:
+        """Take in what a ray has met, and make it the mirrored ray where all light is in; gives whether that is all."""
+        tracing, finished, rays = path.tracing, path.finished, pixel.rays
+        rays += sh.cond(limit > 0, 1, 0)
+        with SH_IF(tracing):
+            tracing[:] = False
+            with SH_IF(hit.id >= 0):
+                path.rn.y = self.surfaces.arrive(hit, ray, eye, surface)
+                with SH_IF(pixel.object < 0):
+                    self.note(pixel, hit, surface)
+                path.scolor[:] = self.ambient * surface.color
+                path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.count)
+            with SH_ELSE():
+                path.scolor[:] = self.background
+                path.rn.y = 0
+        if self.lights.count:
+            with SH_ELSE():
+                lit = (hit.id < 0) & (limit > 0)
+                path.scolor += sh.cond(lit, self.surfaces.shade(surface, ray) * lightcol, 0.0)
+        with SH_IF(path.shadows == 0):
+            # All light is in: accumulate, then go on to the reflection if there is one.
+            path.color += path.rn.x * path.scolor
+            finished[:] = True
+            if self.reflects:
+                path.rn.x *= path.rn.y
+                path.color -= path.rn.x * path.scolor
+                finished[:] = (path.r == 0) | (path.rn.y == 0)
+                path.r -= 1
+                tracing[:] = True
+                reflect(surface, ray, eye)
+        return finished
 
     def note(self, pixel: Pixel, hit: Hit, surface: Surface) -> None:
         """The layers show the first surface that the eye ray hits."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
         pixel.object[:] = self.surfaces.object_at(hit)
+
+
+class EyeRays:
+    """The eye rays of a band of a picture: `Camera.view` and the band's first row are uniforms of the kernel."""
+
+    def __init__(self) -> None:
+        self.eye = sh.Param(sh.Point3f, (0, 0, 0), name="eye")
+        self.corner = sh.Param(sh.Vector3f, (0, 0, 0), name="corner")
+        self.across = sh.Param(sh.Vector3f, (0, 0, 0), name="across")
+        self.down = sh.Param(sh.Vector3f, (0, 0, 0), name="down")
+        self.first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
+
+    def through(self, row: Any, column: Any) -> Any:
+        """A vector along the eye ray through a pixel of the band."""
+        return self.corner + (column + 0.5) * self.across + (row + self.first_row + 0.5) * self.down
 
 
 def background_pixel(color: Any, rays: Any) -> Pixel:

@@ -125,6 +125,7 @@ class OpenCLSpace:
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self._started = 0
+        self._kernels: dict[tuple[str, str], Any] = {}
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """A buffer for `count` elements, whatever it holds."""
@@ -198,7 +199,9 @@ class OpenCLSpace:
         for word, number in names.items():
             text = re.sub(rf"\b{word}\b", str(number), text)
         with machine.lock:
-            kernel = machine.cl.Kernel(machine.build(text), name)
+            kernel = self._kernels.get((name, text))
+            if kernel is None:  # making one takes 100 ms on PoCL
+                kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (items or memory.count,), None)
 

@@ -1,0 +1,253 @@
+"""The stages of the staged tracer: the unified tracer's loops taken apart into kernels over streams of rays.
+
+Stage: kernel. Christen 2005, chapter 5. A ray's state says which stage it needs next; a kernel rejects rays of other
+states, and the number of elements that it wrote says how many there were. All arithmetic is the unified tracer's, which
+both share: a stream holds what a variable holds there, to the bit.
+
+    generate     makes the eye ray of each pixel: active
+    precalculate finds the first cell of an active ray that has none yet: dead, wait or active
+    traverse     goes on from cell to cell: wait where there are triangles; inactive or overflow at the end
+    intersect    tries the triangles of a cell: inactive for a shadow ray that met one; else active
+    shade        takes in what the ray met, and makes its pixel's next ray: active or finished
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import shpy as sh
+from raytracer.kernels.intersector import GridIntersector, is_over
+from raytracer.kernels.tracer import EyeRays, Path, Pixel, Tracer
+from raytracer.kernels.triangle import FAR, TriangleTest, is_ray
+from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
+
+ACTIVE, WAIT, DEAD, INACTIVE, OVERFLOW, FINISHED = range(6)
+"""States of a ray: on its way from cell to cell; has triangles to try; meets no cell; has its hit; has left the grid.
+The last is that of a pixel: no more rays."""
+AT_ONCE = 16
+"""Cells or triangles that a ray goes through in one call, unless the Param `at_once` says otherwise."""
+
+
+@sh.struct
+class Ray:
+    """A ray, how far it goes, and whether it is an eye ray or a mirrored one, not a shadow ray."""
+
+    eye: sh.Point3f
+    direction: sh.Vector3f
+    limit: sh.Attrib1f
+    tracing: sh.Attrib1b
+
+
+@sh.struct
+class Cell:
+    """The cell that a ray comes to next: see `CellWalk`."""
+
+    t: sh.Attrib1f
+    voxel: sh.Attrib3i
+
+
+@sh.struct
+class Items:
+    """Triangles that are to be tried next."""
+
+    item: sh.Attrib1i
+    end: sh.Attrib1i
+
+
+@sh.struct
+class Nearest:
+    """A `Hit` in a stream."""
+
+    l: sh.Attrib1f  # noqa: E741 - as in Hit
+    uv: sh.TexCoord2f
+    id: sh.Attrib1i
+
+
+@sh.struct
+class Light:
+    """What of a `Path` is neither in the pixel nor in the ray, and the colour of the light that is looked at."""
+
+    scolor: sh.Color3f
+    rn: sh.Attrib2f
+    r: sh.Attrib1i
+    shadows: sh.Attrib1i
+    lightcol: sh.Color3f
+
+
+@sh.struct
+class Point:
+    """A `Surface` in a stream."""
+
+    inter: sh.Point3f
+    view: sh.Vector3f
+    face: sh.Normal3f
+    normal: sh.Normal3f
+    color: sh.Color3f
+    coefficients: sh.Attrib3f
+
+
+class Generated(NamedTuple):
+    """What the generator of eye rays gives."""
+
+    ray: Ray
+    light: Light
+    pixel: Pixel
+    state: sh.Attrib1i
+
+
+class Placed(NamedTuple):
+    """What the voxel precalculation gives."""
+
+    cell: Cell
+    items: Items
+    nearest: Nearest
+    state: sh.Attrib1i
+
+
+class Traversed(NamedTuple):
+    """What the traverser gives."""
+
+    cell: Cell
+    items: Items
+    state: sh.Attrib1i
+
+
+class Intersected(NamedTuple):
+    """What the intersector gives."""
+
+    items: Items
+    nearest: Nearest
+    state: sh.Attrib1i
+
+
+class Shaded(NamedTuple):
+    """What shading gives."""
+
+    ray: Ray
+    light: Light
+    point: Point
+    pixel: Pixel
+    state: sh.Attrib1i
+
+
+WRITES = {
+    "generate": Generated._fields,
+    "precalculate": Placed._fields,
+    "traverse": Traversed._fields,
+    "intersect": Intersected._fields,
+    "shade": Shaded._fields,
+}
+"""The streams that a stage writes; those that it reads are its inputs."""
+
+
+def programs(tracer: Tracer, rays: EyeRays) -> dict[str, Any]:
+    """The programs of a tracer's stages by name; its accelerator is a grid."""
+    walk = tracer.intersector
+    assert isinstance(walk, GridIntersector)
+    at_once = sh.Param(sh.Attrib1i, AT_ONCE, name="at_once")
+    return {
+        "generate": _generator(tracer, rays),
+        "precalculate": _precalculation(walk),
+        "traverse": _traverser(walk, at_once),
+        "intersect": _intersector(walk, at_once),
+        "shade": _shading(tracer),
+        "waiting": waiting,
+    }
+
+
+@sh.program
+def waiting(state: sh.Attrib1i) -> sh.Attrib1b:
+    """Written for the rays that wait for the intersector."""
+    SH_DISCARD(state != WAIT)
+    return sh.Attrib1b(True)
+
+
+def _generator(tracer: Tracer, rays: EyeRays) -> Any:
+    @sh.program
+    def generate() -> Generated:
+        row, column = sh.grid_index(2)
+        ray = sh.normalize(rays.through(row, column))
+        path, _, pixel = tracer.begin()
+        light = Light(path.scolor, path.rn, path.r, path.shadows, sh.Color3f(0, 0, 0))
+        return Generated(Ray(rays.eye, ray, sh.Attrib1f(FAR), path.tracing), light, pixel, sh.Attrib1i(ACTIVE))
+
+    return generate
+
+
+def _precalculation(walk: GridIntersector) -> Any:
+    @sh.program
+    def precalculate(ray: Ray, state: sh.Attrib1i) -> Placed:
+        SH_DISCARD(state != ACTIVE)
+        cells = walk.walk(ray.direction, ray.eye, 0.0)
+        lost = ~is_ray(ray.direction, ray.eye) | (ray.limit <= 0)
+        if walk.outside:
+            state[:] = sh.cond(lost, DEAD, WAIT)
+        else:
+            state[:] = sh.cond(lost | (cells.t >= cells.far), DEAD, ACTIVE)
+        nearest = Nearest(ray.limit, sh.TexCoord2f(0, 0), sh.Attrib1i(-1))
+        items = Items(sh.Attrib1i(0), sh.Attrib1i(walk.outside))
+        return Placed(Cell(cells.t, cells.voxel), items, nearest, state)
+
+    return precalculate
+
+
+def _traverser(walk: GridIntersector, at_once: Any) -> Any:
+    @sh.program
+    def traverse(ray: Ray, nearest: Nearest, cell: Cell, items: Items, state: sh.Attrib1i) -> Traversed:
+        SH_DISCARD(state != ACTIVE)
+        hit: Any = nearest
+        cells = walk.walk(ray.direction, ray.eye, 0.0)
+        cells.t[:] = cell.t
+        cells.voxel[:] = cell.voxel
+        steps = sh.Attrib1i(0)
+        with SH_DO():
+            with SH_IF(is_over(cells, hit)):
+                state[:] = sh.cond(nearest.id >= 0, INACTIVE, OVERFLOW)
+            with SH_ELSE():
+                walk.enter(cells, items.item, items.end)
+                state[:] = sh.cond(items.item < items.end, WAIT, ACTIVE)
+            steps += 1
+            SH_UNTIL((state != ACTIVE) | (steps >= at_once))
+        return Traversed(Cell(cells.t, cells.voxel), items, state)
+
+    return traverse
+
+
+def _intersector(walk: GridIntersector, at_once: Any) -> Any:
+    @sh.program
+    def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
+        SH_DISCARD(state != WAIT)
+        hit: Any = nearest
+        test = TriangleTest(ray.direction, ray.eye, walk.roundoff)
+        tests = sh.Attrib1i(0)
+        with SH_DO():
+            walk.try_next(test, items.item, 0.0, hit)
+            state[:] = sh.cond(items.item < items.end, WAIT, ACTIVE)
+            with SH_IF(~ray.tracing & (nearest.id >= 0)):
+                state[:] = INACTIVE
+            tests += 1
+            SH_UNTIL((state != WAIT) | (tests >= at_once))
+        return Intersected(items, nearest, state)
+
+    return intersect
+
+
+def _shading(tracer: Tracer) -> Any:
+    @sh.program
+    def shade(ray: Ray, nearest: Nearest, light: Light, point: Point, pixel: Pixel, state: sh.Attrib1i) -> Shaded:
+        SH_DISCARD(state == FINISHED)
+        hit: Any = nearest
+        surface: Any = point
+        finished = sh.Attrib1b(False)
+        path = Path(pixel.color, light.scolor, light.rn, light.r, light.shadows, ray.tracing, finished)
+        tracer.settle(path, surface, pixel, hit, ray.direction, ray.eye, ray.limit, light.lightcol)
+        with SH_IF(finished):
+            state[:] = FINISHED
+        with SH_ELSE():
+            state[:] = ACTIVE
+            ray.limit[:] = FAR
+            light.lightcol[:] = 0
+            tracer.aim(path, surface, ray.direction, ray.eye, ray.limit, light.lightcol)
+        return Shaded(ray, light, point, pixel, state)
+
+    return shade

@@ -1,0 +1,146 @@
+"""The staged tracer: the unified kernel's pictures bit for bit; its threshold decides how often its kernels run."""
+
+import numpy as np
+import pytest
+
+from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
+from raytracer.cli import main
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+LAYERS = ("pixels", "depth", "normal", "object_id", "rays")
+LIGHTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
+
+
+def small(**changes):
+    """Triangles inside and outside of the grid, smooth and flat, a mirror, two lights."""
+    meshes = [
+        sphere(1.0, Material((0.7, 0.7, 0.8), reflectivity=0.4), rings=6, segments=10).moved((0, 1, 0)),
+        box((1, 1, 1), Material((0.9, 0.3, 0.2))).moved((1.4, 0.5, 0.8), turn=30),
+        icosahedron(0.6, Material((0.2, 0.6, 0.3), specular=0.6)).moved((-1.3, 0.5, 0.9)),
+        floor(60, Material((0.5, 0.5, 0.5), specular=0.0, reflectivity=0.2)),
+    ]
+    given = {"meshes": meshes, "lights": LIGHTS, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
+    return Scene(**(given | changes))
+
+
+def assert_same(image, other):
+    for layer in LAYERS:
+        np.testing.assert_array_equal(getattr(image, layer), getattr(other, layer), err_msg=layer)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend):
+    scene = small()
+    unified = render(scene, (24, 16), backend=backend, bounces=1, accel="grid")
+    staged = Renderer(scene, backend=backend, bounces=1, tracer="staged")
+    assert staged.layout.structure.outside == 2
+    for threshold in (0, 0.2, 1):
+        staged.staged.threshold = threshold
+        assert_same(staged.render((24, 16)), unified)
+
+
+@pytest.mark.parametrize("scene", [Scene.builtin("boxes"), Scene.builtin("mixed")], ids=["boxes", "mixed"])
+def test_built_in_scenes(scene):
+    unified = render(scene, (16, 12), backend="numpy", bounces=1, accel="grid")
+    assert_same(render(scene, (16, 12), backend="numpy", bounces=1, tracer="staged", grid=20), unified)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"lights": ()},
+        {"lights": (), "meshes": [box()]},
+        {"meshes": [sphere(rings=8, segments=12)]},
+        {"meshes": [Mesh(box().vertices, box().faces, colors=box().vertices + 0.5), floor(9)], "lights": LIGHTS[:1]},
+    ],
+    ids=["no light", "neither light nor mirror", "nothing outside the grid", "vertex colours"],
+)
+def test_what_a_scene_lacks_changes_nothing(changes):
+    scene = small(**changes)
+    unified = render(scene, (20, 16), backend="numpy", bounces=1)
+    assert_same(render(scene, (20, 16), backend="numpy", bounces=1, tracer="staged", grid=7), unified)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"samples": 4}, {"precision": "f64"}, {"accel": "brute"}, {"bounces": 0}, {"math": "relaxed"}],
+    ids=lambda o: next(iter(o)),
+)
+def test_options_mean_what_they_mean_to_the_unified_kernel(options):
+    given = {"accel": "grid", "bounces": 1, "backend": "numpy", **options}
+    assert_same(render(small(), (18, 12), tracer="staged", **given), render(small(), (18, 12), **given))
+
+
+def test_another_camera_and_size_need_no_new_kernels():
+    renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
+    renderer.render((8, 8))
+    camera = Camera((-3, 2, 5), (0, 0.5, 0))
+    unified = render(small(camera=camera), (20, 10), backend="numpy", bounces=1)
+    assert_same(renderer.render((20, 10), camera=camera), unified)
+
+
+def test_bands_of_rows_make_the_same_picture(monkeypatch):
+    renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
+    whole = renderer.render((16, 12))
+    monkeypatch.setattr("raytracer.renderer._STAGED_BAND", 16 * 5)
+    assert_same(renderer.render((16, 12)), whole)
+
+
+def test_the_threshold_decides_how_often_the_intersector_runs():
+    """One cell or triangle a call, as in the thesis: the more rays must wait, the fewer calls of the intersector."""
+    renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged", grid=12)
+    renderer.staged.at_once.value = 1
+    calls = []
+    for threshold in (0, 0.3, 1):
+        renderer.staged.threshold = threshold
+        calls.append(dict(renderer.render((24, 16)).stats.calls))
+    intersections, traversals = ([c[stage] for c in calls] for stage in ("intersect", "traverse"))
+    assert intersections == sorted(intersections, reverse=True)
+    assert intersections[-1] < intersections[0]
+    assert traversals[-1] > traversals[0]
+    assert {c["generate"] for c in calls} == {1}
+    assert len({c["shade"] for c in calls}) == 1
+
+
+def test_stats_tell_the_rays_of_each_round():
+    stats = render(small(), (24, 16), backend="numpy", bounces=1, tracer="staged").stats
+    assert stats.alive[0] == 24 * 16
+    assert stats.calls["shade"] == len(stats.alive)
+    assert len(stats.alive) == 2 * (1 + len(LIGHTS))  # an eye ray and a mirrored one, with a shadow ray for each light
+    assert all(rays > 0 for rays in stats.alive)
+    assert render(small(), (8, 8), backend="numpy").stats.alive == ()
+
+
+def test_an_empty_scene_shows_its_background():
+    scene = Scene(background=(0.25, 0.5, 1))
+    assert_same(render(scene, (6, 4), tracer="staged"), render(scene, (6, 4)))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tracer": "stages"}, "the tracer is one of 'unified', 'staged', not 'stages'"),
+        ({"tracer": "staged", "accel": "bvh"}, 'accel="grid" or "brute", not "bvh"'),
+        ({"tracer": "staged", "threshold": 1.5}, "a share from 0 to 1, not 1.5"),
+        ({"tracer": "staged", "threshold": float("nan")}, "a share from 0 to 1, not nan"),
+        ({"tracer": "staged", "threshold": True}, "a share from 0 to 1, not True"),
+        ({"tracer": "staged", "grid": 0}, "from 1 to 128 cells along each axis, not 0"),
+        ({"tracer": "staged", "grid": 20.0}, "from 1 to 128 cells along each axis, not 20.0"),
+        ({"grid": 20}, "grid=20 is for accel=\"grid\", not 'bvh'"),
+        ({"tracer": "staged", "max_error": 1.0}, "max_error chooses among the variants of the unified tracer"),
+    ],
+)
+def test_errors(options, message):
+    with pytest.raises(SceneError, match=message.replace("(", r"\(")):
+        render(small(), (4, 4), backend="numpy", **options)
+
+
+def test_the_command(tmp_path, capsys):
+    words = ["render", "boxes", "--size", "8x6", "--backend", "numpy", "--bounces", "1"]
+    names = [str(tmp_path / name) for name in ("staged.npy", "unified.npy")]
+    assert main([*words, "--tracer", "staged", "--threshold", "0.5", "--grid", "10", "-o", names[0]]) == 0
+    assert main([*words, "-o", names[1]]) == 0
+    np.testing.assert_array_equal(*map(np.load, names))
+    assert main([*words, "--tracer", "staged", "--accel", "bvh", "-o", names[0]]) == 1
+    assert "the staged tracer goes through cells" in capsys.readouterr().err
