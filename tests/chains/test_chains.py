@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import shpy as sh
 
-BACKENDS = ["numpy", "opencl"]
+BACKENDS = ["numpy", "opencl", "glsl"]
 on_every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 

@@ -188,7 +188,7 @@ def test_devices():
     )
 
 
-@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_budgets(backend):
     chain = sh.loop(sink, loop_limit=3)
     with pytest.raises(sh.LoopLimitExceeded) as caught:

@@ -5,7 +5,7 @@ import pytest
 
 import shpy as sh
 
-BACKENDS = ["numpy", "opencl"]
+BACKENDS = ["numpy", "opencl", "glsl"]
 on_every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 

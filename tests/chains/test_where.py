@@ -1,0 +1,148 @@
+"""Elements for which a condition does not hold do not run, and keep what they are."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+
+on_every_backend = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+SHARES = pytest.mark.parametrize("share", [1.0, 0.3, 0.01, 0.0])
+
+
+@sh.program
+def iterate(c: sh.Point2f, weights: sh.Table[sh.Attrib1f, 1]):
+    """Some of everything: a loop that lanes leave, a table, the place in the grid, two outputs."""
+    z = sh.Attrib2f(0, 0)
+    n = sh.Attrib1i(0)
+    with sh.SH_WHILE(lambda: (n < 20) & (sh.dot(z, z) < 4)):
+        z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
+        n += 1
+    at = sh.grid_index(2)
+    return {"z": z * weights[n], "n": n + 100 * at.x - at.y * sh.grid_shape(2).x}
+
+
+@sh.program
+def near(c: sh.Point2f) -> sh.Attrib1b:
+    return sh.dot(c, c) < 1
+
+
+def case(share, shape=(23, 61)):
+    rng = np.random.default_rng(5)
+    c = rng.uniform(-2, 1, (*shape, 2)).astype(np.float32)
+    mask = rng.random(shape) < share
+    out = {"z": rng.random((*shape, 2), np.float32), "n": rng.integers(0, 9, shape).astype(np.int32)}
+    return c, np.linspace(0, 1, 21, dtype=np.float32), mask, out
+
+
+def bits(array):
+    return np.ascontiguousarray(array).view(np.int32)
+
+
+@SHARES
+@on_every_backend
+def test_elements_that_do_not_run_keep_what_out_held(backend, share):
+    c, weights, mask, out = case(share)
+    kernel = iterate.compile(backend)
+    whole = kernel(c, weights)
+    expected = {name: np.where(mask[..., None] if name == "z" else mask, whole[name], out[name]) for name in out}
+    given = {name: array.copy() for name, array in out.items()}
+    result = kernel.run(c, weights, out=given, where=mask)
+    np.testing.assert_array_equal(result.written, mask)
+    assert result.count == mask.sum()
+    for name in out:
+        assert result.outputs[name] is given[name]
+        np.testing.assert_array_equal(bits(given[name]), bits(expected[name]), err_msg=name)
+    fresh = kernel.run(c, weights, where=mask).outputs
+    np.testing.assert_array_equal(bits(fresh["n"]), np.where(mask, whole["n"], 0))
+    # The same over streams.
+    types = {"z": sh.Attrib2f, "n": sh.Attrib1i}
+    held = {name: sh.Stream(array, types[name], backend=backend) for name, array in out.items()}
+    points = sh.Stream(c, sh.Point2f, backend=backend)
+    for condition in (mask, sh.Stream(mask, sh.Attrib1b, backend=backend)):
+        streamed = kernel.run(points, weights, out=held, where=condition)
+        assert streamed.count == mask.sum()
+        np.testing.assert_array_equal(streamed.written, mask)
+        for name in out:
+            np.testing.assert_array_equal(bits(held[name].numpy()), bits(expected[name]), err_msg=name)
+
+
+@on_every_backend
+def test_an_output_may_be_an_input(backend):
+    @sh.program
+    def double(x: sh.Attrib1f) -> sh.Attrib1f:
+        return 2 * x
+
+    x = np.arange(6, dtype=np.float32)
+    double.compile(backend).run(x, out=x, where=x > 2)
+    np.testing.assert_array_equal(x, [0, 1, 2, 6, 8, 10])
+    np.testing.assert_array_equal(double.compile(backend).run(3, where=[True, False]).outputs, [6, 0])
+    np.testing.assert_array_equal(double.compile(backend).run(x, where=False).outputs, np.zeros(6))
+    np.testing.assert_array_equal(double.compile(backend).run(x, where=True).outputs, 2 * x)
+    assert double.compile(backend).run(np.zeros((0,)), where=np.zeros(0, bool)).count == 0
+
+
+@on_every_backend
+def test_discards_and_conditions_add_up(backend):
+    @sh.program
+    def positive(x: sh.Attrib1f) -> sh.Attrib1f:
+        sh.SH_DISCARD(x <= 0)
+        return sh.sqrt(x)
+
+    x = np.array([4, -4, 9, -9], np.float32)
+    result = positive.compile(backend).run(x, where=[True, True, False, False])
+    np.testing.assert_array_equal(result.outputs, [2, 0, 0, 0])
+    np.testing.assert_array_equal(result.written, [True, False, False, False])
+
+
+def test_where_takes_bools():
+    kernel = iterate.compile("numpy")
+    c, weights, mask, _ = case(1.0)
+    with pytest.raises(sh.ShpyTypeError, match="where"):
+        kernel.run(c, weights, where=mask.astype(np.float32))
+    with pytest.raises(sh.RecordError, match="where is a reserved name for an input"):
+
+        @sh.program
+        def clashing(where: sh.Attrib1b) -> sh.Attrib1b:
+            return where
+
+
+@SHARES
+@on_every_backend
+def test_a_stream_is_the_condition_of_a_chain(backend, share):
+    c, weights, mask, out = case(share)
+    whole = iterate.compile(backend)(c, weights)
+    result = sh.sequence(iterate, where="on").run(
+        c=c, weights=weights, on=mask, z=out["z"], n=out["n"], backend=backend
+    )
+    np.testing.assert_array_equal(result.streams["n"].numpy(), np.where(mask, whole["n"], out["n"]))
+    np.testing.assert_array_equal(bits(result.streams["z"]), bits(np.where(mask[..., None], whole["z"], out["z"])))
+    assert result.counts == {"iterate": mask.sum()}
+
+
+@on_every_backend
+def test_a_program_is_the_condition_of_a_chain(backend):
+    c, weights, mask, out = case(0.5)
+    inside = np.sum(c * c, axis=-1) < 1
+    chain = sh.sequence(sh.sequence(iterate, where=near), where="on")
+    result = chain.run(c=c, weights=weights, on=mask, **out, backend=backend)
+    both = mask & inside
+    whole = iterate.compile(backend)(c, weights)
+    np.testing.assert_array_equal(result.streams["n"].numpy(), np.where(both, whole["n"], out["n"]))
+    assert result.counts == {"iterate": both.sum()}
+
+
+@on_every_backend
+def test_a_loop_ends_when_no_element_runs(backend):
+    @sh.program
+    def busy(x: sh.Attrib1i) -> sh.Attrib1b:
+        return x > 1
+
+    @sh.program
+    def collatz(x: sh.Attrib1i, steps: sh.Attrib1i):
+        return {"x": sh.cond(x % 2 == 0, x // 2, 3 * x + 1), "steps": steps + 1}
+
+    result = sh.loop(collatz, where=busy).run(x=np.arange(1, 28), steps=0, backend=backend)
+    assert result.executions == {"collatz": 112}
+    steps = result.streams["steps"].numpy()
+    assert steps[26] == 111
+    assert result.counts == {"collatz": steps.sum()}
