@@ -20,7 +20,7 @@ from shpy.testing.certify.comparing import Work
 from shpy.testing.certify.findings import Check, Finding, Section, Target
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
-from shpy.testing.certify.report import left_line, section_line, verdict, verdict_line
+from shpy.testing.certify.report import left_line, section_line, verdict, verdict_lines
 from shpy.testing.certify.sections import Ran, run_section
 from shpy.testing.conformance.cases import all_cases
 
@@ -149,12 +149,14 @@ def test_checks_that_were_not_reached_are_counted_with_the_command_that_runs_the
     run_section(whole, target, full=True, progress=lambda *_: None)
     assert "3 same (" in section_line(whole)
     assert left_line(whole, target) == []
-    assert verdict_line([whole]) == "same bits"
+    assert verdict_lines([whole]) == ["  -> same bits"]
     cut = Ran(whole.section, {"a": Finding("denormals")}, 60, cut=True)
     assert "1 same but for denormals, 2 not run (60 s)" in section_line(cut)
-    command = "shpy certify --backend opencl --lanes 8 --section functions --full"
+    command = "shpy certify --backend opencl --lanes 8 --section functions --full -o functions.json"
     assert left_line(cut, target) == [f"    to run all, in about 3 minutes: {command}"]
-    assert verdict_line([whole, cut]).startswith("same bits but for denormals, in the 4 of 6 checks that were run (")
+    said, meaning = verdict_lines([whole, cut])
+    assert said == "  -> same bits but for denormals, in the 4 of 6 checks that were run"
+    assert "1.18e-38" in meaning
 
 
 def test_a_section_without_time_begins_nothing() -> None:

@@ -26,7 +26,7 @@ from shpy.testing.certify.report import (
     left_line,
     section_line,
     verdict,
-    verdict_line,
+    verdict_lines,
 )
 from shpy.testing.certify.sections import INPUTS, SECTIONS, Ran, run_section, sections
 
@@ -126,7 +126,7 @@ def _run(target: Target, rans: Sequence[Ran], full: bool, keep: Callable[[], Non
             if ran.findings:
                 said = [section_line(ran), *left_line(ran, target), *difference_lines(ran)]
                 print("\n".join(said), flush=True)
-    print(f"  -> {verdict_line(rans)}", flush=True)
+    print("\n".join(verdict_lines(rans)), flush=True)
 
 
 class _Progress:

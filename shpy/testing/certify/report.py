@@ -33,7 +33,7 @@ __all__ = [
     "left_line",
     "section_line",
     "verdict",
-    "verdict_line",
+    "verdict_lines",
 ]
 
 FORMAT = 1
@@ -85,7 +85,8 @@ def left_line(ran: Ran, target: Target) -> list[str]:
     if not (ran.cut and ran.findings):
         return []
     options = [f"--{name} {value}" for name, value in target.options.items()]
-    words = ["shpy certify --backend", target.backend, *options, "--section", ran.section.name, "--full"]
+    name = ran.section.name
+    words = ["shpy certify --backend", target.backend, *options, "--section", name, "--full -o", f"{name}.json"]
     every = duration(ran.seconds / len(ran.findings) * len(ran.section.checks))
     return [f"    to run all, in about {every}: {' '.join(words)}"]
 
@@ -115,15 +116,15 @@ def verdict(rans: Sequence[Ran]) -> str:
     return "same bits but for denormals" if any(ran.count("denormals") for ran in rans) else "same bits"
 
 
-def verdict_line(rans: Sequence[Ran]) -> str:
+def verdict_lines(rans: Sequence[Ran]) -> list[str]:
     """The verdict, how many checks it stands for, and what its words mean."""
     said, left = verdict(rans), sum(ran.left for ran in rans)
+    meaning = ["     Denormals are numbers nearer to 0 than 1.18e-38. This device takes them for 0."]
+    explained = meaning if "denormals" in said else []
     if left and said != "differs":
         run = sum(len(ran.findings) for ran in rans)
         said += f", in the {run:,} of {run + left:,} checks that were run"
-    if "denormals" in said:
-        said += " (numbers nearer to 0 than 1.18e-38, which this device takes for 0)"
-    return said
+    return [f"  -> {said}", *explained]
 
 
 def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
