@@ -131,3 +131,34 @@ def test_the_functions_of_the_prologue_stand_below_those_they_call() -> None:
         seen.add(helper.name)
         assert helper.calls <= seen
         assert len(helper.text.splitlines()) <= 50
+
+
+def test_division_of_places_by_way_of_floats_is_exact():
+    """Quotients and remainders at multiples, beside them, and up to the largest number of elements of a texture."""
+    from shpy.backends.glsl.context import open_context
+
+    context = open_context(0)
+    rng = np.random.default_rng(7)
+    n = np.concatenate([rng.integers(1, 2**e, 3000) for e in (2, 4, 10, 14, 20, 26)])
+    multiples = n * (rng.integers(0, 2**26, len(n)) // n)
+    i = np.clip(multiples + rng.integers(-1, 2, len(n)), 0, 2**27).astype(np.int32)
+    split = next(h.text for h in helpers() if h.name == "sh_split")
+    text = (
+        "#version 330 core\nuniform isampler2D pairs;\nlayout(location = 0) out ivec2 parts;\n"
+        f"{split}\nvoid main() {{\n    ivec2 p = texelFetch(pairs, ivec2(gl_FragCoord.xy), 0).xy;\n"
+        "    parts = sh_split(p.x, p.y);\n}\n"
+    )
+    size, pairs = (1000, len(n) // 1000), np.stack([i, n.astype(np.int32)], axis=-1)
+
+    def draw():
+        texture = context.gl.texture(size, 2, pairs.tobytes(), dtype="i4")
+        target = context.gl.framebuffer([context.gl.texture(size, 2, dtype="i4")])
+        target.use()
+        texture.use(0)
+        context.gl.vertex_array(context.program(text), []).render(context.moderngl.TRIANGLES, 3)
+        found = target.read(components=2, dtype="i4")
+        context.resting.use()
+        return found
+
+    found = np.frombuffer(context.call(draw), np.int32).reshape(-1, 2)
+    assert np.array_equal(found, np.stack([i // n, i % n], axis=-1))

@@ -102,6 +102,14 @@ uint sh_popcount(uint a) {
     return (((a + (a >> 4)) & 0x0f0f0f0fu) * 0x01010101u) >> 24;
 }
 
+// i / n and i % n for i >= 0, n > 0, by way of floats: drivers divide the integers of each fragment on its own.
+ivec2 sh_split(int i, int n) {
+    int q = int(float(i) / float(n));
+    q += int(floor(float(i - q * n) / float(n)));
+    int r = i - q * n;
+    return r < 0 ? ivec2(q - 1, r + n) : r < n ? ivec2(q, r) : ivec2(q + 1, r - n);
+}
+
 int sh_popcount(int a) {
     return int(sh_popcount(uint(a)));
 }

@@ -150,17 +150,22 @@ class Printer(Spelling):
     def _grid(self, size: int) -> str:
         """The function that gives an element's index along `size` axes."""
         n = GRID_SHAPE
-        index = {
-            1: "i",
-            2: f"ivec2(i / {n}.y, i % {n}.y)",
-            3: f"ivec3(i / {n}.z / {n}.y, i / {n}.z % {n}.y, i % {n}.z)",
-            4: f"ivec4(i / {n}.w / {n}.z / {n}.y, i / {n}.w / {n}.z % {n}.y, i / {n}.w % {n}.z, i % {n}.w)",
+        rows = {
+            1: "    return i;\n",
+            2: f"    return sh_split(i, {n}.y);\n",
+            3: f"    ivec2 z = sh_split(i, {n}.z);\n    return ivec3(sh_split(z.x, {n}.y), z.y);\n",
+            4: (
+                f"    ivec2 w = sh_split(i, {n}.w), z = sh_split(w.x, {n}.z);\n"
+                f"    return ivec4(sh_split(z.x, {n}.y), z.y, w.y);\n"
+            ),
         }[size]
+        if size > 1:
+            self.prologue.use("sh_split", (vec(Base.I), vec(Base.I)))
         return (
             f"{spelled(vec(Base.I, size))} sh_grid_index{size}() {{\n"
             f"    ivec2 at = min(ivec2(gl_FragCoord.xy), {LAST});\n"
             f"    int i = {FIRST} + at.y * {WIDTH} + at.x;\n"
-            f"    return {index};\n"
+            f"{rows}"
             "}\n"
         )
 

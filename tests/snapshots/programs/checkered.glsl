@@ -12,10 +12,18 @@ uniform int sh_width;
 uniform ivec4 sh_grid_shape;
 layout(location = 0) out vec3 out_0;
 
+// i / n and i % n for i >= 0, n > 0, by way of floats: drivers divide the integers of each fragment on its own.
+ivec2 sh_split(int i, int n) {
+    int q = int(float(i) / float(n));
+    q += int(floor(float(i - q * n) / float(n)));
+    int r = i - q * n;
+    return r < 0 ? ivec2(q - 1, r + n) : r < n ? ivec2(q, r) : ivec2(q + 1, r - n);
+}
+
 ivec2 sh_grid_index2() {
     ivec2 at = min(ivec2(gl_FragCoord.xy), sh_last);
     int i = sh_first + at.y * sh_width + at.x;
-    return ivec2(i / sh_grid_shape.y, i % sh_grid_shape.y);
+    return sh_split(i, sh_grid_shape.y);
 }
 
 vec3 checkered() {  // snapshot_programs.py:173
