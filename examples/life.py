@@ -1,4 +1,4 @@
-"""Conway's game of life: a table of cells, another of rules, and a kernel that looks things up in both.
+"""Conway's game of life: a chain of two kernels that stays on the device for 400 generations.
 
 python examples/life.py [numpy|opencl|glsl]
 """
@@ -20,29 +20,28 @@ rules = sh.Table(
 )
 
 
-def game(board, backend=None):
-    """A function that gives the next generation of a board (H, W) of zeros and ones, which wraps around."""
-    height, width = board.shape
-    cells = sh.Table(board, sh.Attrib1i, name="cells")
+@sh.program
+def generation(cells: sh.Table[sh.Attrib1i, 2]) -> sh.Attrib1i:
+    """The next state of a cell of zeros and ones, on a board that wraps around."""
+    here = sh.grid_index(2)
+    neighbours = sh.Attrib1i(0)
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            if down or right:
+                neighbours += cells[(here + (down, right)) % sh.grid_shape(2)]
+    return rules[cells[here], neighbours]
 
-    @sh.program
-    def generation() -> sh.Attrib1i:
-        here = sh.grid_index(2)
-        neighbours = sh.Attrib1i(0)
-        for down in (-1, 0, 1):
-            for right in (-1, 0, 1):
-                if down or right:
-                    neighbours += cells[(here + (down, right)) % (height, width)]
-        return rules[cells[here], neighbours]
 
-    kernel = generation.compile(backend)
+@sh.program
+def fade(age: sh.Attrib1f, cells: sh.Attrib1i):
+    """How long ago a cell lived, from 1 for now down to 0."""
+    return {"age": sh.cond(cells == 1, 1, 0.97 * age)}
 
-    def advance():
-        board = kernel(shape=(height, width))
-        cells.update(board)
-        return board
 
-    return advance
+def game(board, generations, backend=None):
+    """The streams `cells` and `age` after some generations of a board (H, W) of zeros and ones."""
+    chain = sh.repeat(sh.sequence(generation, fade), generations)
+    return chain.run(cells=board, age=np.zeros(board.shape), backend=backend).streams
 
 
 def r_pentomino(size):
@@ -55,11 +54,8 @@ def r_pentomino(size):
 
 
 if __name__ == "__main__":
-    advance = game(r_pentomino(160), *sys.argv[1:])
-    age = np.zeros((160, 160))
-    for _ in range(400):
-        board = advance()
-        age = np.where(board == 1, 1, 0.97 * age)
+    streams = game(r_pentomino(160), 400, *sys.argv[1:])
+    board, age = streams["cells"].numpy(), streams["age"].numpy()
     print(f"{board.sum()} cells live after 400 generations")
     colors = np.stack([np.where(board == 1, 1, 0.7 * age**3), np.where(board == 1, 1, 0.4 * age), 0.05 + 0.6 * age], -1)
     save("life", colors.repeat(4, axis=0).repeat(4, axis=1))

@@ -49,7 +49,9 @@ SHOWN = {
     "algebra": lambda m, backend: m.draw(40, backend),
     "blur": lambda m, backend: m.blurred(np.linspace(0, 1, 900, dtype=np.float32).reshape(15, 20, 3), 5, backend),
     "nbody": lambda m, backend: np.hstack(m.simulation(*m.galaxies(64), 0.01, backend)()),
-    "life": lambda m, backend: m.game(m.r_pentomino(32), backend)(),
+    "life": lambda m, backend: m.game(m.r_pentomino(32), 20, backend)["age"].numpy(),
+    "gray_scott": lambda m, backend: np.stack(m.pattern(24, 30, backend)),
+    "heat": lambda m, backend: m.steady(*m.plate(12, 18), backend)[0],
 }
 
 
@@ -128,11 +130,43 @@ def test_blur(backend):
 def test_life(backend):
     m = example("life")
     board = m.r_pentomino(32)
-    advance = m.game(board, backend)
+    age = np.zeros(board.shape, np.float32)
+    streams = m.game(board, 30, backend)
     for _ in range(30):
         around = sum(np.roll(board, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)) - board
         board = ((around == 3) | ((board == 1) & (around == 2))).astype(np.int32)
-        np.testing.assert_array_equal(advance(), board)
+        age = np.where(board == 1, 1, np.float32(0.97) * age)
+    np.testing.assert_array_equal(streams["cells"], board)
+    np.testing.assert_array_equal(streams["age"], age)
+
+
+@on_every_backend
+def test_gray_scott(backend):
+    m = example("gray_scott")
+    u, v = m.drops(24)
+    for _ in range(30):
+        turned = u * v * v
+        more = []
+        for chemical in (u, v):
+            at = [[np.roll(chemical, (i, j), (0, 1)) for j in (-1, 0, 1)] for i in (-1, 0, 1)]
+            beside, across = at[0][1] + at[2][1] + at[1][0] + at[1][2], at[0][0] + at[0][2] + at[2][0] + at[2][2]
+            more.append(0.2 * beside + 0.05 * across - chemical)
+        u, v = u + more[0] - turned + m.FEED * (1 - u), v + 0.5 * more[1] + turned - (m.FEED + m.KILL) * v
+    for found, expected in zip(m.pattern(24, 30, backend), (u, v), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+    assert v.max() > 0.1
+
+
+@on_every_backend
+def test_heat(backend):
+    m = example("heat")
+    heat, free = m.plate(12, 18)
+    found, rounds = m.steady(heat, free, backend)
+    assert rounds > 10
+    np.testing.assert_array_equal(found[~free], heat[~free].astype(np.float32))
+    mean = 0.25 * (np.roll(found, 1, 0) + np.roll(found, -1, 0) + np.roll(found, 1, 1) + np.roll(found, -1, 1))
+    assert np.abs(mean - found)[free].max() < 1.01 * m.TOLERANCE
+    assert found[free].min() > 0
 
 
 @on_every_backend

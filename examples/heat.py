@@ -1,0 +1,47 @@
+"""Heat in a plate, by Jacobi's iteration: a loop that ends when no cell changes any more.
+
+python examples/heat.py [numpy|opencl|glsl]
+"""
+
+import sys
+
+import numpy as np
+from pictures import save
+
+import shpy as sh
+
+TOLERANCE = 2e-5
+
+
+@sh.program
+def relax(heat: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+    """The mean of the cells around: an element that would hardly change writes nothing."""
+    here = sh.grid_index(2)
+    around = heat[here + (0, 1)] + heat[here - (0, 1)] + heat[here + (1, 0)] + heat[here - (1, 0)]
+    mean = 0.25 * around
+    sh.SH_DISCARD(sh.abs(mean - heat[here]) < TOLERANCE)
+    return mean
+
+
+def plate(height, width):
+    """The heat at first, and which cells are free: a hot disc and two cold bars keep theirs, and so does the edge."""
+    y, x = np.mgrid[:height, :width] / height
+    disc = (x - 0.45) ** 2 + (y - 0.5) ** 2 < 0.02
+    bars = (abs(x - 1.05) < 0.02) & (abs(y - 0.5) > 0.12)
+    edge = np.ones((height, width), bool)
+    edge[1:-1, 1:-1] = False
+    return np.where(disc, 1, np.where(edge, x / 3, 0)), ~(disc | bars | edge)
+
+
+def steady(heat, free, backend=None):
+    """The heat in the end and the number of rounds: `where` holds the cells that are not free."""
+    result = sh.loop(relax, where="free").run(heat=heat, free=free, backend=backend)
+    return result.streams["heat"].numpy(), result.executions["relax"]
+
+
+if __name__ == "__main__":
+    heat, rounds = steady(*plate(160, 240), *sys.argv[1:])
+    print(f"no cell changes by {TOLERANCE} after {rounds} rounds")
+    bands = 0.85 + 0.15 * np.cos(2 * np.pi * 16 * heat)
+    colors = np.stack([heat**0.6, heat**1.5, 0.35 * np.exp(-8 * (heat - 0.25) ** 2)], axis=-1) * bands[..., None]
+    save("heat", colors.repeat(4, axis=0).repeat(4, axis=1))
