@@ -119,7 +119,8 @@ class Intersector:
         if self._origin.any():
             eye = eye - self._origin
         if self._scale != 1:
-            eye, near, limit = eye * self._scale, *(np.clip(end * self._scale, -FAR, FAR) for end in (near, limit))
+            with np.errstate(over="ignore"):  # a range's end that leaves f64 is clipped
+                eye, near, limit = eye * self._scale, *(np.clip(end * self._scale, -FAR, FAR) for end in (near, limit))
         return eye, near, limit
 
     def _hits(self, found: Any, length: Floats) -> Hits:

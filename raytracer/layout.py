@@ -42,19 +42,27 @@ def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.abs(middle) <= size, 0.0, np.round(middle / step) * step)
 
 
-LEAST, MOST = 20, 30
-"""Exponents of 2 between which the largest coordinate lies in a kernel: its cube does not overflow, and the cube of a
-coordinate that is 10**18 times smaller does not vanish. binary16 holds no such numbers, so f16 begins at 1."""
+EXPONENT = 32
+"""Exponent of 2 below which the largest coordinate lies in a kernel.
+
+A kernel divides products of three lengths by products of two. With this exponent no product of three vanishes for a
+triangle 10**21 times smaller than the scene. None overflows for a triangle as large as the scene that is seen from
+2**24 times its size, where f32 no longer tells parts of the scene from each other.
+"""
+STEEPEST = 1000
+"""Exponent of the largest scale: in f64 it is finite, and so are its products with scenes that it enlarges."""
 
 
 def scale_of(corners: NDArray[np.float64], precision: str) -> float:
     """Return the power of two for a kernel's coordinates, so that no product of them leaves f32's range.
 
-    `corners` are relative to `origin_of`.
+    `corners` are relative to `origin_of`. At f16, which holds no such numbers, exponents above 0 stay as they are.
     """
+    if not corners.any():
+        return 1.0
     _, exponent = np.frexp(np.abs(corners).max())
-    least = 0 if precision == "f16" else LEAST
-    return float(2.0 ** (np.clip(exponent, least, MOST) - exponent)) if corners.any() else 1.0
+    wanted = np.clip(exponent, 0, EXPONENT) if precision == "f16" else EXPONENT
+    return float(2.0 ** min(wanted - exponent, STEEPEST))
 
 
 def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ BINS = 16
 MAX_LEAF = 4
 """Triangles of a leaf, at most: as many as a block of `accel.wide` holds."""
 COUNT_BITS = 3
-GROWTH = 2.0**-79
+GROWTH = 2.0**-67
 """By how much boxes are grown at least: more than `kernels.triangle` grows those of triangles."""
 DESCENT = 3.0
 """What it costs to look into the two nodes below a cut, if trying a triangle costs 1."""

@@ -37,8 +37,11 @@ REACH = 2.0**-10
 """How much farther than the nearest hit a box may be and be looked into, as a part of the distance."""
 BESIDE = 10 * 2.0**-24
 """How far a ray may pass beside a triangle's own box, as a part of the distance: 3 roundings of each side, and more."""
-GROWTH = 2.0**-80
-"""By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more."""
+GROWTH = 2.0**-68
+"""By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more.
+
+It is 2**-100 of a scene that `layout.scale_of` has scaled: a part of a rounding of triangles 10**21 times smaller.
+"""
 PLANE = 64.0
 """Factor by which the error bound of the distance from the corners must exceed that of the distance from the plane."""
 EDGE_ON = 2.0**24

@@ -218,6 +218,40 @@ def test_rays_that_are_no_rays_miss(backend, accel):
     np.testing.assert_array_equal(met_now[good], met[good])
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_triangle_far_smaller_than_the_scene_is_met_as_it_is_alone(backend):
+    """10**20 times smaller: the same triangles, at distances that differ by rounding only."""
+    rng = np.random.default_rng(0)
+    small = rng.normal(size=(200, 3, 3)) * 1e-20
+    target = (rng.dirichlet([1, 1, 1], 200)[:, :, None] * small).sum(axis=1)
+    origins = target + rng.normal(size=(200, 3)) * 1e-20
+    found = []
+    for others in (np.zeros((0, 3, 3)), np.array([[[1.0, 1, 1], [1, -1, 1], [-1, 1, 1]]])):
+        corners = np.concatenate([small, others])
+        mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+        found.append(Intersector(mesh, accel="brute", backend=backend).intersect(origins, target - origins))
+    alone, beside = found
+    np.testing.assert_array_equal(beside.triangle, alone.triangle)
+    np.testing.assert_allclose(beside.t, alone.t, rtol=1e-3)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-305, 1e-310])
+def test_a_mesh_near_the_end_of_f64_is_met(size):
+    cube = box()
+    shoot = Intersector(Mesh(cube.vertices * size, cube.faces), backend="numpy")
+    hits = shoot.intersect(np.array([[0.1, 0.2, 3]]) * size, [[0, 0, -size]])
+    np.testing.assert_allclose(hits.t, 2.5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_triangle_as_large_as_the_scene_is_met_from_as_far_as_f32_can_tell(backend):
+    """From 2**24 times its size, across and aslant."""
+    mesh = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0.5]]), np.array([[0, 1, 2]]))
+    origins = np.array([[0, 0, 1.0], [0.3, 0.4, 1]]) * 2.0**24
+    hits = Intersector(mesh, backend=backend).intersect(origins, -origins)
+    np.testing.assert_allclose(hits.t, 1, rtol=1e-6)
+
+
 class _Bounce(NamedTuple):
     first: sh.Attrib1i
     start: sh.Point3f

@@ -115,6 +115,9 @@ def test_backends_agree_on_random_scenes(group):
         Sketch((Part("ball", 1e4, 0.0, 2**20), Part("ball", 1.0, 0.0, 84), Part("slab", 1e12, 0.0, 1921)), 1, 1e3, 1),
         Sketch((Part("slivers", 1.0, 1.0, 1), Part("slab", 1e10, 0.0, 45), Part("slab", 1e12, 0.0, 2)), 1, 1e3, 108),
         Sketch((Part("slab", 1e10, 0.0, 101866), Part("slivers", 1e-6, 1.0, 2**20 - 1)), 1.0, 0.0, 5424),
+        Sketch((Part("ball", 1e-6, 0.0, 0), Part("ball", 1e12, 100.0, 0)), 1e-18, 0.0, 0),
+        Sketch((Part("ball", 1e-5, 0.0, 0), Part("ball", 1e12, 100.0, 2)), 1e-18, 0.0, 0),
+        Sketch((Part("slivers", 1e-6, 0.0, 0), Part("ball", 1e12, 100.0, 0)), 1e-18, 0.0, 0),
     ],
     ids=[
         "tiny",
@@ -127,6 +130,9 @@ def test_backends_agree_on_random_scenes(group):
         "cells below a rounding",
         "met at once, inside the grid and outside",
         "tiny beside huge",
+        "10**20 times smaller than the scene",
+        "10**19 times smaller than the scene",
+        "slivers 10**20 times smaller than the scene",
     ],
 )
 def test_known_hard_scenes(sketch):
