@@ -197,15 +197,17 @@ def test_ctrl_c_keeps_what_was_found(monkeypatch: Any, capsys: Any, tmp_path: Pa
     checks = [Check("a", lambda target: Finding("same")), Check("b", interrupt), Check("c", interrupt)]
     made = [Section("functions", "sweeps", None, checks), Section("accuracy", "bounds", None, checks)]
     monkeypatch.setattr(command, "sections", lambda *_: made)
+    monkeypatch.setattr(command, "targets", lambda *_: [Target("numpy"), Target("glsl")])
     path = tmp_path / "c.json"
-    assert cli.main(["certify", "--backend", "numpy", "-o", str(path)]) == 130
+    assert cli.main(["certify", "-o", str(path)]) == 130
     said = capsys.readouterr()
     assert said.err == "shpy: stopped\n"
     assert "1 same, 2 not run" in said.out
     assert said.out.endswith(f"\n{path} holds what was found until it was stopped.\n")
     content = json.loads(path.read_text())
     assert not content["complete"]
-    (target,) = content["targets"]
+    target, other = content["targets"]
+    assert (target["verdict"], other["verdict"]) == ("same bits", "not run")
     assert target["sections"]["functions"]["findings"] == {"a": {"verdict": "same"}}
     assert [section["not run"] for section in target["sections"].values()] == [2, 3]
 

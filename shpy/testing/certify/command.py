@@ -54,15 +54,14 @@ def certify(options: argparse.Namespace) -> int:
     made = sections(names, options.full)
     print(_ABOUT)
     print(_expected(len(wanted), made, options.full), flush=True)
-    found: dict[Target, list[Ran]] = {}
+    found = {target: [Ran(section) for section in made] for target in wanted}
 
     def keep() -> None:
         write_json(options.output, certificate(found, options.full))
 
     try:
-        for target in wanted:
-            found[target] = [Ran(section) for section in made]
-            _run(target, found[target], options.full, keep)
+        for target, rans in found.items():
+            _run(target, rans, options.full, keep)
     except KeyboardInterrupt:
         if any(ran.findings for rans in found.values() for ran in rans):
             keep()

@@ -110,7 +110,9 @@ def difference_lines(ran: Ran) -> list[str]:
 
 
 def verdict(rans: Sequence[Ran]) -> str:
-    """What the sections say of one device: "same bits", "same bits but for denormals", or "differs"."""
+    """What the sections say of one device: "same bits", "same bits but for denormals", "differs", or "not run"."""
+    if not any(ran.findings for ran in rans):
+        return "not run"
     if any(ran.wrong for ran in rans):
         return "differs"
     return "same bits but for denormals" if any(ran.count("denormals") for ran in rans) else "same bits"
