@@ -15,7 +15,7 @@ from shpy.backends.registry import BackendInfo, backends, default_backend
 from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult
 from shpy.choice import choice
-from shpy.collectives import reduce, scan
+from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort
 from shpy.errors import (
     BackendUnavailable,
     CompileError,
@@ -363,6 +363,7 @@ __all__ = [
     "acosh",
     "all_lanes",
     "any_lane",
+    "argsort",
     "asin",
     "asinh",
     "atan",
@@ -376,6 +377,7 @@ __all__ = [
     "ceil",
     "choice",
     "clamp",
+    "compact",
     "cond",
     "cos",
     "cosh",
@@ -393,8 +395,10 @@ __all__ = [
     "floor",
     "fma",
     "fract",
+    "gather",
     "grid_index",
     "grid_shape",
+    "histogram",
     "inverse",
     "inversesqrt",
     "isinf",
@@ -423,11 +427,13 @@ __all__ = [
     "rsqrt",
     "saturate",
     "scan",
+    "scatter",
     "sequence",
     "sign",
     "sin",
     "sinh",
     "smoothstep",
+    "sort",
     "sqrt",
     "step",
     "struct",

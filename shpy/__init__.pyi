@@ -25,6 +25,14 @@ from shpy.chains.chain import repeat as repeat
 from shpy.chains.chain import sequence as sequence
 from shpy.chains.running import ChainResult as ChainResult
 from shpy.choice import choice as choice
+from shpy.collectives.compaction import compact as compact
+from shpy.collectives.histograms import histogram as histogram
+from shpy.collectives.reducing import reduce as reduce
+from shpy.collectives.scanning import scan as scan
+from shpy.collectives.scattering import gather as gather
+from shpy.collectives.scattering import scatter as scatter
+from shpy.collectives.sorting import argsort as argsort
+from shpy.collectives.sorting import sort as sort
 from shpy.errors import BackendUnavailable as BackendUnavailable
 from shpy.errors import CompileError as CompileError
 from shpy.errors import LoopLimitExceeded as LoopLimitExceeded
@@ -10991,6 +10999,7 @@ __all__ = [
     "acosh",
     "all_lanes",
     "any_lane",
+    "argsort",
     "asin",
     "asinh",
     "atan",
@@ -11004,6 +11013,7 @@ __all__ = [
     "ceil",
     "choice",
     "clamp",
+    "compact",
     "cond",
     "cos",
     "cosh",
@@ -11021,8 +11031,10 @@ __all__ = [
     "floor",
     "fma",
     "fract",
+    "gather",
     "grid_index",
     "grid_shape",
+    "histogram",
     "inverse",
     "inversesqrt",
     "isinf",
@@ -11051,11 +11063,13 @@ __all__ = [
     "rsqrt",
     "saturate",
     "scan",
+    "scatter",
     "sequence",
     "sign",
     "sin",
     "sinh",
     "smoothstep",
+    "sort",
     "sqrt",
     "step",
     "struct",

@@ -22,6 +22,7 @@ __all__ = [
     "Array",
     "Backend",
     "Call",
+    "Collectives",
     "Counts",
     "Device",
     "DeviceCall",
@@ -161,11 +162,36 @@ class Counts:
         return cls(int(np.count_nonzero(status == Status.WRITTEN)), stopped.size, first)
 
 
+@dataclass(frozen=True, slots=True)
+class Collectives:
+    """Collective operations that a device does itself; programs do those that are None.
+
+    Indices and counts are ints. Keys are scalars; NaN is the greatest number, and -0 and +0 are equal.
+    """
+
+    select: Callable[[Any], Any] | None = None
+    """select(mask): the indices of the elements that are true, in ascending order."""
+    take: Callable[[Any, Any], Any] | None = None
+    """take(source, index): the element at each index, the nearest where it is out of range."""
+    put: Callable[[Any, Any, Any], None] | None = None
+    """put(values, index, target): write each value to its place; of several for a place the last one stays."""
+    sort: Callable[[Any, bool], Any] | None = None
+    """sort(keys, descending): the keys in order, equal ones in the order they had."""
+    order: Callable[[Any, bool], Any] | None = None
+    """order(keys, descending): the indices that sort them."""
+    tally: Callable[[Any, int], Any] | None = None
+    """tally(numbers, bins): how often each number from 0 to bins - 1 occurs."""
+
+
 class Space(Protocol):
     """The memory of one device, and the order in which it runs things: as they were started."""
 
     overwrites: bool
     """True if an output may be an input: each element has been read before it is written."""
+
+    @property
+    def collectives(self) -> Collectives:
+        """The collective operations that the device does itself."""
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> Memory:
         """Memory for `count` elements, whatever it holds; MemoryError where there is not so much."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from inspect import Parameter, Signature
 from typing import Any, NamedTuple
 
 from shpy.ir.traverse import is_straight, walk
@@ -47,7 +48,12 @@ def width_for(combine: Program) -> int:
 
 
 def annotated(function: Callable[..., Any], **types: Any) -> Program:
-    """Record a function with types that are known only now; the result's is `out`."""
+    """Record a function with types that are known only now; the result's is `out`.
+
+    The types are the inputs, so a function that takes any named arguments has one for each.
+    """
+    parameters = [Parameter(name, Parameter.KEYWORD_ONLY) for name in types if name != "out"]
+    function.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     function.__annotations__ = {"return" if name == "out" else name: type_ for name, type_ in types.items()}
     return program(function)
 

@@ -23,7 +23,7 @@ from shpy.lang.types import Attrib1i
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
-__all__ = ["arrays_of", "check_combination", "fold", "is_on_host", "over_arrays", "retyped", "run_pairs"]
+__all__ = ["arrays_of", "check_combination", "fold", "is_on_host", "leaf_types", "over_arrays", "retyped", "run_pairs"]
 
 Shape = tuple[int, ...]
 _LARGEST = 2**31 - 64
@@ -54,9 +54,9 @@ def check_combination(program: Any, stream: Any, name: str) -> Any:
             cure="@sh.program before the function",
         )
     wanted = f"{program.name}(a: sh.{stream.type.__name__}, b: sh.{stream.type.__name__}) -> sh.{stream.type.__name__}"
-    element = _types(stream.type)
+    element = leaf_types(stream.type)
     inputs = list(program.inputs.values())
-    taken = [None if isinstance(t, TableType | TextureType) or t is None else _types(t) for t in inputs]
+    taken = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]
     given = [cls.type for cls in program.outputs.values()]
     if taken != [element, element] or given != element:
         raise ShpyTypeError(
@@ -80,7 +80,8 @@ def _check_body(program: Program, name: str) -> None:
                 )
 
 
-def _types(type_: Any) -> list[Any]:
+def leaf_types(type_: Any) -> list[Any]:
+    """Return the IR's type of each leaf of a type."""
     return [cls.type for _, _, cls in leaves(layout_of(type_, "an element"), "")]
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Counts
+from shpy.backends.base import Array, Collectives, Counts
 from shpy.backends.glsl.context import check
 from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, write
 from shpy.errors import ShpyError, ShpyTypeError
@@ -134,6 +134,7 @@ class GlslSpace:
     """The memory of one device: see `base.Space`."""
 
     overwrites = False
+    collectives = Collectives()
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime

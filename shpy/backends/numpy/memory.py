@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Counts, DeviceCall, TableData, TableMemory
+from shpy.backends.base import Array, Call, Collectives, Counts, DeviceCall, TableData, TableMemory
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Type
@@ -57,6 +57,13 @@ class NumpySpace:
     """The host's memory: see `base.Space`."""
 
     overwrites = True
+
+    @property
+    def collectives(self) -> Collectives:
+        """numpy's own functions."""
+        from shpy.backends.numpy.collective import COLLECTIVES  # here: it makes memory of this module
+
+        return COLLECTIVES
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
         """Memory for `count` elements, whatever it holds."""

@@ -15,11 +15,12 @@ import re
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Counts
+from shpy.backends.base import Array, Collectives, Counts
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
@@ -127,6 +128,13 @@ class OpenCLSpace:
         self._started = 0
         self._kernels: dict[tuple[str, str], Any] = {}
 
+    @cached_property
+    def collectives(self) -> Collectives:
+        """Kernels of the device's own."""
+        from shpy.backends.opencl.collective import collectives  # here: few processes need it
+
+        return collectives(self, self._machine)
+
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """A buffer for `count` elements, whatever it holds."""
         machine = self._machine
@@ -192,18 +200,22 @@ class OpenCLSpace:
 
     def _enqueue(self, name: str, memory: OpenCLMemory, *args: Any, items: int | None = None) -> None:
         """Start a kernel of `_STATUS` over the elements of a memory."""
-        machine = self._machine
         names = {name: getattr(Status, name) for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED")}
         names["STRIDE"] = _STRIDE
         text = _STATUS.replace("WORD", _WORDS[memory.dtype.itemsize])
         for word, number in names.items():
             text = re.sub(rf"\b{word}\b", str(number), text)
+        self.enqueue(text, name, (items or memory.count,), None, args)
+
+    def enqueue(self, text: str, name: str, size: tuple[int, ...], group: tuple[int, ...] | None, args: Any) -> None:
+        """Start a kernel of a text, which is kept with its program."""
+        machine = self._machine
         with machine.lock:
             kernel = self._kernels.get((name, text))
             if kernel is None:  # making one takes 100 ms on PoCL
                 kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
             kernel.set_args(*args)
-            machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (items or memory.count,), None)
+            machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, group)
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other on the queue."""

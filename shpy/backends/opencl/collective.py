@@ -1,0 +1,309 @@
+"""Collective operations on an OpenCL device: lists of marked elements, gathers, scatters, sorting and counting.
+
+Stage: run. Each work item takes a chunk of neighbouring elements, and there are a few chunks for each compute unit:
+a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest first, with stable passes.
+
+    operations = collectives(space)
+    operations.sort(memory, False)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Collectives
+from shpy.backends.opencl.memory import OpenCLMemory, held
+from shpy.ir.types import Base, vec
+
+if TYPE_CHECKING:
+    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.memory import OpenCLSpace
+
+__all__ = ["collectives"]
+
+_CPU_DIGIT: Final = 11
+_DIGIT: Final = 8
+"""Bits of a digit, on a CPU and elsewhere: a CPU's caches hold larger tables, so that there are fewer passes."""
+_LEAST: Final = 1 << 14
+"""Elements of a chunk at least, so that its tables cost less than its elements."""
+_MOST_COUNTERS: Final = 1 << 22
+"""Counters of all chunks together."""
+_GROUP: Final = 64
+
+# WORD is the unsigned word of a component, KEY one of _KEYS.
+_ORDER: Final = """\
+inline WORD key(WORD x) {
+    return KEY;
+}
+
+__kernel void count_digits(__global const WORD *given, uint n, uint chunk, uint shift, __global uint *counts) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk), i = first;
+    uint found[4][RADIX];
+    for (uint d = 0; d < RADIX; ++d)
+        found[0][d] = found[1][d] = found[2][d] = found[3][d] = 0;
+    // Equal digits often follow each other: four tables let four be counted at a time.
+    for (; i + 4 <= end; i += 4) {
+        ++found[0][(key(given[i]) >> shift) & (RADIX - 1)];
+        ++found[1][(key(given[i + 1]) >> shift) & (RADIX - 1)];
+        ++found[2][(key(given[i + 2]) >> shift) & (RADIX - 1)];
+        ++found[3][(key(given[i + 3]) >> shift) & (RADIX - 1)];
+    }
+    for (; i < end; ++i)
+        ++found[0][(key(given[i]) >> shift) & (RADIX - 1)];
+    for (uint d = 0; d < RADIX; ++d)
+        counts[d * get_global_size(0) + get_global_id(0)] = found[0][d] + found[1][d] + found[2][d] + found[3][d];
+}
+
+// Replace each count by the sum of those before it.
+__kernel void sum_before(__global uint *counts, uint n) {
+    uint sum = 0;
+    for (uint i = 0; i < n; ++i) {
+        uint count = counts[i];
+        counts[i] = sum;
+        sum += count;
+    }
+}
+
+__kernel void move_words(__global const WORD *given, uint n, uint chunk, uint shift, __global const uint *counts,
+                         __global WORD *moved) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
+    uint at[RADIX];
+    for (uint d = 0; d < RADIX; ++d)
+        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
+    for (uint i = first; i < end; ++i) {
+        WORD x = given[i];
+        moved[at[(key(x) >> shift) & (RADIX - 1)]++] = x;
+    }
+}
+
+// The same with the index that each word had at first: without `indices`, that is where it stands.
+__kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint shift, __global const uint *counts,
+                         __global WORD *moved, __global const uint *indices, __global uint *moved_indices) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
+    uint at[RADIX];
+    for (uint d = 0; d < RADIX; ++d)
+        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
+    for (uint i = first; i < end; ++i) {
+        WORD x = given[i];
+        uint to = at[(key(x) >> shift) & (RADIX - 1)]++;
+        moved[to] = x;
+        moved_indices[to] = indices ? indices[i] : i;
+    }
+}
+"""
+_SELECT: Final = """\
+__kernel void count_marks(__global const uchar *marks, uint n, uint chunk, __global uint *counts) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk), count = 0, i = first;
+    for (; i + 16 <= end; i += 16) {
+        // A mark that is set gives -1.
+        char16 set = vload16(0, marks + i) != (uchar16)(0);
+        char8 eight = set.lo + set.hi;
+        char4 four = eight.lo + eight.hi;
+        count -= (int)four.x + four.y + four.z + four.w;
+    }
+    for (; i < end; ++i)
+        count += marks[i] != 0;
+    counts[get_global_id(0)] = count;
+}
+
+__kernel void list_marks(__global const uchar *marks, uint n, uint chunk, __global const uint *starts,
+                         __global int *listed) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
+    __global int *to = listed + starts[get_global_id(0)];
+    int some[BLOCK];
+    for (uint begin = first; begin < end; begin += BLOCK) {
+        uint stop = min(end, begin + BLOCK), count = 0;
+        // Each index is stored, and the next one overwrites it where it is not marked: no branch is mispredicted.
+        for (uint i = begin; i < stop; ++i) {
+            some[count] = i;
+            count += marks[i] != 0;
+        }
+        for (uint k = 0; k < count; ++k)
+            to[k] = some[k];
+        to += count;
+    }
+}
+"""
+_MOVE: Final = """\
+__kernel void take(__global const WORD *given, __global const INDEX *indices, uint n, INDEX last,
+                   __global WORD *taken) {
+    size_t i = get_global_id(0);
+    if (i < n) {
+        size_t from = clamp(indices[i], (INDEX)0, last);
+        for (int k = 0; k < SIZE; ++k)
+            taken[i * SIZE + k] = given[from * SIZE + k];
+    }
+}
+
+__kernel void forget(__global int *winners, uint n) {
+    if (get_global_id(0) < n)
+        winners[get_global_id(0)] = -1;
+}
+
+// The last element of each place wins, in whatever order the device runs them.
+__kernel void compete(__global const INDEX *indices, uint n, uint places, __global volatile int *winners) {
+    size_t i = get_global_id(0);
+    if (i < n && (uint)indices[i] < places)
+        atomic_max(winners + indices[i], (int)i);
+}
+
+__kernel void put(__global const WORD *values, __global const int *winners, uint n, __global WORD *target) {
+    size_t i = get_global_id(0);
+    if (i < n && winners[i] >= 0)
+        for (int k = 0; k < SIZE; ++k)
+            target[i * SIZE + k] = values[(size_t)winners[i] * SIZE + k];
+}
+"""
+_TALLY: Final = """\
+__kernel void tally(__global const int *numbers, uint n, uint chunk, uint bins, __global int *counts) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
+    __global int *own = counts + (size_t)get_global_id(0) * bins;
+    for (uint b = 0; b < bins; ++b)
+        own[b] = 0;
+    for (uint i = first; i < end; ++i)
+        if ((uint)numbers[i] < bins)
+            ++own[numbers[i]];
+}
+
+__kernel void add_tallies(__global int *counts, uint bins, uint chunks) {
+    uint b = get_global_id(0);
+    if (b < bins)
+        for (uint c = 1; c < chunks; ++c)
+            counts[b] += counts[(size_t)c * bins + b];
+}
+"""
+_KEYS: Final = {
+    # NaN, the greatest; both zeros alike; then negative numbers with their bits inverted, so that the least is first.
+    "f4": "(x & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : (x & 0x7fffffffu) == 0 ? 0x80000000u"
+    " : x ^ ((uint)((int)x >> 31) | 0x80000000u)",
+    "f8": "(x & 0x7ffffffffffffffful) > 0x7ff0000000000000ul ? 0xfffffffffffffffful"
+    " : (x & 0x7ffffffffffffffful) == 0 ? 0x8000000000000000ul"
+    " : x ^ ((ulong)((long)x >> 63) | 0x8000000000000000ul)",
+    "i4": "x ^ 0x80000000u",
+    "u4": "x",
+    "u1": "x != 0",
+}
+"""An expression of the word x, by the kind and size of what it holds, whose unsigned order is that of the numbers."""
+_WORDS: Final = {1: "uchar", 4: "uint", 8: "ulong"}
+
+
+def collectives(space: OpenCLSpace, machine: Machine) -> Collectives:
+    """Return the operations that this device does itself."""
+    own = _OpenCLCollectives(space, machine)
+    return Collectives(own.select, own.take, own.put, own.sort, own.order, own.tally)
+
+
+class _OpenCLCollectives:
+    def __init__(self, space: OpenCLSpace, machine: Machine) -> None:
+        self._space = space
+        self._machine = machine
+        self._on_cpu = bool(machine.device.type & machine.cl.device_type.CPU)
+        self._digit = _CPU_DIGIT if self._on_cpu else _DIGIT
+
+    def select(self, mask: Any) -> OpenCLMemory:
+        """List the elements whose mark is set."""
+        n = mask.count
+        chunks, chunk = self._chunks(n)
+        counts = self._allocate(chunks, Base.U)
+        text = _SELECT.replace("BLOCK", "256")
+        self._run(text, "count_marks", chunks, mask, n, chunk, counts)
+        found = counts.read()
+        counts.write(np.cumsum(found, dtype=np.uint32) - found)
+        listed = self._allocate(int(found.sum()), Base.I)
+        if listed.count:
+            self._run(text, "list_marks", chunks, mask, n, chunk, counts, listed)
+        return listed
+
+    def take(self, source: Any, index: Any) -> OpenCLMemory:
+        """Gather elements, the nearest where an index is out of range."""
+        taken = self._space.allocate(index.count, source.type, source.dtype)
+        n, last = index.count, index.dtype.type(source.count - 1)
+        self._run(self._moving(source, index), "take", n, source, index, n, last, taken, group=_GROUP)
+        return taken
+
+    def put(self, values: Any, index: Any, target: Any) -> None:
+        """Write elements to their places: the last one of several stays."""
+        n, places, text = index.count, target.count, self._moving(values, index)
+        winners = self._allocate(places, Base.I)
+        self._run(text, "forget", places, winners, places, group=_GROUP)
+        self._run(text, "compete", n, index, n, places, winners, group=_GROUP)
+        self._run(text, "put", places, values, winners, places, target, group=_GROUP)
+
+    def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
+        """Sort scalars."""
+        text, bits = self._ordering(keys, descending)
+        chunks, chunk = self._chunks(keys.count)
+        counts = self._allocate(chunks << self._digit, Base.U)
+        given = keys
+        for shift in range(0, bits, self._digit):
+            moved = self._like(keys)
+            self._digits(text, given, chunks, chunk, shift, counts)
+            self._run(text, "move_words", chunks, given, keys.count, chunk, shift, counts, moved)
+            given = moved
+        return given  # type: ignore[no-any-return]
+
+    def order(self, keys: Any, descending: bool) -> OpenCLMemory:
+        """Return the indices that sort scalars."""
+        text, bits = self._ordering(keys, descending)
+        chunks, chunk = self._chunks(keys.count)
+        counts = self._allocate(chunks << self._digit, Base.U)
+        given, indices = keys, None
+        for shift in range(0, bits, self._digit):
+            moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I)
+            self._digits(text, given, chunks, chunk, shift, counts)
+            args = (given, keys.count, chunk, shift, counts, moved, indices, moved_indices)
+            self._run(text, "move_pairs", chunks, *args)
+            given, indices = moved, moved_indices
+        assert indices is not None
+        return indices
+
+    def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
+        """Count how often each number below `bins` occurs."""
+        n = numbers.count
+        chunks, chunk = self._chunks(n, max(1, _MOST_COUNTERS // bins))
+        counts = self._allocate(chunks * bins, Base.I)
+        self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
+        self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=_GROUP)
+        if chunks == 1:
+            return counts
+        found = self._allocate(bins, Base.I)
+        machine = self._machine
+        with machine.lock:
+            machine.cl.enqueue_copy(machine.queue, found.buffer, counts.buffer, byte_count=4 * bins)
+        return found
+
+    def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, counts: Any) -> None:
+        """Find out where the elements of each chunk with each digit go."""
+        self._run(text, "count_digits", chunks, given, given.count, chunk, shift, counts)
+        self._run(text, "sum_before", 1, counts, chunks << self._digit)
+
+    def _ordering(self, keys: Any, descending: bool) -> tuple[str, int]:
+        """The text that sorts such keys, and the bits of a key."""
+        kept = held(keys.type, keys.dtype)
+        word = _WORDS[kept.itemsize]
+        key = f"({word})~({_KEYS[kept.str[1:]]})" if descending else _KEYS[kept.str[1:]]
+        text = _ORDER.replace("KEY", key).replace("RADIX", str(1 << self._digit)).replace("WORD", word)
+        return text, 8 * kept.itemsize
+
+    def _moving(self, moved: Any, index: Any) -> str:
+        text = _MOVE.replace("WORD", _WORDS[held(moved.type, moved.dtype).itemsize])
+        return text.replace("SIZE", str(moved.type.size)).replace("INDEX", "int" if index.dtype.kind == "i" else "uint")
+
+    def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
+        """How many chunks there are, and the elements of each."""
+        each = 4 if self._on_cpu else 128
+        chunks = max(1, min(self._machine.device.max_compute_units * each, n // _LEAST, most))
+        return chunks, -(-n // chunks)
+
+    def _allocate(self, count: int, base: Base) -> OpenCLMemory:
+        return self._space.allocate(count, vec(base), np.dtype(np.int32 if base is Base.I else np.uint32))
+
+    def _like(self, memory: Any) -> OpenCLMemory:
+        return self._space.allocate(memory.count, memory.type, memory.dtype)
+
+    def _run(self, text: str, name: str, items: int, *args: Any, group: int = 1) -> None:
+        """Start a kernel over so many work items, and as many idle ones as fill the last group."""
+        given = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
+        self._space.enqueue(text, name, (-(-items // group) * group,), (group,), given)

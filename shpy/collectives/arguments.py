@@ -1,0 +1,85 @@
+"""Checks of what collective operations are given, before anything runs.
+
+Stage: run.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from shpy import host
+from shpy.backends.base import Memory
+from shpy.errors import ShpyTypeError
+from shpy.lang.location import here
+from shpy.lang.types import Attrib1b, Attrib1i
+from shpy.streams.stream import Place, Stream
+
+__all__ = ["check_place", "check_stream", "extents", "indices_at", "mask_at", "shaped"]
+
+Shape = tuple[int, ...]
+
+
+def check_stream(value: Any, name: str) -> Stream:
+    """The stream; ShpyTypeError for anything else."""
+    if not isinstance(value, Stream):
+        raise ShpyTypeError(
+            f"{name} takes a Stream, not {type(value).__name__}", loc=here(), cure="sh.Stream(array, type)"
+        )
+    return value
+
+
+def check_place(stream: Stream, place: Place, name: str) -> None:
+    """Raise ShpyTypeError for a stream that lies elsewhere."""
+    if stream.place != place:
+        raise ShpyTypeError(
+            f"{name} is {stream!r}, and the other stream lies on {place}",
+            loc=here(),
+            cure=f"stream.to({place.backend!r}{f', {place.device}' if place.device else ''})",
+        )
+
+
+def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
+    """The memory and shape of indices: a stream of one int an element, or a host array of ints."""
+    if isinstance(index, Stream):
+        check_place(index, place, name)
+        if index.type.__name__ not in ("Attrib1i", "Attrib1u"):
+            raise ShpyTypeError(f"{name} is {index!r}", loc=here(), cure="a Stream of Attrib1i")
+        return index.leaf_entries()[0].memory, index.shape
+    array = np.asarray(index)
+    if array.dtype.kind not in "iu":
+        raise ShpyTypeError(f"{name} takes ints, not {array.dtype}", loc=here(), cure=f"{name}.astype(np.int32)")
+    # An index that no int holds is out of range, and so is the nearest int.
+    bounds = np.iinfo(np.int32)
+    held = np.clip(array, max(bounds.min, np.iinfo(array.dtype).min), min(bounds.max, np.iinfo(array.dtype).max))
+    made = Stream(held.astype(np.int32), Attrib1i, place.backend, place.device, place.precision)
+    return made.leaf_entries()[0].memory, array.shape
+
+
+def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
+    """The memory of a mask of a shape: a stream of one bool an element, or a host array of bools."""
+    if not isinstance(mask, Stream):
+        array = np.asarray(mask)
+        if array.dtype != np.bool_:
+            raise ShpyTypeError(f"mask takes bools, not {array.dtype}", loc=here(), cure="mask != 0")
+        mask = Stream(array, Attrib1b, place.backend, place.device, place.precision)
+    check_place(mask, place, "mask")
+    if mask.type.__name__ != "Attrib1b":
+        raise ShpyTypeError(f"mask is {mask!r}", loc=here(), cure="a Stream of Attrib1b")
+    if mask.shape != shape:
+        raise ShpyTypeError(
+            f"mask has the shape {mask.shape}, and the stream {shape}", loc=here(), cure="a bool for each element"
+        )
+    found: Memory = mask.leaf_entries()[0].memory
+    return found
+
+
+def shaped(stream: Stream, memories: list[Memory], shape: Shape) -> Stream:
+    """A stream of the type and place of another one."""
+    return Stream.over(stream.type, shape, stream.place, memories)
+
+
+def extents(shape: Any) -> Shape:
+    """The shape that a user wrote."""
+    return host.given_shape(shape)

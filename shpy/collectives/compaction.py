@@ -1,0 +1,40 @@
+"""Compaction: the elements of a stream for which a mask holds.
+
+Stage: run.
+
+    kept, index = sh.compact(particles, alive)
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from shpy.collectives.arguments import check_stream, mask_at, shaped
+from shpy.collectives.leaves import Leaves
+from shpy.lang.types import Attrib1i
+from shpy.streams.stream import Stream
+
+__all__ = ["Compacted", "compact"]
+
+
+class Compacted(NamedTuple):
+    """What `sh.compact` gives: the elements, (n,), and the index that each had, (n,) ints."""
+
+    elements: Stream
+    indices: Stream
+
+
+def compact(stream: Stream, mask: Any) -> Compacted:
+    """Return the elements for which the mask holds, in their order, and the indices that they had.
+
+    `mask`: bools of the stream's shape, a Stream or an array. Elements of several axes are taken in C order, and an
+    index is a position in that order: `sh.gather` takes it. Both results have the shape (n,) for n elements, and the
+    call waits for the device to know n. Raises ShpyTypeError for a mask of another type, shape or device.
+    """
+    given = check_stream(stream, "compact")
+    place = given.place
+    marks = mask_at(place, mask, given.shape)
+    leaves = Leaves(place)
+    index = leaves.select(marks)
+    taken = [leaves.take(entry.memory, index) for entry in given.leaf_entries()]
+    return Compacted(shaped(given, taken, (index.count,)), Stream.over(Attrib1i, (index.count,), place, [index]))

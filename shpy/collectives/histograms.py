@@ -1,0 +1,168 @@
+"""Histograms: how many elements of a stream lie in each bin.
+
+Stage: run. Each element searches its bin among the edges, so no arithmetic rounds.
+
+    counts = sh.histogram(image, 256, range=(0, 1))
+    counts = sh.histogram(ages, [0, 18, 65, 120])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.collectives.arguments import check_stream
+from shpy.collectives.leaves import Leaves, is_mapped, mapped, mapping, run_over
+from shpy.collectives.programs import annotated
+from shpy.collectives.trees import retyped
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base
+from shpy.lang.builtins import cond
+from shpy.lang.builtins import min as least
+from shpy.lang.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
+from shpy.lang.data import TableType
+from shpy.lang.location import here
+from shpy.lang.types import Attrib1i, Attrib1u
+from shpy.lang.values import CLASSES
+from shpy.program import Program
+from shpy.streams.stream import Stream
+
+__all__ = ["histogram"]
+
+
+def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, float] | None = None) -> Stream:
+    """Return how many elements lie in each bin: ints, of shape (number of bins,).
+
+    `bins` may be edges in ascending order, one more than bins, or a number of bins of equal width over `range`: the
+    edges are those of `np.histogram_bin_edges`. As with `np.histogram`, a bin holds its lower edge and not its upper
+    one, but for the last, which holds both. Elements outside of all bins, and NaN, are not counted.
+    A number of bins without a range counts the ints 0, 1, up to bins - 1, as `np.bincount` does; floats need a range.
+    The stream holds numbers of one component and may have several axes. Raises ShpyTypeError for other streams, edges
+    that descend or are NaN, and numbers of bins below 1.
+    """
+    given = check_stream(stream, "histogram")
+    base = _base(given)
+    leaves = Leaves(given.place)
+    line = retyped(given, given.type, (given.size,))
+    if isinstance(bins, int | np.integer) and not isinstance(bins, bool) and range is None:
+        count = _checked_count(int(bins))
+        if base in (Base.F, Base.D, Base.H):
+            raise ShpyTypeError(
+                "a histogram of floats needs a range", loc=here(), cure=f"sh.histogram(stream, {bins}, range=(0, 1))"
+            )
+        ints = run_over(given.place, _as_ints(line.type), line.size, x=line) if base is Base.U else line
+        numbers = _entry(ints)
+    else:
+        edges = _edges(bins, range, _entry(given).dtype)
+        count = len(edges) - 1
+        lower, last = _exact(edges, _entry(given).dtype)
+        if not len(lower) or not line.size:
+            return Stream.empty(count, Attrib1i, *_at(given))
+        edge: Any = CLASSES["Attrib", 1, base]
+        if is_mapped(given.place, edge):
+            keys = mapping().compile("numpy")
+            lower, last, edge = keys(lower), keys(last), Attrib1u
+        table = Stream(lower, edge, *_at(given))
+        located = _locating(line.type, edge)
+        numbers = _entry(
+            run_over(given.place, located, line.size, x=line, edges=table, last=last, bins=np.array([count], np.int32))
+        )
+    return Stream.over(Attrib1i, (count,), given.place, [leaves.tally(numbers, count)])
+
+
+def _at(stream: Stream) -> tuple[Any, ...]:
+    return stream.backend, stream.device, stream.precision
+
+
+def _entry(stream: Stream) -> Any:
+    return stream.leaf_entries()[0].memory
+
+
+def _base(stream: Stream) -> Base:
+    entries = stream.leaf_entries()
+    type_ = entries[0].memory.type
+    if len(entries) != 1 or type_.size != 1 or type_.is_bool:
+        raise ShpyTypeError(
+            f"histogram takes numbers of one component, not {stream!r}",
+            loc=here(),
+            cure="a stream of one number an element, which a program computes from it",
+        )
+    return type_.base
+
+
+def _checked_count(bins: int) -> int:
+    if bins < 1:
+        raise ShpyTypeError(f"a histogram of {bins} bins", loc=here(), cure="1 bin or more")
+    return bins
+
+
+def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
+    """The edges that numpy would take."""
+    if isinstance(bins, int | np.integer):
+        count = _checked_count(int(bins))
+        try:
+            return np.histogram_bin_edges(np.empty(0, dtype), count, range)
+        except (TypeError, ValueError) as error:
+            raise ShpyTypeError(f"range={range!r}: {error}", loc=here(), cure="range=(low, high)") from error
+    edges = np.asarray(bins)
+    if edges.ndim != 1 or len(edges) < 2 or edges.dtype.kind not in "iuf" or not np.all(edges[1:] >= edges[:-1]):
+        raise ShpyTypeError(
+            "bins takes two edges or more in ascending order, or a number of bins",
+            loc=here(),
+            cure="bins=[0, 1, 2]",
+        )
+    return edges
+
+
+def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The least number of a dtype that is in or above each bin, as far as there are any, and the largest in the last.
+
+    Compared with these, numbers of the dtype fall into the same bins as with the edges themselves.
+    """
+    wide = edges.astype(np.float64) if edges.dtype.kind == "f" else edges
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            lower, last = wide.astype(dtype), wide[-1:].astype(dtype)
+        lower = np.where(lower.astype(np.float64) < wide, np.nextafter(lower, dtype.type(np.inf)), lower)
+        last = np.where(last.astype(np.float64) > wide[-1:], np.nextafter(last, dtype.type(-np.inf)), last)
+        return lower, last
+    bounds = np.iinfo(dtype)
+    up, down = np.ceil(wide), np.floor(wide[-1:])
+    kept = up[up <= bounds.max]
+    if down[0] < bounds.min:
+        return kept[:0].astype(dtype), down[:0].astype(dtype)
+    return np.maximum(kept, bounds.min).astype(dtype), np.minimum(down, bounds.max).astype(dtype)
+
+
+@cache
+def _as_ints(element: Any) -> Program:
+    """Unsigned numbers as ints: those that no int holds become -1, which is in no bin."""
+
+    def convert(x: Any) -> Any:
+        return cond(x < 2**31, Attrib1i(x), -1)
+
+    return annotated(convert, x=element, out=Attrib1i)
+
+
+@cache
+def _locating(element: Any, edge: Any) -> Program:
+    """The number of the bin in which an element lies, or -1."""
+
+    def locate(x: Any, edges: Any, last: Any, bins: Any) -> Any:
+        key = x if x.base is edge.base else mapped(x)
+        low, high = Attrib1i(0), Attrib1i(edges.shape[0])
+        with SH_FOR(0, 32):
+            SH_BREAK(low >= high)
+            half = (low + high) >> 1
+            with SH_IF(edges[half] <= key):
+                low[:] = half + 1
+            with SH_ELSE():
+                high[:] = half
+        # A NaN is not at most the last edge.
+        return cond(key <= last, least(low, bins) - 1, -1)
+
+    return annotated(locate, x=element, edges=TableType(edge, 1), last=edge, bins=Attrib1i, out=Attrib1i)

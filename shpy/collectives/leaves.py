@@ -1,0 +1,294 @@
+"""The operations on single leaves that the collective operations consist of: by the device itself, or by programs.
+
+Stage: run. A device that has an operation of its own (`base.Collectives`) does it; the programs here do it anywhere.
+They read by index and never write by index, because a fragment shader cannot: they merge and search instead.
+
+    index = Leaves(place).select(mask)
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from shpy.backends.base import Collectives, Memory
+from shpy.collectives.programs import annotated
+from shpy.ir.types import Base
+from shpy.lang.builtins import bits_from_float, cond, grid_index, isnan
+from shpy.lang.builtins import max as largest
+from shpy.lang.builtins import min as least
+from shpy.lang.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
+from shpy.lang.data import Table, TableType
+from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u
+from shpy.lang.values import CLASSES
+from shpy.program import Program
+from shpy.streams.stream import Place, Stream
+
+__all__ = ["Leaves", "element_class", "first_not_below", "is_mapped", "mapped", "mapping", "run_over"]
+
+_TILE = 16
+"""Elements that are counted together, at each level of a tree of counts."""
+_BITS = 32
+"""Iterations of a search: more than a stream's indices have bits."""
+
+
+class Leaves:
+    """The operations at a place. Memories hold scalars where nothing else is said; indices and counts are ints."""
+
+    def __init__(self, place: Place, own: Collectives | None = None) -> None:
+        self._place = place
+        self._own = place.space.collectives if own is None else own
+
+    def select(self, mask: Memory) -> Memory:
+        """The indices of the elements that are true, in ascending order."""
+        if not mask.count:
+            return self._ints(0)
+        if self._own.select is not None:
+            return self._own.select(mask)  # type: ignore[no-any-return]
+        levels = [self._stream(mask)]
+        while len(levels) == 1 or len(levels[-1]) > 1:
+            made = _counting(levels[-1].type)
+            levels.append(self._run(made, -(-len(levels[-1]) // _TILE), level=levels[-1]))
+        total = int(levels[-1].numpy()[0])
+        if not total:
+            return self._ints(0)
+        # Each element of the result goes down from the root of the tree of counts.
+        rest = self._run(_numbering(), total)
+        cell = Stream.empty(total, Attrib1i, *self._at())
+        for level in reversed(levels[:-1]):
+            cell, rest = self._run(_descending(level.type), total, cell=cell, rest=rest, level=level)
+        return _memory(cell)
+
+    def take(self, source: Memory, index: Memory) -> Memory:
+        """The element of a scalar or vector leaf at each index, the nearest where it is out of range."""
+        if not index.count:
+            return self._place.space.allocate(0, source.type, source.dtype)
+        if self._own.take is not None:
+            return self._own.take(source, index)  # type: ignore[no-any-return]
+        made = _taking(element_class(source), element_class(index))
+        return _memory(self._run(made, index.count, index=self._stream(index), source=self._stream(source)))
+
+    def put(self, values: Memory, index: Memory, target: Memory) -> Memory:
+        """Memory, which may be the target, with each value at its place: of several for one the last.
+
+        Scalars and vectors; elements whose index is out of range are dropped, and other places keep what they held.
+        """
+        if not (values.count and target.count):
+            return target
+        if values is target:
+            values = _memory(self._stream(values).copy())
+        if self._own.put is not None:
+            self._own.put(values, index, target)
+            return target
+        keys, order = self._in_order(index, False)
+        made = _putting(element_class(target), element_class(index))
+        old, given = self._stream(target), self._stream(values)
+        return _memory(self._run(made, target.count, old=old, keys=keys, order=order, given=given))
+
+    def sort(self, keys: Memory, descending: bool) -> Memory:
+        """The elements in order."""
+        if keys.count and self._own.sort is not None:
+            return self._own.sort(keys, descending)  # type: ignore[no-any-return]
+        now, order = self._in_order(keys, descending)
+        return _memory(now) if now.type.base is keys.type.base else self.take(keys, _memory(order))
+
+    def order(self, keys: Memory, descending: bool) -> Memory:
+        """The indices that bring the elements into order."""
+        if not keys.count:
+            return self._ints(0)
+        if self._own.order is not None:
+            return self._own.order(keys, descending)  # type: ignore[no-any-return]
+        return _memory(self._in_order(keys, descending)[1])
+
+    def tally(self, numbers: Memory, bins: int) -> Memory:
+        """How often each number from 0 to bins - 1 occurs."""
+        if not numbers.count:
+            return _memory(Stream.empty(bins, Attrib1i, *self._at()))
+        if self._own.tally is not None:
+            return self._own.tally(numbers, bins)  # type: ignore[no-any-return]
+        keys, _ = self._in_order(numbers, False)
+        return _memory(self._run(_tallying(), bins, keys=keys))
+
+    def _in_order(self, keys: Memory, descending: bool) -> tuple[Stream, Stream]:
+        """The keys in order, and the indices that they had: sorted parts are merged, two at a time."""
+        now = self._stream(keys)
+        if keys.count < 2:
+            return now.copy(), Stream.empty(keys.count, Attrib1i, *self._at())
+        if is_mapped(self._place, now.type):
+            now = self._run(mapping(), keys.count, x=now)
+        order = self._run(_numbering(), keys.count)
+        made = _merging(now.type, descending)
+        length = 1
+        while length < keys.count:
+            now, order = self._run(made, keys.count, length=np.array([length], np.int32), keys=now, order=order)
+            length *= 2
+        return now, order
+
+    def _stream(self, memory: Memory) -> Stream:
+        return Stream.over(element_class(memory), (memory.count,), self._place, [memory])
+
+    def _run(self, made: Program, count: int, **inputs: Any) -> Any:
+        return run_over(self._place, made, count, **inputs)
+
+    def _ints(self, count: int) -> Memory:
+        return self._place.space.allocate(count, Attrib1i.type, np.dtype(np.int32))
+
+    def _at(self) -> tuple[Any, ...]:
+        return self._place.backend, self._place.device, self._place.precision
+
+
+def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs: Any) -> Any:
+    """Run a program at a place over `count` elements; streams become Tables where it takes such.
+
+    Returns the outputs, or the result of the run where they are written to `out`.
+    """
+    kernel = made.compile(place.backend, device=place.device or None, precision=place.precision)
+    given = {n: Table(s) if isinstance(made.inputs[n], TableType) else s for n, s in inputs.items()}
+    if out is not None:
+        return kernel.run(**given, out=out, shape=(count,))
+    if inputs:
+        return kernel(**given, shape=(count,))
+    (result,) = made.outputs.values()
+    return kernel.run(out=Stream.empty(count, result, place.backend, place.device, place.precision)).outputs
+
+
+def _memory(stream: Stream) -> Memory:
+    return stream.leaf_entries()[0].memory
+
+
+def element_class(memory: Memory) -> Any:
+    """The class of a leaf's elements, of the kind Attrib."""
+    return CLASSES["Attrib", memory.type.size, memory.type.base]
+
+
+@cache
+def _counting(element: Any) -> Program:
+    """Count the marks, or add the counts, of a tile."""
+
+    def count(level: Any) -> Any:
+        first, n = grid_index(1) * _TILE, level.shape[0]
+        found = Attrib1i(0)
+        for k in range(_TILE):
+            found += cond(first + k < n, Attrib1i(level[first + k]), 0)
+        return found
+
+    return annotated(count, level=TableType(element, 1), out=Attrib1i)
+
+
+@cache
+def _numbering() -> Program:
+    return annotated(lambda: grid_index(1), out=Attrib1i)
+
+
+@cache
+def _descending(element: Any) -> Program:
+    """Go from a cell to the child that holds the element before which `rest` marked ones stand in the cell."""
+
+    def descend(cell: Any, rest: Any, level: Any) -> Any:
+        cell *= _TILE
+        with SH_FOR(0, _TILE - 1):
+            count = Attrib1i(level[cell])
+            SH_BREAK(rest < count)
+            rest -= count
+            cell += 1
+        return cell, rest
+
+    return annotated(descend, cell=Attrib1i, rest=Attrib1i, level=TableType(element, 1), out=tuple[Attrib1i, Attrib1i])
+
+
+@cache
+def _taking(element: Any, index: Any) -> Program:
+    def take(index: Any, source: Any) -> Any:
+        return source[Attrib1i(least(index, Attrib1u(source.shape[0] - 1))) if unsigned else index]
+
+    unsigned = index.base is Base.U
+    return annotated(take, index=index, source=TableType(element, 1), out=element)
+
+
+def is_mapped(place: Place, element: Any) -> bool:
+    """Return whether keys of a class are compared as ints: a device may take denormals of 32 bits for 0."""
+    return element.base is Base.F and place.precision == "f32"
+
+
+def mapped(x: Any) -> Any:
+    """The unsigned int by whose order floats of 32 bits are sorted: NaN is the greatest, and -0 and +0 are equal."""
+    bits = bits_from_float(x)
+    size = bits & 0x7FFFFFFF
+    key = cond(bits > size, ~bits, bits | 0x80000000)
+    return cond(size > 0x7F800000, Attrib1u(0xFFFFFFFF), cond(size == 0, Attrib1u(0x80000000), key))
+
+
+@cache
+def mapping() -> Program:
+    """Record `mapped` as a program."""
+    return annotated(mapped, x=Attrib1f, out=Attrib1u)
+
+
+@cache
+def _merging(element: Any, descending: bool) -> Program:
+    def precedes(a: Any, b: Any) -> Any:
+        """Whether a has to stand before b, whatever order they had."""
+        if descending:
+            a, b = b, a
+        if element.base in (Base.I, Base.U):
+            return a < b
+        if element.base is Base.B:
+            return ~a & b
+        return (a < b) | (~isnan(a) & isnan(b))
+
+    def merge(length: Any, keys: Any, order: Any) -> Any:
+        k, n = grid_index(1), keys.shape[0]
+        start = k - k % (2 * length)
+        middle, end = least(start + length, n), least(start + 2 * length, n)
+        before = k - start
+        # How many of the elements before this one come from the left part.
+        low, high = largest(before - (end - middle), 0), least(before, middle - start)
+        with SH_FOR(0, _BITS):
+            SH_BREAK(low >= high)
+            half = (low + high) >> 1
+            with SH_IF(precedes(keys[middle + before - 1 - half], keys[start + half])):
+                high[:] = half
+            with SH_ELSE():
+                low[:] = half + 1
+        left, right = start + low, middle + before - low
+        from_right = (left >= middle) | ((right < end) & precedes(keys[right], keys[left]))
+        at = cond(from_right, right, left)
+        return keys[at], order[at]
+
+    tables = {"keys": TableType(element, 1), "order": TableType(Attrib1i, 1)}
+    return annotated(merge, length=Attrib1i, **tables, out=tuple[element, Attrib1i])
+
+
+def first_not_below(keys: Any, bound: Any) -> Any:
+    """Where in a sorted Table the first key stands that is not below a bound: its size if there is none."""
+    low, high = Attrib1i(0), Attrib1i(keys.shape[0])
+    with SH_FOR(0, _BITS):
+        SH_BREAK(low >= high)
+        half = (low + high) >> 1
+        with SH_IF(keys[half] < bound):
+            low[:] = half + 1
+        with SH_ELSE():
+            high[:] = half
+    return low
+
+
+@cache
+def _putting(element: Any, index: Any) -> Program:
+    def put(old: Any, keys: Any, order: Any, given: Any) -> Any:
+        place = index(grid_index(1))
+        last = first_not_below(keys, place + 1) - 1
+        return cond((last >= 0) & (keys[last] == place), given[order[last]], old)
+
+    tables = {"keys": TableType(index, 1), "order": TableType(Attrib1i, 1), "given": TableType(element, 1)}
+    return annotated(put, old=element, **tables, out=element)
+
+
+@cache
+def _tallying() -> Program:
+    def tally(keys: Any) -> Any:
+        number = grid_index(1)
+        return first_not_below(keys, number + 1) - first_not_below(keys, number)
+
+    return annotated(tally, keys=TableType(Attrib1i, 1), out=Attrib1i)

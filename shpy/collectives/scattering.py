@@ -1,0 +1,148 @@
+"""Gather and scatter: elements read from places, and written to places, that an index names.
+
+Stage: run. An index counts the elements of a stream in C order, whatever its axes are.
+
+    moved = sh.gather(particles, order)
+    cells = sh.scatter(masses, cell, (64, 64), combine=add)
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from shpy.collectives.arguments import check_place, check_stream, extents, indices_at, shaped
+from shpy.collectives.leaves import Leaves, element_class, first_not_below, run_over
+from shpy.collectives.programs import annotated
+from shpy.collectives.trees import check_combination, retyped
+from shpy.errors import ShpyTypeError
+from shpy.lang.builtins import grid_index
+from shpy.lang.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
+from shpy.lang.data import TableType
+from shpy.lang.location import here
+from shpy.lang.structure import build_values, layout_of, leaves, leaves_of
+from shpy.lang.types import Attrib1i
+from shpy.program import Program
+from shpy.streams.stream import Stream
+
+__all__ = ["gather", "scatter"]
+
+_AT_ONCE = 1 << 14
+"""Values that are combined in one run: a driver may end loops of more iterations."""
+
+
+def gather(stream: Stream, index: Any) -> Stream:
+    """Return the element at each index; the result has the shape of `index`.
+
+    `index`: ints, a Stream of Attrib1i or Attrib1u or an array. They count the elements in C order. An index out of
+    range reads the nearest element, the first or the last, as a Table of one axis does. Raises ShpyTypeError for an
+    index of another type or device, and for a stream without elements.
+    """
+    given = check_stream(stream, "gather")
+    memory, shape = indices_at(given.place, index, "index")
+    if memory.count and not given.size:
+        raise ShpyTypeError("gather from a stream without elements", loc=here(), cure="a stream of one element or more")
+    leaves_at = Leaves(given.place)
+    return shaped(given, [leaves_at.take(entry.memory, memory) for entry in given.leaf_entries()], shape)
+
+
+def scatter(
+    values: Stream, index: Any, shape: Any = None, combine: Program | None = None, out: Stream | None = None
+) -> Stream:
+    """Write each value to the place that its index names, in a new stream of `shape` or in `out`; return that stream.
+
+    `index`: an int for each value, a Stream of Attrib1i or Attrib1u or an array. It counts the places in C order.
+    A value whose index is out of range is dropped. Places to which no value goes hold zeros, or keep what `out` held.
+    Of several values for a place the last one stays: that with the largest position, in C order, among the values.
+    `combine`, a program (a, b) -> a, combines them instead: first with second, the result with the third, and so on in
+    the order of their positions, a left fold. What `out` held takes no part in it. The values of one place are
+    combined one after the other, so a place with many values takes long.
+    Raises ShpyTypeError for an index of another type, shape or device, a program of other types, and for an `out` of
+    another type, shape or device.
+    """
+    given = check_stream(values, "scatter")
+    memory, index_shape = indices_at(given.place, index, "index")
+    if index_shape != given.shape:
+        raise ShpyTypeError(
+            f"index has the shape {index_shape}, and the values {given.shape}", loc=here(), cure="an index a value"
+        )
+    if combine is not None:
+        check_combination(combine, given, "scatter")
+    target = _target(given, shape, out)
+    if combine is None or given.size == 0 or target.size == 0:
+        leaves_at = Leaves(given.place)
+        for entry, value in zip(target.leaf_entries(), given.leaf_entries(), strict=True):
+            put = leaves_at.put(value.memory, memory, entry.memory)
+            if put is not entry.memory:
+                entry.replace(put)
+    else:
+        indices = Stream.over(element_class(memory), (memory.count,), given.place, [memory])
+        _fold(given, indices, target, combine)
+    return target
+
+
+def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
+    if out is None:
+        if shape is None:
+            raise ShpyTypeError("scatter needs a shape", loc=here(), cure="sh.scatter(values, index, shape), or out=")
+        return Stream.empty(extents(shape), values.type, values.backend, values.device, values.precision)
+    check_place(check_stream(out, "out"), values.place, "out")
+    if out.type is not values.type or (shape is not None and extents(shape) != out.shape):
+        wanted = out.shape if shape is None else extents(shape)
+        raise ShpyTypeError(
+            f"out is {out!r}, not {values.type.__name__} of shape {wanted}",
+            loc=here(),
+            cure=f"sh.Stream.empty({wanted}, {values.type.__name__}, {values.backend!r})",
+        )
+    return out
+
+
+def _fold(values: Stream, index: Stream, target: Stream, combine: Program) -> None:
+    """Combine the values of each place: sorted by their indices, those of a place stand together, in their order."""
+    place, leaves_at = values.place, Leaves(values.place)
+    memory = index.leaf_entries()[0].memory
+    order = leaves_at.order(memory, descending=False)
+    tables = {"keys": shaped(index, [leaves_at.take(memory, order)], index.shape)}
+    for k, entry in enumerate(values.leaf_entries()):
+        given = leaves_at.take(entry.memory, order)
+        tables[f"given{k}"] = Stream.over(element_class(given), (given.count,), place, [given])
+    out = retyped(target, target.type, (target.size,))
+    made = _folding(combine, values.type, index.type)
+    for first in range(0, values.size, _AT_ONCE):
+        result = run_over(place, made, out.size, out, before=out, first=np.array([first], np.int32), **tables)
+        if not result.count:
+            break
+    for now, then in zip(out.leaf_entries(), target.leaf_entries(), strict=True):
+        if now.memory is not then.memory:
+            then.replace(now.memory)
+
+
+@cache
+def _folding(combine: Program, element: Any, index: Any) -> Program:
+    """Record the program that combines as many values of each place as fit into a run; `given` are their leaves."""
+    layout = layout_of(element, "an element")
+    inputs = {"before": element, "first": Attrib1i, "keys": TableType(index, 1)}
+    given = {f"given{k}": TableType(cls, 1) for k, (_, _, cls) in enumerate(leaves(layout, ""))}
+
+    def fold(before: Any, first: Any, keys: Any, **given: Any) -> Any:
+        place = index(grid_index(1))
+        begin = first_not_below(keys, place) + first
+        end = first_not_below(keys, place + 1)
+        SH_DISCARD(begin >= end)
+        with SH_IF(first == 0):
+            _store(before, [table[begin] for table in given.values()])
+            begin += 1
+        with SH_FOR(0, _AT_ONCE) as k:
+            SH_BREAK(begin + k >= end)
+            value = build_values(layout, (table[begin + k] for table in given.values()))
+            _store(before, leaves_of(combine(before, value)))
+        return before
+
+    return annotated(fold, **inputs, **given, out=element)
+
+
+def _store(value: Any, parts: list[Any]) -> None:
+    for old, new in zip(leaves_of(value), parts, strict=True):
+        old[:] = new

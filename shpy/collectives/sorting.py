@@ -1,0 +1,82 @@
+"""Sorting: the elements of a stream in the order of a key.
+
+Stage: run.
+
+    near_first = sh.sort(rays, key=distance)
+    order = sh.argsort(distances)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shpy.backends.base import Memory
+from shpy.collectives.arguments import check_stream, shaped
+from shpy.collectives.leaves import Leaves
+from shpy.collectives.trees import leaf_types
+from shpy.errors import ShpyTypeError
+from shpy.lang.data import TableType, TextureType
+from shpy.lang.location import here
+from shpy.lang.types import Attrib1i
+from shpy.program import Program
+from shpy.streams.stream import Stream
+
+__all__ = ["argsort", "sort"]
+
+
+def sort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:
+    """Return the elements in ascending order, of shape (n,) for n elements; several axes are taken in C order.
+
+    `key`, a program of one element that gives one number or bool, says by what; elements of one component need none.
+    The order is stable: elements of equal keys keep the order that they had, with `descending=True` too. -0 and +0 are
+    equal. NaN is greater than every number, whatever its sign and bits, so it stands last, and first if descending.
+    Raises ShpyTypeError for elements of several components without a key, and for a program of other types.
+    """
+    given = check_stream(stream, "sort")
+    leaves = Leaves(given.place)
+    keys = _keys(given, key, "sort")
+    if key is None:
+        return shaped(given, [leaves.sort(keys, descending)], (given.size,))
+    order = leaves.order(keys, descending)
+    return shaped(given, [leaves.take(entry.memory, order) for entry in given.leaf_entries()], (given.size,))
+
+
+def argsort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:
+    """Return the indices, ints of shape (n,), that bring the elements into the order of `sh.sort`.
+
+    `sh.gather(stream, sh.argsort(stream))` is `sh.sort(stream)`; so several streams can be sorted by one of them.
+    Raises ShpyTypeError as `sh.sort` does.
+    """
+    given = check_stream(stream, "argsort")
+    order = Leaves(given.place).order(_keys(given, key, "argsort"), descending)
+    return Stream.over(Attrib1i, (given.size,), given.place, [order])
+
+
+def _keys(stream: Stream, key: Program | None, name: str) -> Memory:
+    """The memory of the keys."""
+    found = stream if key is None else _computed(stream, key, name)
+    entries = found.leaf_entries()
+    if len(entries) != 1 or entries[0].memory.type.size != 1:
+        raise ShpyTypeError(
+            f"{stream!r} has elements of several components, which have no order",
+            loc=here(),
+            cure=f"sh.{name}(stream, key=program), where the program gives one number for an element",
+        )
+    memory: Memory = entries[0].memory
+    return memory
+
+
+def _computed(stream: Stream, key: Any, name: str) -> Any:
+    """The key of each element; ShpyTypeError for what is no program of an element that gives a scalar."""
+    wanted = f"@sh.program of one sh.{stream.type.__name__} that gives one number"
+    if not isinstance(key, Program):
+        raise ShpyTypeError(f"sh.{name} takes a program as key, not {type(key).__name__}", loc=here(), cure=wanted)
+    inputs = list(key.inputs.values())
+    if (
+        len(inputs) != 1
+        or isinstance(inputs[0], TableType | TextureType)
+        or leaf_types(inputs[0]) != leaf_types(stream.type)
+        or [cls.size for cls in key.outputs.values()] != [1]
+    ):
+        raise ShpyTypeError(f"{key!r} is no key for {stream!r}", loc=here(), cure=wanted)
+    return key.compile_for(stream)(stream)

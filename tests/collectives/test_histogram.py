@@ -1,0 +1,79 @@
+"""sh.histogram counts as np.histogram and np.bincount do, on every backend."""
+
+import re
+
+import numpy as np
+import pytest
+from collectives.generated import LARGE, assert_same_bits, computed, floats, generated, moved, stream
+
+import shpy as sh
+
+__all__ = ["computed", "moved"]
+
+
+def counted(x, bins, **options):
+    finite = x[~np.isnan(x)]
+    return np.histogram(finite.astype(np.float64), bins, **options)[0].astype(np.int32)
+
+
+def check(backend, count, seed, **options):
+    for n, rng in generated(count, seed, **options):
+        x, given = floats(rng, n), None
+        given = stream(x, sh.Attrib1f, backend)
+        if n % 2:
+            edges = np.sort(rng.choice([*rng.standard_normal(8), 0.0, 1.0, 1e-40, np.inf, -np.inf], 5))
+        else:
+            edges = np.histogram_bin_edges(np.float32([]), int(rng.integers(1, 40)), (-2, 1.7))
+            assert_same_bits(sh.histogram(given, len(edges) - 1, range=(-2, 1.7)), counted(x, edges))
+        assert_same_bits(sh.histogram(given, edges), counted(x, edges))
+
+
+def test_bins_are_those_of_numpy(computed):
+    check(computed, 1000 if computed == "numpy" else 250, 1)
+
+
+def test_many_elements(computed):
+    check(computed, 4, 2, sizes=LARGE[-4:])
+
+
+@pytest.mark.slow
+def test_bins_are_those_of_numpy_at_length(computed):
+    check(computed, 10_000, 3)
+
+
+def test_numbers_are_counted(moved):
+    for n, rng in generated(50, 4, sizes=(0, 1, 2, 61, 4097)):
+        x, bins = rng.integers(-3, 20, n).astype(np.int32), int(rng.integers(1, 25))
+        wanted = np.bincount(x[(x >= 0) & (x < bins)], minlength=bins).astype(np.int32)
+        assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, moved), bins), wanted)
+        unsigned = sh.histogram(stream(x.view(np.uint32), sh.Attrib1u, moved), bins)
+        assert_same_bits(unsigned, wanted)
+
+
+def test_edges_between_ints(computed):
+    x = np.array([-(2**31), -5, 0, 1, 2, 3, 2**31 - 1], np.int32)
+    for edges in ([0.5, 1, 2.5], [-1e12, 0, 1e12], [-9, -5.5], [1e10, 1e11], [-1e11, -1e10], [0, 1, 2**31 - 1]):
+        assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, computed), edges), counted(x, edges))
+    assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, computed), 3, range=(0, 3)), counted(x, 3, range=(0, 3)))
+
+
+def test_images(computed):
+    x = np.random.default_rng(5).random((40, 30)).astype(np.float32)
+    assert_same_bits(sh.histogram(stream(x, sh.Attrib1f, computed), 256, range=(0, 1)), counted(x, 256, range=(0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("x", "cls", "options", "message"),
+    [
+        ([0.5], sh.Attrib1f, {"bins": 4}, "range=(0, 1)"),
+        ([0.5], sh.Attrib1f, {"bins": 0, "range": (0, 1)}, "a histogram of 0 bins"),
+        ([0.5], sh.Attrib1f, {"bins": 3, "range": (1, 0)}, "range=(1, 0)"),
+        ([0.5], sh.Attrib1f, {"bins": [2, 1]}, "ascending order"),
+        ([0.5], sh.Attrib1f, {"bins": [0, np.nan]}, "ascending order"),
+        ([True], sh.Attrib1b, {"bins": 2}, "numbers of one component"),
+        ([[1, 2]], sh.Attrib2f, {"bins": [0, 1]}, "numbers of one component"),
+    ],
+)
+def test_arguments_that_do_not_fit(x, cls, options, message):
+    with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
+        sh.histogram(sh.Stream(x, cls, "numpy"), **options)

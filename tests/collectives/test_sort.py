@@ -1,0 +1,123 @@
+"""sh.sort and sh.argsort are stable, with NaN as the greatest number and equal zeros, on every backend."""
+
+import re
+
+import numpy as np
+import pytest
+from collectives.generated import LARGE, assert_same_bits, by_programs, computed, floats, generated, moved, stream
+
+import shpy as sh
+
+__all__ = ["by_programs", "computed", "moved"]
+
+
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    t: sh.Attrib1f
+
+
+@sh.program
+def distance(ray: Ray) -> sh.Attrib1f:
+    return ray.t * 2
+
+
+@sh.program
+def parity(x: sh.Attrib1f) -> sh.Attrib1b:
+    return x < 0
+
+
+def order_of(x, descending):
+    """The definition: equal keys, zeros of both signs and all NaN among them, keep their order."""
+    if not descending:
+        return np.argsort(x, kind="stable")
+    return len(x) - 1 - np.argsort(x[::-1], kind="stable")[::-1]
+
+
+def check(backend, count, seed, **options):
+    for n, rng in generated(count, seed, **options):
+        x, descending = floats(rng, n), bool(rng.integers(2))
+        given, order = stream(x, sh.Attrib1f, backend), order_of(x, descending)
+        assert_same_bits(sh.sort(given, descending=descending), x[order])
+        if n % 2:
+            assert_same_bits(sh.argsort(given, descending=descending), order.astype(np.int32))
+
+
+def test_sorted_and_stable(moved):
+    check(moved, 1000, 1)
+
+
+def test_many_elements(moved):
+    check(moved, 11, 2, sizes=LARGE)
+
+
+def test_programs_do_the_same(by_programs):
+    check(by_programs, 100, 5)
+
+
+@pytest.mark.slow
+def test_sorted_and_stable_at_length(moved):
+    check(moved, 10_000, 3)
+
+
+@pytest.mark.parametrize(("cls", "dtype"), [(sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32), (sh.Attrib1b, np.bool_)])
+def test_ints_and_bools(moved, cls, dtype):
+    rng = np.random.default_rng(4)
+    for n in (1, 2, 100, 1021):
+        bits = rng.integers(0, 2**32, n, np.uint32)
+        x = (
+            bits % 2 == 0
+            if dtype is np.bool_
+            else np.where(bits % 3 == 0, bits % 5, bits).astype(np.uint32).view(dtype)
+        )
+        for descending in (False, True):
+            order, given = order_of(x, descending), stream(x, cls, moved)
+            assert_same_bits(sh.argsort(given, descending=descending), order.astype(np.int32))
+            assert_same_bits(sh.sort(given, descending=descending), x[order])
+
+
+@pytest.mark.parametrize(("backend", "precision"), [("numpy", "f64"), ("opencl", "f64"), ("opencl", "f16")])
+def test_halves_and_doubles(backend, precision):
+    rng = np.random.default_rng(5)
+    x = np.concatenate([rng.standard_normal(300), [np.nan, -np.nan, np.inf, -np.inf, 0.0, -0.0, 5e-324, -5e-324]])
+    given = sh.Stream(rng.permutation(np.tile(x, 2)), sh.Attrib1f, backend, precision=precision)
+    held = given.numpy()
+    assert_same_bits(sh.sort(given), held[order_of(held, False)])
+    assert_same_bits(sh.argsort(given, descending=True), order_of(held, True).astype(np.int32))
+
+
+def test_structs_by_a_key(computed):
+    rng = np.random.default_rng(6)
+    o, t = rng.standard_normal((200, 3)).astype(np.float32), rng.integers(0, 9, 200).astype(np.float32)
+    rays = stream({"o": o, "t": t}, Ray, computed)
+    order = order_of(t, True)
+    found = sh.sort(rays, key=distance, descending=True)
+    assert_same_bits(found.numpy().o, o[order])
+    assert_same_bits(found.numpy().t, t[order])
+    assert_same_bits(sh.gather(rays, sh.argsort(rays, key=distance)).numpy().t, np.sort(t))
+
+
+def test_a_key_may_be_a_bool_and_axes_are_taken_in_c_order(computed):
+    x = np.array([[1, -2, 3], [-4, 5, -6]], np.float32)
+    assert sh.sort(stream(x, sh.Attrib1f, computed), key=parity).numpy().tolist() == [1, 3, 5, -2, -4, -6]
+
+
+def test_the_input_keeps_its_elements(moved):
+    for x in ([], [1], [2, 1]):
+        given = stream(np.float32(x), sh.Attrib1f, moved)
+        found = sh.sort(given)
+        found.update(np.full(len(x), 7, np.float32))
+        assert given.numpy().tolist() == x
+
+
+@pytest.mark.parametrize(
+    ("cls", "key", "message"),
+    [
+        (Ray, None, "sh.sort(stream, key=program)"),
+        (sh.Attrib1f, distance, "is no key for <Stream (1,) of Attrib1f on numpy>"),
+        (sh.Attrib1f, abs, "sh.sort takes a program as key, not builtin_function_or_method"),
+    ],
+)
+def test_keys_that_do_not_fit(cls, key, message):
+    with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
+        sh.sort(sh.Stream.empty(1, cls, "numpy"), key=key)
