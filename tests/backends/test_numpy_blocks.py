@@ -8,6 +8,7 @@ from shpy import SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
 from shpy.backends.base import Call, Options, TableData
 from shpy.backends.numpy import apart
 from shpy.backends.numpy.runtime import TARGET, NumpyBackend
+from shpy.backends.numpy.tables import Place, TableView
 from shpy.passes.pipeline import prepare
 
 SHAPES = [(0, 3), (3, 0), (1, 1), (1, 9), (9, 1), (5, 4), (7, 6), (3, 40)]
@@ -106,3 +107,25 @@ def test_lanes_that_leave_a_loop_are_no_block():
         return x
 
     assert not layout_of(leaves).grid
+
+
+def test_neighbours_of_any_block_are_the_nearest_elements():
+    """Blocks and runs of elements in tables smaller, larger and of other shape than the grid, near and far offsets."""
+    rng = np.random.default_rng(11)
+    for _ in range(2000):
+        height, width = rng.integers(1, 40, 2)
+        table = rng.random((height, width), np.float32)
+        shape = tuple(int(n) for n in rng.integers(1, 40, 2))
+        block = bool(rng.integers(2))
+        if block:
+            first, last = sorted(int(n) for n in rng.integers(0, shape[0] + 1, 2))
+            start, stop = first * shape[1], max(last, first + 1) * shape[1]
+        else:
+            start = int(rng.integers(0, shape[0] * shape[1]))
+            stop = int(rng.integers(start + 1, shape[0] * shape[1] + 1))
+        place, view = Place(start, stop, shape, block), TableView(table, 2)
+        y, x = np.unravel_index(np.arange(start, stop), shape)
+        for reach in (1, 2, 3, 16, 17, 60):
+            down, across = (int(n) for n in rng.integers(-reach, reach + 1, 2))
+            expected = table[np.clip(y + down, 0, height - 1), np.clip(x + across, 0, width - 1)]
+            assert np.array_equal(np.ravel(view.neighbour(place, down, across)), expected)

@@ -208,7 +208,7 @@ def test_misuse_names_the_line_and_a_cure():
         s.sum("kahan")
     with pytest.raises(sh.ShpyTypeError, match="takes a program of two elements, not builtin"):
         sh.reduce(max, s)
-    with pytest.raises(sh.ShpyTypeError, match="add_pairs\\(a: sh.Attrib1f, b: sh.Attrib1f\\) -> sh.Attrib1f"):
+    with pytest.raises(sh.ShpyTypeError, match=r"add_pairs\(a: sh.Attrib1f, b: sh.Attrib1f\) -> sh.Attrib1f"):
         sh.reduce(add_pairs, s)
     with pytest.raises(sh.ShpyTypeError, match="takes a Stream, not ndarray"):
         sh.reduce(add_pairs, np.ones((2, 2)))

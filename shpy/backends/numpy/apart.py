@@ -52,7 +52,7 @@ def lay_out(module: Module) -> Layout:
         return Layout(whole, apart=False, grid=grid and not _holds(module, lambda slot: slot.type.size > 1))
     turns = _turns(module)
     in_loops, used_in_loops = _vectors(turns)
-    pays = (grid and made > 0) or used_in_loops < _WORTH_MAKING * in_loops
+    pays = (grid and (made > 0 or _only_places(module))) or used_in_loops < _WORTH_MAKING * in_loops
     if not pays and not turns:
         return Layout(whole, apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
@@ -63,6 +63,14 @@ def lay_out(module: Module) -> Layout:
 
 def _knows_its_place(module: Module) -> bool:
     return any(isinstance(s, Let) and s.op == "grid_index" for f in module.functions for s in walk(f.body))
+
+
+def _only_places(module: Module) -> bool:
+    """Whether all vectors are of ints, as places in a grid are."""
+    lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+    return all(s.value.type.size == 1 or s.value.type.is_int for s in lets) and not _holds(
+        module, lambda slot: slot.type.size > 1 and not slot.type.is_int
+    )
 
 
 def _holds(module: Module, kind: Callable[[Variable], bool]) -> bool:

@@ -24,6 +24,8 @@ Array = NDArray[Any]
 _FARTHEST = 2**30
 _MARGIN = 16
 """Columns that are kept on both sides of a tile, for reads beyond the border of a table."""
+_LINES = 2
+"""Lines that are kept above and below it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,32 +128,36 @@ class TableView:
 
     def _moved(self, lines: tuple[int, int], columns: tuple[int, int], down: int, across: int) -> Array:
         """What lies so far from these lines and columns; a margin is kept that serves for other reads too."""
-        lines = lines[0] + down, lines[1] + down
         begin, end = columns[0] + across, columns[1] + across
-        if 0 <= begin and end <= self._extents[-1]:
-            return self._lines(lines)[:, begin:end]
-        if not -_MARGIN <= across <= _MARGIN:
-            return self._clamped(lines, (begin, end))
+        if 0 <= begin and end <= self._extents[-1] and 0 <= lines[0] + down and lines[1] + down <= len(self._plane):
+            return self._plane[lines[0] + down : lines[1] + down, begin:end]
+        if not (-_MARGIN <= across <= _MARGIN and -_LINES <= down <= _LINES):
+            return self._clamped((lines[0] + down, lines[1] + down), (begin, end))
         block, wide = self._wide
         if block != (lines, columns):
-            block, wide = (lines, columns), self._clamped(lines, (columns[0] - _MARGIN, columns[1] + _MARGIN))
+            beyond = _LINES if len(self._extents) > 1 else 0
+            around = (lines[0] - beyond, lines[1] + beyond), (columns[0] - _MARGIN, columns[1] + _MARGIN)
+            block, wide = (lines, columns), self._clamped(*around)
             self._wide = block, wide
-        return wide[:, _MARGIN + across : _MARGIN + across + columns[1] - columns[0]]
-
-    def _lines(self, lines: tuple[int, int]) -> Array:
-        """These lines of a table of two axes at most, those that lie outside as the nearest."""
-        if 0 <= lines[0] and lines[1] <= len(self._plane):
-            return self._plane[lines[0] : lines[1]]
-        return self._plane[np.clip(np.arange(*lines), 0, len(self._plane) - 1)]
+        top = _LINES + down if len(self._extents) > 1 else 0
+        left = _MARGIN + across
+        return wide[top : top + lines[1] - lines[0], left : left + columns[1] - columns[0]]
 
     def _clamped(self, lines: tuple[int, int], columns: tuple[int, int]) -> Array:
         """These lines and columns, those that lie outside as the nearest."""
-        rows, width, (low, high) = self._lines(lines), self._extents[-1], columns
-        made = np.empty((len(rows), high - low, *rows.shape[2:]), rows.dtype)
+        (top, bottom), (low, high), (height, width) = lines, columns, self._plane.shape[:2]
+        made = np.empty((bottom - top, high - low, *self._plane.shape[2:]), self._plane.dtype)
+        first, last = (min(max(n, 0), bottom - top) for n in (-top, height - top))
         begin, end = (min(max(n, 0), high - low) for n in (-low, width - low))
-        made[:, :begin] = rows[:, :1]
-        made[:, begin:end] = rows[:, low + begin : low + end]
-        made[:, end:] = rows[:, -1:]
+        inside = made[first:last]
+        rows = self._plane[top + first : top + last]
+        inside[:, :begin] = rows[:, :1]
+        inside[:, begin:end] = rows[:, low + begin : low + end]
+        inside[:, end:] = rows[:, -1:]
+        if first < last:
+            made[:first], made[last:] = made[first], made[last - 1]
+        else:
+            made[...] = self._clamped((0, 1) if bottom <= 0 else (height - 1, height), columns)
         return made
 
     def _flat(self, index: Any) -> Array:

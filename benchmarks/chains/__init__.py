@@ -1,0 +1,1 @@
+"""Chains: computations of many small steps, whose data stay on the device."""
