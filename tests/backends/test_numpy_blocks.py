@@ -118,8 +118,8 @@ def test_neighbours_of_any_block_are_the_nearest_elements():
         shape = tuple(int(n) for n in rng.integers(1, 40, 2))
         block = bool(rng.integers(2))
         if block:
-            first, last = sorted(int(n) for n in rng.integers(0, shape[0] + 1, 2))
-            start, stop = first * shape[1], max(last, first + 1) * shape[1]
+            first = int(rng.integers(0, shape[0]))
+            start, stop = first * shape[1], int(rng.integers(first + 1, shape[0] + 1)) * shape[1]
         else:
             start = int(rng.integers(0, shape[0] * shape[1]))
             stop = int(rng.integers(start + 1, shape[0] * shape[1] + 1))
