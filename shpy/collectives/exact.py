@@ -1,7 +1,8 @@
-"""Exact sums of floats: a superaccumulator with a bin for each exponent, rounded once.
+"""Exact sums of floats: integers of as many bits as a sum can have, rounded once.
 
-Stage: run, on the host. The integer significands of one exponent are summed without an error: 24 bits, or halves of
+Stage: run. On the host, the integer significands of one exponent are summed without an error: 24 bits, or halves of
 53, of fewer than 2**31 elements fit into 64 bits. The bins together are one integer, in units of the least denormal.
+A device sums blocks of floats of 32 bits (`programs.accumulating`), and the host these sums.
 Source: Malcolm, On accurate floating-point summation, CACM 14 (1971); Kulisch's long accumulator.
 """
 
@@ -13,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["exact_sums"]
+from shpy.collectives.programs import SPECIAL, WORDS
+
+__all__ = ["exact_sums", "sums_of_blocks"]
 
 _BLOCK = 1 << 18
 """Elements whose significands are taken apart together: temporary arrays then fit into the cache."""
@@ -40,6 +43,24 @@ def exact_sums(array: NDArray[Any]) -> NDArray[Any]:
     return sums
 
 
+def sums_of_blocks(words: NDArray[Any]) -> NDArray[Any]:
+    """Return the float32 sums of rows (rows, blocks, WORDS + 1) of what `programs.accumulating` gives."""
+    columns = words[..., :WORDS].sum(axis=1, dtype=np.uint64)
+    negative = (words[..., WORDS - 1] >> np.uint32(31)).sum(axis=1, dtype=np.int64)
+    flags = np.bitwise_or.reduce(words[..., WORDS], axis=1)
+    sums = np.zeros(len(words), np.float32)
+    for row in range(len(words)):
+        total = sum(int(n) << 32 * k for k, n in enumerate(columns[row])) - (int(negative[row]) << 32 * WORDS)
+        infinity, minus_infinity, nan = (bool(flags[row] & flag) for flag in SPECIAL)
+        if nan or (infinity and minus_infinity):
+            sums[row] = np.nan
+        elif infinity or minus_infinity:
+            sums[row] = np.inf if infinity else -np.inf
+        else:
+            sums[row] = _nearest(total, -149, np.dtype(np.float32))
+    return sums
+
+
 def _bins(array: NDArray[Any]) -> tuple[Any, Any]:
     """Return (rows, halves, exponents) sums of significands, and (rows,) sums of what is no finite number."""
     wide = array.astype(np.float32) if array.dtype == np.float16 else np.ascontiguousarray(array)
@@ -59,13 +80,17 @@ def _bins(array: NDArray[Any]) -> tuple[Any, Any]:
 
 
 def _rounded(bins: NDArray[Any], special: Any, dtype: np.dtype[Any]) -> Any:
-    """Round the number that is held in bins (halves, exponents) to a dtype, half to even."""
+    """Round the number that is held in bins (halves, exponents) to a dtype."""
     if special != 0:  # NaN is not 0 either
         return special
     total = 0
     for half, exponent in zip(*np.nonzero(bins), strict=True):
         total += int(bins[half, exponent]) << (26 * int(half) + max(int(exponent), 1) - 1)
-    unit = -1074 if dtype == np.float64 else -149
+    return _nearest(total, -1074 if dtype == np.float64 else -149, dtype)
+
+
+def _nearest(total: int, unit: int, dtype: np.dtype[Any]) -> Any:
+    """Return the number of a dtype that is nearest to total * 2**unit, half to even."""
     info = np.finfo(dtype)
     size = abs(total)
     dropped = max(size.bit_length() - info.nmant - 1, info.minexp - info.nmant - unit)

@@ -12,17 +12,23 @@ from typing import Any, NamedTuple
 
 from shpy.ir.traverse import is_straight, walk
 from shpy.ir.types import FLOATS, Base
-from shpy.lang.builtins import cond, grid_index, isinf, isnan
-from shpy.lang.control import SH_ELSE, SH_IF
+from shpy.lang.array import Array
+from shpy.lang.builtins import bits_from_float, cond, grid_index, isinf, isnan
+from shpy.lang.builtins import max as larger
+from shpy.lang.control import SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.data import TableType
 from shpy.lang.structure import build_values, layout_from, layout_of, leaves, leaves_of, struct
-from shpy.lang.types import Attrib1i
+from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
 from shpy.lang.values import CLASSES
 from shpy.program import Program, program
 
 __all__ = [
+    "BLOCK",
+    "SPECIAL",
+    "WORDS",
     "Lift",
     "Reduction",
+    "accumulating",
     "counts",
     "extremes",
     "folding",
@@ -267,6 +273,58 @@ def quotient(size: int, base: Base) -> Program:
         return total / count
 
     return annotated(divide, total=cls, count=CLASSES["Attrib", 1, base], out=cls)
+
+
+BLOCK = 1024
+"""Floats whose exact sum one element of a run computes: sums of as many numbers of 16 bits fit into 32."""
+WORDS = 11
+"""Words of an exact sum, a two's complement in units of 2**-149; the word after them holds SPECIAL flags."""
+SPECIAL = (1, 2, 4)
+"""Flags of a sum among whose numbers there was infinity, minus infinity, NaN."""
+
+
+@lru_cache(maxsize=2)
+def accumulating(rank: int) -> Program:
+    """Record the program that sums BLOCK floats on the only axis, or on the middle one of 3, without an error.
+
+    A significand, shifted by up to 7 bits, is two numbers of 16 bits, which are added to sums of weight 256**k.
+    """
+    words = struct(type("Words", (), {"__annotations__": {"low": Attrib4u, "middle": Attrib4u, "high": Attrib4u}}))
+
+    def accumulate(data: Any) -> Any:
+        place = None if rank == 1 else grid_index(3)
+        first = (grid_index(1) if place is None else place.y) * BLOCK
+        extent = data.shape[rank // 2]
+        sums = Array(Attrib1i, 4 * WORDS)
+        special = Attrib1u(0)
+        with SH_FOR(0, BLOCK) as k, SH_IF(first + k < extent):
+            bits = bits_from_float(data[first + k] if place is None else data[place.x, first + k, place.z])
+            exponent = Attrib1i((bits >> 23) & 255)
+            negative = (bits >> 31) != 0
+            with SH_IF(exponent == 255):
+                infinity, minus_infinity, nan = map(Attrib1u, SPECIAL)
+                special[:] = special | cond((bits << 9) != 0, nan, cond(negative, minus_infinity, infinity))
+            with SH_ELSE():
+                significand = (bits & 0x7FFFFF) | cond(exponent > 0, Attrib1u(0x800000), Attrib1u(0))
+                shift = larger(exponent, 1) - 1
+                shifted = significand << Attrib1u(shift & 7)
+                low, high = Attrib1i(shifted & 0xFFFF), Attrib1i(shifted >> 16)
+                at = shift >> 3
+                sums[at] = sums[at] + cond(negative, -low, low)
+                sums[at + 2] = sums[at + 2] + cond(negative, -high, high)
+        made = Array(Attrib1u, WORDS + 1)
+        carry = Attrib1i(0)
+        with SH_FOR(0, WORDS) as w:
+            word = Attrib1u(0)
+            for byte in range(4):
+                carry[:] = carry + sums[4 * w + byte]
+                word[:] = word | Attrib1u(carry & 255) << 8 * byte
+                carry[:] = carry >> 8
+            made[w] = word
+        made[WORDS] = special
+        return words(*(Attrib4u(*(made[k + j] for j in range(4))) for k in (0, 4, 8)))
+
+    return annotated(accumulate, data=TableType(Attrib1f, rank), out=words)
 
 
 def _exceeds(b: Any, a: Any, least: bool) -> Any:

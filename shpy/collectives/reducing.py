@@ -12,15 +12,29 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shpy import host
-from shpy.collectives.exact import exact_sums
-from shpy.collectives.programs import Reduction, counts, extremes, logic, places, quotient, sums
-from shpy.collectives.trees import check_combination, fold, retyped
+from shpy.collectives.exact import exact_sums, sums_of_blocks
+from shpy.collectives.programs import (
+    BLOCK,
+    WORDS,
+    Reduction,
+    accumulating,
+    counts,
+    extremes,
+    logic,
+    places,
+    quotient,
+    sums,
+)
+from shpy.collectives.trees import check_combination, fold, is_on_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import FLOATS, Base
+from shpy.lang.data import Table
 from shpy.lang.location import here
 from shpy.lang.structure import Leaf, layout_of
+from shpy.lang.types import Attrib1f
 from shpy.lang.values import CLASSES
 from shpy.program import Program
 from shpy.streams.methods import bind_reductions
@@ -76,14 +90,28 @@ def _mean(stream: Stream, axis: int | None) -> Any:
 
 def _exact(stream: Stream, axis: int | None, size: int) -> Any:
     """The exact sum, which the host finishes: integers of any size are its own."""
-    shape = _rows(stream, axis).shape
-    shape = (1, *shape, 1) if len(shape) == 1 else shape
-    array = stream.leaf_entries()[0].memory.read().reshape(*shape, size)
-    before, _, after, _ = array.shape
-    found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, -1))
+    rows = _rows(stream, axis)
+    shape = (1, *rows.shape, 1) if axis is None else rows.shape
+    before, _, after = shape
+    memory = stream.leaf_entries()[0].memory
+    if size == 1 and memory.dtype == np.float32 and rows.size and not is_on_host(stream):
+        words = _sums_on_device(rows).reshape(before, -1, after, WORDS + 1)
+        found = sums_of_blocks(np.moveaxis(words, 1, 2).reshape(before * after, -1, WORDS + 1))
+    else:
+        array = memory.read().reshape(*shape, size)
+        found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, -1))
     kept = (before * after, size) if size > 1 else (before * after,)
     made = Stream(found.reshape(kept), stream.type, stream.backend, stream.device, stream.precision)
     return _result(made, stream, axis, stream.type)
+
+
+def _sums_on_device(rows: Stream) -> NDArray[Any]:
+    """The words of the exact sums of blocks along the middle axis."""
+    axis = len(rows.shape) // 2
+    shape = (*rows.shape[:axis], -(-rows.shape[axis] // BLOCK), *rows.shape[axis + 1 :])
+    data = Table(retyped(rows, Attrib1f, rows.shape))
+    found = accumulating(len(rows.shape)).compile_for(rows)(data, shape=shape)
+    return np.concatenate([leaf.memory.read() for leaf in found.leaf_entries()], axis=-1)
 
 
 def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
