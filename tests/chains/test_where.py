@@ -26,7 +26,7 @@ def near(c: sh.Point2f) -> sh.Attrib1b:
     return sh.dot(c, c) < 1
 
 
-def case(share, shape=(23, 61)):
+def case(share, shape=(70, 71)):
     rng = np.random.default_rng(5)
     c = rng.uniform(-2, 1, (*shape, 2)).astype(np.float32)
     mask = rng.random(shape) < share
@@ -79,6 +79,22 @@ def test_an_output_may_be_an_input(backend):
     np.testing.assert_array_equal(double.compile(backend).run(x, where=False).outputs, np.zeros(6))
     np.testing.assert_array_equal(double.compile(backend).run(x, where=True).outputs, 2 * x)
     assert double.compile(backend).run(np.zeros((0,)), where=np.zeros(0, bool)).count == 0
+
+
+@on_every_backend
+def test_elements_know_their_place(backend):
+    @sh.program
+    def around(image: sh.Table[sh.Attrib3f, 2], add: sh.Attrib1f) -> sh.Attrib3f:
+        i = sh.grid_index(2)
+        far = image[i + (100, 0)] - image[i - (2**31 - 1, 0)]
+        return image[i + (0, 1)] + 2 * image[i - (1, 0)].zxy + far + add
+
+    rng = np.random.default_rng(6)
+    image, add = rng.random((90, 64, 3), np.float32), rng.random((90, 64), np.float32)
+    mask = rng.random((90, 64)) < 0.2
+    kernel = around.compile(backend)
+    found = kernel.run(image, add, where=mask).outputs
+    np.testing.assert_array_equal(bits(found), bits(np.where(mask[..., None], kernel(image, add), 0)))
 
 
 @on_every_backend

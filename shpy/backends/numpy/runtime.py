@@ -10,7 +10,7 @@ Python's own time does not matter. Tiles are read before they are written, so an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
@@ -21,7 +21,7 @@ from shpy.backends.dump import dump
 from shpy.backends.numpy.apart import Layout, lay_out
 from shpy.backends.numpy.memory import SPACE, NumpySpace, over_arrays
 from shpy.backends.numpy.printer import Printed, print_python
-from shpy.backends.numpy.tables import Place, TableView
+from shpy.backends.numpy.tables import Listed, Place, TableView
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Function, Loc, Module, Status, Value
@@ -29,6 +29,7 @@ from shpy.ir.ops import OPS
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.rejecting import find_rejection
 
 __all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
@@ -36,6 +37,10 @@ TILE: Final = 32_768
 """Lanes that run together."""
 LARGE_TILE: Final = 65_536
 """Lanes that run together where that is better, see `Printed.large`."""
+_FEW: Final = 0.7
+"""The share of elements below which a list of them pays, though they are gathered and scattered."""
+_WORTH_A_LIST: Final = 4096
+"""Elements of a run with fewer of which the condition is not evaluated first."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
 TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos", "tan"}), vector=True)
@@ -67,7 +72,9 @@ class NumpyBackend:
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector)
         tile = tile or (LARGE_TILE if printed.large else TILE)
-        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module))
+        shorter = find_rejection(module)
+        rejection = None if shorter is None else self.compile(shorter, options)
+        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module), rejection)
 
     def space(self, device: int | None) -> NumpySpace:
         """The host's memory."""
@@ -94,6 +101,7 @@ class NumpyExecutable:
     printed: Printed
     tile: int
     entry: Callable[..., Any]
+    rejection: NumpyExecutable | None = None
     views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
 
     @property
@@ -120,6 +128,10 @@ class NumpyExecutable:
         """Run it; gives the status of each element, or None when every element was written."""
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
+        live = self._live(call)
+        if live is not None and status is not None:
+            self._run_listed(call, live, uniforms, status)
+            return status
         block = self.layout.grid and len(call.shape) == 2 and 0 < call.shape[1] <= self.tile
         step = self.tile - self.tile % call.shape[1] if block else self.tile
         with np.errstate(all="ignore"):
@@ -131,6 +143,30 @@ class NumpyExecutable:
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over arrays of the host: see `base.Executable`."""
         return over_arrays(self.run, call)
+
+    def _live(self, call: Call) -> Array | None:
+        """The numbers of the elements that are not discarded at the start, if they are few; None: all of them run."""
+        if self.rejection is None or call.count < _WORTH_A_LIST:
+            return None
+        rejected = np.empty(call.count, np.bool_)
+        self.rejection.run(replace(call, outputs=(rejected,)))
+        live = np.flatnonzero(~rejected)
+        return live if len(live) < _FEW * call.count else None
+
+    def _run_listed(self, call: Call, live: Array, uniforms: dict[tuple[str, str], Any], status: Array) -> None:
+        """Run some elements, in tiles of which every lane is one of them."""
+        status[:] = Status.DISCARDED
+        with np.errstate(all="ignore"):
+            for start in range(0, len(live), self.tile):
+                elements = live[start : start + self.tile]
+                inputs = tuple(x if len(x) == 1 else x[elements] for x in call.inputs)
+                outputs = tuple(out[elements] for out in call.outputs)
+                ended = np.empty(len(elements), np.int32)
+                part = replace(call, inputs=inputs, outputs=outputs)
+                self._run_tile(part, Listed.of(elements, call.shape), uniforms, ended)
+                status[elements] = ended
+                for out, found in zip(call.outputs, outputs, strict=True):
+                    out[elements] = found
 
     def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
         part, extents = slice(place.start, place.stop), place.extents

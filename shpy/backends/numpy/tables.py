@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Place", "TableView"]
+__all__ = ["Listed", "Place", "TableView"]
 
 Array = NDArray[Any]
 
@@ -74,6 +74,24 @@ class Place:
         return moved[0] if len(offsets) == 1 else moved
 
 
+@dataclass(frozen=True, slots=True)
+class Listed(Place):
+    """Elements anywhere in a grid, by their numbers in C order."""
+
+    elements: Array = field(kw_only=True)
+
+    @classmethod
+    def of(cls, elements: Array, shape: tuple[int, ...]) -> Listed:
+        """These elements as a tile."""
+        return cls(0, len(elements), shape, elements=elements)
+
+    @property
+    def index(self) -> Any:
+        """Where each element is: (lanes,) in a grid of one axis, else (axes, lanes)."""
+        every = np.unravel_index(self.elements, self.shape)
+        return np.array(every[0] if len(every) == 1 else every, np.int32)
+
+
 class TableView:
     """A table as emitted code reads it.
 
@@ -119,7 +137,8 @@ class TableView:
     def neighbour(self, place: Place, *offsets: Any) -> Array:
         """The elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view."""
         down, across = (0, *(o if type(o) is int else int(o.item()) for o in offsets))[-2:]
-        if not (-_FARTHEST < down < _FARTHEST and -_FARTHEST < across < _FARTHEST):
+        near = -_FARTHEST < down < _FARTHEST and -_FARTHEST < across < _FARTHEST
+        if not near or isinstance(place, Listed):
             return self.gather(place.moved(*(down, across)[-len(offsets) :]))
         found = self._moved(place.lines, place.columns, down, across)
         if not place.block:

@@ -1,0 +1,52 @@
+"""Find the condition under which a program discards an element before it does anything else.
+
+Stage: analyse. A backend evaluates it for every element first, and runs the program for the others alone.
+
+    %c = gt %x, 1                  |   %c = gt %x, 1
+    if %c { discard }              |   store rejected = %c
+    ... much more ...              |
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from shpy.ir.nodes import Discard, If, Let, Module, Port, Stmt, Store, Variable
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, vec
+
+__all__ = ["find_rejection"]
+
+_SHARE = 4
+"""How many times as many statements as the condition the whole program has at least."""
+
+
+def find_rejection(module: Module) -> Module | None:
+    """The program of the same inputs whose one output is whether the element is discarded at the start.
+
+    None if nothing is discarded there, or if that takes a large part of the program's statements to find out.
+    """
+    entry = module.entry
+    before: list[Stmt] = []
+    for statement in entry.body:
+        match statement:
+            case If(condition=condition, then=(Discard(),), orelse=()):
+                break
+            case Let() | Store():
+                before.append(statement)
+            case _:
+                return None
+    else:
+        return None
+    if _SHARE * len(before) > sum(1 for f in module.functions for _ in walk(f.body)):
+        return None
+    slots = (*entry.outputs, *entry.variables, *(port for port in entry.inputs if isinstance(port, Variable)))
+    rejected = Variable(max((slot.id for slot in slots), default=-1) + 1, vec(Base.B), None, "rejected", entry.loc)
+    shorter = replace(
+        entry,
+        outputs=(rejected,),
+        variables=(*entry.variables, *entry.outputs),
+        body=(*before, Store(rejected.id, condition, None, None, entry.loc)),
+    )
+    name, ports = f"{module.name}_rejected", (Port("rejected", "Attrib1b"),)
+    return replace(module, name=name, outputs=ports, functions=(*module.functions[:-1], shorter))
