@@ -279,6 +279,18 @@ def test_relaxed_kernels_say_that_their_device_flushes_denormals(monkeypatch):
     assert not any("flushes" in note for note in program.compile("opencl").notes)
 
 
+def test_vectors_are_hidden_in_packets_where_a_compiler_folds_zeros(monkeypatch):
+    monkeypatch.setattr(machine_of(None), "wrong", frozenset({"zeros"}))
+
+    @sh.program
+    def program(x: sh.Vector3f) -> sh.Vector3f:
+        return sh.log(x)
+
+    points = np.array([[0.5, 2, -1], [0, 1, np.inf], [1e-20, 3, 7]], np.float32)
+    found = program.compile("opencl", lanes=8)(points)
+    assert np.array_equal(found, program.compile("numpy")(points), equal_nan=True)
+
+
 def test_a_log_of_the_driver_warns_nobody(monkeypatch):
     machine = machine_of(None)
     build = machine.cl.Program.build

@@ -53,7 +53,8 @@ def print_packets(
     `hides_zeros`: the compiler takes `0 * x` for 0.
     """
     scalar = optimise(take_apart(module))
-    whole = hide_derivable(scalar) if hides_zeros else scalar
+    # What hides a vector is arithmetic on it, which packets take apart too.
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
     packets = widen(find_neighbours(vectorize(whole, padded=True)), lanes)
     columns = lanes if _stay_together(packets) else QUAD
     return PacketPrinter(packets, module.entry, lanes, columns, abilities, math, hides_zeros=hides_zeros).print()
