@@ -34,6 +34,7 @@ from benchmarks import (
     trades,
     widths,
 )
+from benchmarks.chains import calls, collectives, gray_scott
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
@@ -45,7 +46,8 @@ from shpy.errors import ShpyError
 from shpy.files import replacing
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
-WORKS = (*KERNELS, *rays.NAMES, *frames.NAMES)
+CHAINS = {w.name: w for w in (gray_scott.WORK, *collectives.WORKS)}
+WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES)
 """The names of what is run side by side."""
 STUDIES = (
     studies.STUDIES
@@ -56,6 +58,7 @@ STUDIES = (
         "functions": functions.functions,
         "modes": functions.modes,
         "widths": widths.widths,
+        "calls": calls.calls,
     }
 )
 """Studies of shpy, most of them without a peer."""
@@ -63,7 +66,7 @@ STUDIES = (
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
     """The works of these names; those with triangles have the mesh's."""
-    known = KERNELS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
+    known = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
     return [known[name] for name in names]
 
 

@@ -81,7 +81,7 @@ def run(
             traceback.print_exc(limit=-3)
             continue
         measured.first[name] = time.perf_counter() - started
-        answer = np.array(answer)
+        answer = np.array(answer.get() if hasattr(answer, "get") else answer)
         reference = answer if reference is None else reference
         measured.agreement[name] = compare(work, answer, reference)
         ready[name] = (timed, max(1, math.ceil(ENOUGH / max(min(once(timed), once(timed)), 1e-6))))

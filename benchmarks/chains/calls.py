@@ -1,0 +1,141 @@
+"""What a call costs that computes nearly nothing: x + 1 of 64 numbers, from an array to an array.
+
+python -m benchmarks --only calls
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.rounds import PAUSE, once
+from benchmarks.studies import Table
+from benchmarks.work import Run
+from raytracer import Mesh
+
+COUNT = 64
+ROUNDS = 15
+CALLS = 200
+STEPS = 100
+"""Kernels of a chain, of which the table shows one."""
+
+
+@sh.program
+def increment(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x + 1
+
+
+def calls(mesh: Mesh, quick: bool) -> Table:
+    """Microseconds of a call: the median of the rounds' means, their quartiles, and the best mean."""
+    x = np.arange(COUNT, dtype=np.float32)
+    runs: dict[str, tuple[Run, int]] = {}
+    for info in sh.backends():
+        if info.available:
+            runs |= _ours(info.name, x)
+    for name, make in PEERS.items():
+        try:
+            runs[name] = make(x), 1
+        except ImportError:
+            continue
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    for number in range(3 if quick else ROUNDS):
+        for name, (run, parts) in runs.items():
+            time.sleep(PAUSE)
+            count = 5 if quick else max(CALLS // parts, 10)
+            taken = sum(once(run) for _ in range(count)) / count / parts
+            if number:  # the first round compiles and settles
+                seconds[name].append(1e6 * taken)
+    rows = []
+    for name, found in seconds.items():
+        low, middle, high = np.percentile(found, (25, 50, 75))
+        rows.append([name, f"{middle:.1f}", f"{low:.1f} to {high:.1f}", f"{min(found):.1f}"])
+    note = (
+        f"Microseconds of a call of x + 1 over {COUNT} float32 numbers: the median of {ROUNDS - 1} rounds of {CALLS} "
+        f"calls, the quartiles, the best round. Of a chain of {STEPS} kernels, one kernel."
+    )
+    return Table("calls", note, ["call", "median", "quartiles", "best"], rows)
+
+
+def _ours(backend: str, x: np.ndarray) -> dict[str, tuple[Run, int]]:
+    kernel, out = increment.compile(backend), np.empty_like(x)
+    stream = sh.Stream(x, sh.Attrib1f, backend)
+    chain = sh.repeat(kernel, STEPS)
+
+    def streamed() -> Any:
+        answer = kernel(stream)
+        answer.place.space.finish()
+        return answer
+
+    def chained() -> Any:
+        answer = chain.run(x=stream).streams["x"]
+        answer.place.space.finish()
+        return answer
+
+    return {
+        f"shpy, {backend}": (lambda: kernel(x), 1),
+        f"shpy, {backend}, out=": (lambda: kernel.run(x, out=out), 1),
+        f"shpy, {backend}, streams": (streamed, 1),
+        f"shpy, {backend}, in a chain": (chained, STEPS),
+    }
+
+
+def _numpy(x: np.ndarray) -> Run:
+    return lambda: x + np.float32(1)
+
+
+def _numba(x: np.ndarray) -> Run:
+    from numba import vectorize
+
+    function = vectorize(["float32(float32)"])(lambda a: a + np.float32(1))
+    return lambda: function(x)
+
+
+def _jax(x: np.ndarray) -> Run:
+    import jax
+
+    function = jax.jit(lambda a: a + np.float32(1))
+    return lambda: np.asarray(function(x))
+
+
+def _taichi(x: np.ndarray) -> Run:
+    import taichi as ti
+
+    ti.init(arch=ti.cpu, log_level=ti.ERROR)
+    out = np.empty_like(x)
+
+    @ti.kernel
+    def step(a: ti.types.ndarray(ti.f32, 1), b: ti.types.ndarray(ti.f32, 1)):
+        for i in a:
+            b[i] = a[i] + 1.0
+
+    return lambda: step(x, out)
+
+
+def _warp(x: np.ndarray) -> Run:
+    import warp as wp
+
+    wp.config.quiet = True
+
+    @wp.kernel
+    def step(a: wp.array(dtype=wp.float32), b: wp.array(dtype=wp.float32)):
+        i = wp.tid()
+        b[i] = a[i] + 1.0
+
+    def run() -> Any:
+        a = wp.array(x, dtype=wp.float32, device="cpu", copy=False)
+        b = wp.empty(COUNT, dtype=wp.float32, device="cpu")
+        wp.launch(step, dim=COUNT, inputs=[a, b], device="cpu")
+        return b.numpy()
+
+    return run
+
+
+PEERS: dict[str, Callable[[np.ndarray], Run]] = {
+    "numpy": _numpy,
+    "numba": _numba,
+    "JAX": _jax,
+    "Taichi": _taichi,
+    "Warp": _warp,
+}

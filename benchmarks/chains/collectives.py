@@ -1,0 +1,192 @@
+"""Sum, scan, sort and compact of ten million floats that lie where the contender works: nothing is copied to it.
+
+Every version takes x (n,), float32 in [-1, 1), and gives the sum, the prefix sums, the sorted numbers, or those above
+0; arrays stay where they are made, and time ends when they are there. Sums differ by their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.work import Run, Work
+
+
+def numbers(size: int) -> tuple[np.ndarray]:
+    return (np.random.default_rng(3).random(size, np.float32) * 2 - 1,)
+
+
+@sh.program
+def add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + b
+
+
+def _work(name: str, title: str, within: float, note: str = "") -> Work:
+    return Work(
+        name,
+        f"{title} of {{size}} numbers",
+        inputs=numbers,
+        size=10_000_000,
+        quick=5_000,
+        within=within,
+        note=note,
+        group="collectives",
+    )
+
+
+SUM = _work("sum", "Pairwise sum", 1e-3)
+SUM_EXACT = _work("sum-exact", "Sum, rounded once,", 1e-6, 'Ours is method="exact"; that of numpy is math.fsum.')
+SCAN = _work("scan", "Prefix sums", 2e-2)
+SORT = _work("sort", "Sorting", 0)
+COMPACT = _work("compact", "Those above 0", 0)
+WORKS = (SUM, SUM_EXACT, SCAN, SORT, COMPACT)
+
+
+def _ours(work: Work, operation: Callable[[sh.Stream], Any]) -> None:
+    @work.ours_on("opencl", "glsl", "numpy")
+    def ours(compiled: Callable[..., sh.Kernel], x: np.ndarray) -> Run:
+        stream = sh.Stream(x, sh.Attrib1f, compiled(add).backend)
+
+        def run() -> Any:
+            answer = operation(stream)
+            if isinstance(answer, sh.Stream):
+                answer.place.space.finish()
+            return answer
+
+        return run
+
+
+_ours(SUM, lambda x: x.sum())
+_ours(SUM_EXACT, lambda x: x.sum(method="exact"))
+_ours(SCAN, lambda x: sh.scan(add, x))
+_ours(SORT, sh.sort)
+_ours(COMPACT, lambda x: sh.compact(x, _above(x))[0])
+
+
+@sh.program
+def positive(x: sh.Attrib1f) -> sh.Attrib1b:
+    return x > 0
+
+
+def _above(x: sh.Stream) -> sh.Stream:
+    return positive(x)
+
+
+def _by_numpy() -> None:
+    import math
+
+    plain: dict[str, Callable[[np.ndarray], Any]] = {
+        "sum": np.sum,
+        "sum-exact": math.fsum,
+        "scan": np.cumsum,
+        "sort": np.sort,
+        "compact": lambda x: x[x > 0],
+    }
+    for work in WORKS:
+        function = plain[work.name]
+        work.version("masks")(lambda x, function=function: lambda: function(x))
+
+
+def _by_jax() -> None:
+    def version(of: str) -> Callable[[np.ndarray], Run]:
+        def made(x: np.ndarray) -> Run:
+            import jax
+            import jax.numpy as jnp
+
+            functions = {"sum": jnp.sum, "scan": jnp.cumsum, "sort": jnp.sort, "compact": lambda a: a[a > 0]}
+            function = functions[of] if of == "compact" else jax.jit(functions[of])
+            there = jnp.asarray(x)
+            return lambda: function(there).block_until_ready()
+
+        return made
+
+    for work in (SUM, SCAN, SORT, COMPACT):
+        work.version("jax")(version(work.name))
+
+
+def _by_numba() -> None:
+    def version(of: str) -> Callable[[np.ndarray], Run]:
+        def made(x: np.ndarray) -> Run:
+            from numba import njit, prange
+
+            @njit(parallel=True, fastmath=True)
+            def total(a: Any) -> Any:
+                found = np.float32(0)
+                for i in prange(len(a)):
+                    found += a[i]
+                return found
+
+            @njit(fastmath=True)
+            def prefixes(a: Any) -> Any:
+                found = np.empty_like(a)
+                so_far = np.float32(0)
+                for i in range(len(a)):
+                    so_far += a[i]
+                    found[i] = so_far
+                return found
+
+            @njit
+            def ordered(a: Any) -> Any:
+                return np.sort(a)
+
+            @njit
+            def above(a: Any) -> Any:
+                return a[a > 0]
+
+            function = {"sum": total, "scan": prefixes, "sort": ordered, "compact": above}[of]
+            return lambda: function(x)
+
+        return made
+
+    for work in (SUM, SCAN, SORT, COMPACT):
+        work.version("numba")(version(work.name))
+
+
+def _by_pyopencl() -> None:
+    def version(of: str) -> Callable[[np.ndarray], Run]:
+        def made(x: np.ndarray) -> Run:
+            import pyopencl as cl
+            import pyopencl.algorithm as algorithm
+            import pyopencl.array as arrays
+            from pyopencl.scan import GenericScanKernel
+
+            stream = sh.Stream(x, sh.Attrib1f, "opencl")
+            there = stream.native()
+            context, queue = there.context, there.queue
+            prefix = GenericScanKernel(
+                context,
+                np.float32,
+                arguments="__global float *a, __global float *found",
+                input_expr="a[i]",
+                scan_expr="a + b",
+                neutral="0",
+                output_statement="found[i] = item;",
+            )
+            found = arrays.empty_like(there)
+
+            def scanned() -> Any:
+                prefix(there, found)
+                queue.finish()
+                return found
+
+            def copied() -> Any:
+                chosen, count, _ = algorithm.copy_if(there, "ary[i] > 0")
+                return chosen[: int(count.get())]
+
+            kept = (stream, cl)
+            runs = {"sum": lambda: kept and arrays.sum(there).get(), "scan": scanned, "compact": copied}
+            return runs[of]
+
+        return made
+
+    for work in (SUM, SCAN, COMPACT):
+        work.version("pyopencl")(version(work.name))
+
+
+_by_numpy()
+_by_jax()
+_by_numba()
+_by_pyopencl()
