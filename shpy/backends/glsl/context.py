@@ -182,9 +182,9 @@ class Context:
         check(gl, "make a framebuffer")
         return gl
 
-    def program(self, source: str) -> Any:
+    def program(self, source: str, vertex: str = VERTEX) -> Any:
         """Compile and link a fragment shader; moderngl.Error with the driver's log if it is refused."""
-        program = self.gl.program(vertex_shader=VERTEX, fragment_shader=source)
+        program = self.gl.program(vertex_shader=vertex, fragment_shader=source)
         check(self.gl, "link a program")
         return program
 

@@ -13,14 +13,15 @@ another texture than every input. All that touches GL runs on the context's thre
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts
-from shpy.backends.glsl.context import check
+from shpy.backends.glsl.context import VERTEX, check
 from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, write
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
@@ -134,15 +135,21 @@ class GlslSpace:
     """The memory of one device: see `base.Space`."""
 
     overwrites = False
-    collectives = Collectives()
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._context = runtime.context
-        self._programs: dict[str, Any] = {}
+        self._programs: dict[tuple[str, str], Any] = {}
         self._started = 0
         self._dropped: list[tuple[tuple[Any, ...], Target]] = []
         """Memory that is gone. The context's thread gives it back before it takes other memory."""
+
+    @cached_property
+    def collectives(self) -> Collectives:
+        """What points do: scatters."""
+        from shpy.backends.glsl.collective import collectives  # here: few processes need it
+
+        return collectives(self, self._context)
 
     def call(self, job: Callable[[], Any]) -> Any:
         """Run a job on the context's thread."""
@@ -224,7 +231,7 @@ class GlslSpace:
             "old_width": (old or new).width,
             "width": kept.width,
         }
-        self._draw(text, sources, numbers, kept, (kept.width, kept.height))
+        self.draw(text, sources, numbers, kept, (kept.width, kept.height))
 
     def count(self, status: GlslMemory) -> Counts:
         """Count what the statuses say."""
@@ -243,7 +250,7 @@ class GlslSpace:
             room = (rounded(blocks[0], limit), rounded(blocks[1], limit))
             counts = self._taken(room, blocks[0], blocks[0] * blocks[1], vec(Base.I, 4), np.dtype(np.int32))
             numbers = {"size": size, "count": status.count, "is_status": int(source is status)}
-            self._draw(text, {"source": source}, numbers, counts, blocks)
+            self.draw(text, {"source": source}, numbers, counts, blocks)
             if blocks == (1, 1):
                 break
             source, size = counts, blocks
@@ -252,20 +259,25 @@ class GlslSpace:
         written, stopped, first, _ = map(int, out[0])
         return Counts(written, stopped, first if first < 2**31 - 1 else 0)
 
-    def _draw(
+    def draw(
         self,
         text: str,
-        sources: dict[str, GlslMemory | None],
-        numbers: dict[str, Any],
+        sources: Mapping[str, GlslMemory | None],
+        numbers: Mapping[str, Any],
         to: GlslMemory,
         size: tuple[int, int],
+        points: tuple[str, int] | None = None,
     ) -> None:
-        """Run a shader of this module over the cells of a memory."""
-        gl = self._context.gl
-        if text not in self._programs:
-            program = self._context.program(text)
-            self._programs[text] = (program, gl.vertex_array(program, []))
-        program, vertices = self._programs[text]
+        """Run a shader over the cells of a memory, or over a number of points, which a vertex shader places there.
+
+        It has to be called on the context's thread.
+        """
+        gl, moderngl = self._context.gl, self._context.moderngl
+        vertex, count = points or (VERTEX, 3)
+        if (vertex, text) not in self._programs:
+            program = self._context.program(text, vertex)
+            self._programs[vertex, text] = (program, gl.vertex_array(program, []))
+        program, vertices = self._programs[vertex, text]
         for unit, (name, memory) in enumerate(sources.items()):
             if name in program:
                 program[name].value = unit
@@ -276,9 +288,9 @@ class GlslSpace:
                 program[name].value = number
         to.target.framebuffer.use()
         gl.viewport = (0, 0, *size)
-        vertices.render(self._context.moderngl.TRIANGLES, 3)
+        vertices.render(moderngl.POINTS if points else moderngl.TRIANGLES, count)
         self._context.resting.use()
-        check(gl, "merge or count the elements of a run")
+        check(gl, "move or count elements")
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other, all on the context's thread."""
