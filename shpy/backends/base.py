@@ -199,6 +199,12 @@ class Space(Protocol):
     def wrap(self, native: Any, type: Type) -> Memory:
         """Memory that an object of the device's own library owns; ShpyTypeError where it does not fit."""
 
+    def view(self, memory: Any, type: Type, count: int) -> Memory | None:
+        """Return the same memory as `count` scalars or vectors of another size, at most as many components.
+
+        None where the device lays these out in another way. A vector of three is no type for it.
+        """
+
     def copy(self, source: Any, target: Any) -> None:
         """Copy all elements of one memory to another one of the same type and count."""
 

@@ -37,6 +37,7 @@ __all__ = [
     "places",
     "quotient",
     "scanning",
+    "scanning_fours",
     "sums",
     "width_for",
 ]
@@ -65,8 +66,13 @@ def annotated(function: Callable[..., Any], **types: Any) -> Program:
 
 
 @lru_cache(maxsize=256)
-def folding(combine: Program, element: Any, made: Any, lift: Lift | None, rank: int, width: int) -> Program:
-    """Record the program that gives the tree over `width` neighbours on the only axis, or on the middle one of 3."""
+def folding(
+    combine: Program, element: Any, made: Any, lift: Lift | None, rank: int, width: int, fours: Any = None
+) -> Program:
+    """Record the program that gives the tree over `width` neighbours on the only axis, or on the middle one of 3.
+
+    `fours` is the type of a second table, on one axis, that has the same scalars as vectors of four, or None.
+    """
 
     def fold(data: Any) -> Any:
         if rank == 1:
@@ -82,7 +88,26 @@ def folding(combine: Program, element: Any, made: Any, lift: Lift | None, rank: 
 
         return tree(read, extent - first, 0, width, combine)
 
-    return annotated(fold, data=TableType(element, rank), out=made)
+    def fold_fours(data: Any, whole: Any) -> Any:
+        block, extent = grid_index(1), data.shape[0]
+        first = block * width
+
+        def lifted(k: int, value: Any) -> Any:
+            return value if lift is None else lift(value, first + k)
+
+        result = zeros(made)
+        with SH_IF(first + width <= extent):
+            vectors = [whole[block * (width // 4) + k] for k in range(width // 4)]
+            values = [lifted(k, vectors[k // 4][k % 4]) for k in range(width)]
+            store(result, tree(lambda k: values[k], None, 0, width, combine))
+        with SH_ELSE():
+            store(result, tree(lambda k: lifted(k, data[first + k]), extent - first, 0, width, combine))
+        return result
+
+    table = TableType(element, rank)
+    if fours is None:
+        return annotated(fold, data=table, out=made)
+    return annotated(fold_fours, data=table, whole=TableType(fours, 1), out=made)
 
 
 @lru_cache(maxsize=64)
@@ -123,6 +148,31 @@ def scanning(combine: Program, element: Any, exclusive: bool) -> Program:
     return annotated(scan, data=table, above=table, out=element)
 
 
+@lru_cache(maxsize=256)
+def scanning_fours(combine: Program, element: Any, fours: Any, exclusive: bool) -> Program:
+    """Record the down-sweep that gives four prefixes at once: see `scanning`, and `folding` for `whole`."""
+
+    def scan(data: Any, whole: Any, above: Any) -> Any:
+        block = grid_index(1)
+        x = zeros(fours)
+        with SH_IF(block * 4 + 4 <= data.shape[0]):
+            x[:] = whole[block]
+        with SH_ELSE():
+            x[:] = fours(*(data[block * 4 + k] for k in range(4)))
+        before, through = above[block - 1], above[block]
+        first, second = element(x[0]), element(combine(x[0], x[1]))
+        with SH_IF(block > 0):
+            first[:] = combine(before, first)
+            second[:] = combine(before, second)
+        third = combine(second, x[2])
+        if not exclusive:
+            return fours(first, second, third, through)
+        return fours(cond(block > 0, before, zeros(element)), first, second, third)
+
+    table = TableType(element, 1)
+    return annotated(scan, data=table, whole=TableType(fours, 1), above=table, out=fours)
+
+
 def zeros(type_: Any) -> Any:
     """Return a value of a type, all zeros."""
     layout = layout_of(type_, "an element")
@@ -137,7 +187,7 @@ def store(target: Any, value: Any) -> None:
 
 
 def tree(read: Callable[[int], Any], count: Any, start: int, width: int, combine: Program) -> Any:
-    """Combine those of `width` neighbours that are among the first `count`: at least the first of them is.
+    """Combine those of `width` neighbours that are among the first `count`, which is all for None, and one at least.
 
     The table gives its last element for all behind it, so a program without control flow is evaluated for all
     neighbours, and its result is dropped where the second one is not there: that costs less than a branch.
@@ -146,6 +196,8 @@ def tree(read: Callable[[int], Any], count: Any, start: int, width: int, combine
         return read(start)
     half = width // 2
     first = tree(read, count, start, half, combine)
+    if count is None:
+        return combine(first, tree(read, None, start + half, half, combine))
     if is_plain(combine):
         both = combine(first, tree(read, count, start + half, half, combine))
         return chosen(start + half < count, both, first)

@@ -15,8 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.collectives.programs import folding, scanning
-from shpy.collectives.trees import arrays_of, check_combination, is_on_host, over_arrays, retyped, run_pairs
+from shpy.collectives.programs import scanning, scanning_fours
+from shpy.collectives.trees import (
+    arrays_of,
+    check_combination,
+    in_fours,
+    is_on_host,
+    over_arrays,
+    retyped,
+    run_level,
+    run_pairs,
+)
 from shpy.lang.data import Table
 from shpy.program import Program
 from shpy.streams.stream import Stream
@@ -51,16 +60,30 @@ def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
 
 def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:
     """Four neighbours become one on the way up, and one prefix four on the way down."""
-    up = folding(program, stream.type, stream.type, None, 1, 4).compile_for(stream)
     levels = [stream]
     while levels[-1].size > 1:
-        levels.append(up(Table(levels[-1]), shape=(-(-levels[-1].size // 4),)))
+        shape = (-(-levels[-1].size // 4),)
+        levels.append(run_level(levels[-1], shape, program, stream.type, None, 4))
     above = levels.pop()
     while levels:
-        level = levels.pop()
-        down = scanning(program, stream.type, exclusive and not levels).compile_for(stream)
-        above = down(Table(level), Table(above), shape=level.shape)
+        above = _down_on_device(program, levels.pop(), above, exclusive and not levels)
     return above
+
+
+def _down_on_device(program: Program, level: Stream, above: Stream, exclusive: bool) -> Stream:
+    """Run a pass of the down-sweep; where four scalars are a vector in memory, one element of the run gives these."""
+    found: Stream
+    fours = in_fours(level)
+    if fours is None:
+        down = scanning(program, level.type, exclusive).compile_for(level)
+        found = down(Table(level), Table(above), shape=level.shape)
+        return found
+    down = scanning_fours(program, level.type, fours.type, exclusive).compile_for(level)
+    found = down(Table(level), Table(fours), Table(above), shape=(-(-level.size // 4),))
+    leaf = found.leaf_entries()[0]
+    memory = level.place.space.view(leaf.memory, leaf.memory.type.scalar, level.size)
+    assert memory is not None
+    return Stream.over(level.type, level.shape, level.place, [memory])
 
 
 def _on_host(program: Program, stream: Stream, exclusive: bool) -> Stream:

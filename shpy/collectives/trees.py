@@ -16,16 +16,31 @@ from shpy.collectives.programs import Lift, folding, lifting, width_for
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard, Let
 from shpy.ir.traverse import walk
+from shpy.ir.types import vec
 from shpy.lang.data import Table, TableType, TextureType
 from shpy.lang.location import here
 from shpy.lang.structure import layout_of, leaves
 from shpy.lang.types import Attrib1i
+from shpy.lang.values import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
-__all__ = ["arrays_of", "check_combination", "fold", "is_on_host", "leaf_types", "over_arrays", "retyped", "run_pairs"]
+__all__ = [
+    "arrays_of",
+    "check_combination",
+    "fold",
+    "in_fours",
+    "is_on_host",
+    "leaf_types",
+    "over_arrays",
+    "retyped",
+    "run_level",
+    "run_pairs",
+]
 
 Shape = tuple[int, ...]
+_FEW = 64
+"""Elements for which another text is not worth its compilation."""
 _LARGEST = 2**31 - 64
 """Elements whose index is an int of 32 bits, and so is that of the neighbours of the last element."""
 
@@ -101,11 +116,34 @@ def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None =
         return _fold_on_host(stream, combine, made, lift)
     width = width_for(combine)
     while stream.shape[axis] > 1 or lift is not None:
-        level = folding(combine, stream.type, made, lift, len(stream.shape), width)
         shape = (*before, -(-stream.shape[axis] // width), *after)
-        stream = level.compile_for(stream)(Table(stream), shape=shape)
+        stream = run_level(stream, shape, combine, made, lift, width)
         lift = None
     return stream
+
+
+def run_level(stream: Stream, shape: Shape, combine: Program, made: Any, lift: Lift | None, width: int) -> Stream:
+    """Run a pass that combines `width` neighbours on the only axis, or on the middle one of 3."""
+    fours = in_fours(stream)
+    level = folding(combine, stream.type, made, lift, len(stream.shape), width, None if fours is None else fours.type)
+    tables = [Table(stream)] if fours is None else [Table(stream), Table(fours)]
+    found: Stream = level.compile_for(stream)(*tables, shape=shape)
+    return found
+
+
+def in_fours(stream: Stream) -> Stream | None:
+    """Return the whole vectors of four in the memory of a stream (n,) of scalars: a device loads them at once.
+
+    None where the elements are no scalars, few, or laid out in another way.
+    """
+    leaf, *others = stream.leaf_entries()
+    type_ = leaf.memory.type
+    if others or len(stream.shape) != 1 or type_.size != 1 or type_.is_bool or stream.size < _FEW:
+        return None
+    memory = stream.place.space.view(leaf.memory, vec(type_.base, 4), stream.size // 4)
+    if memory is None:
+        return None
+    return Stream.over(CLASSES["Attrib", 4, type_.base], (memory.count,), stream.place, [memory])
 
 
 def is_on_host(stream: Stream) -> bool:

@@ -38,6 +38,15 @@ def test_reductions_have_the_bits_of_the_tree(target):
     check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
 
 
+def test_scalars_have_the_bits_of_the_tree(target):
+    for n in (63, 64, 65, 66, 67, 127, 1003, 4097):
+        x = columns(n, 4, target)
+        for k in range(0, 16, 3):
+            s = sh.Stream(x[:, k].copy(), sh.Attrib1f, backend=target)
+            assert not differs(s.sum(), tree(x[:, k], add)).any(), (n, k)
+            assert s.argmin() == np.argmin(x[:, k]), (n, k)
+
+
 @pytest.mark.slow
 def test_ten_thousand_inputs(target):
     check(target, np.random.default_rng(6).integers(1, 5000, 320), 3)
@@ -140,7 +149,7 @@ def test_no_elements(backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_exact_sums_are_rounded_once(backend):
-    for n in (0, 1, 2, 3, 17, 300):
+    for n in (0, 1, 2, 3, 17, 2500):
         x = columns(max(n, 1), 9, backend)[:n]
         found = sh.Stream(x.T.copy(), sh.Attrib1f, backend=backend).sum("exact", axis=1).numpy()
         for k, (column, got) in enumerate(zip(x.T, found, strict=True)):

@@ -41,6 +41,22 @@ def test_prefixes_have_the_bits_of_the_definition(target):
     check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
 
 
+@sh.program
+def halve_scalars(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a - b * 0.5
+
+
+def test_prefixes_of_scalars(target):
+    for n in (63, 64, 65, 66, 67, 127, 1003, 4097):
+        x = columns(n, 4, target)
+        for k in range(0, 16, 5):
+            s = sh.Stream(x[:, k].copy(), sh.Attrib1f, backend=target)
+            wanted = prefixes(x[:, k], halve)
+            assert not differs(sh.scan(halve_scalars, s).numpy(), wanted).any(), (n, k)
+            shifted = np.append(np.float32(0), wanted[:-1])
+            assert not differs(sh.scan(halve_scalars, s, exclusive=True).numpy(), shifted).any(), (n, k)
+
+
 @pytest.mark.slow
 def test_ten_thousand_inputs(target):
     check(target, np.random.default_rng(6).integers(1, 5000, 320), 3)
@@ -75,3 +91,12 @@ def test_misuse_names_the_line_and_a_cure():
     s = sh.Stream([1.0, 2.0], sh.Attrib1f, backend="numpy")
     with pytest.raises(sh.ShpyTypeError, match=re.escape("add_ints(a: sh.Attrib1f, b: sh.Attrib1f)")):
         sh.scan(add_ints, s)
+
+
+def test_a_result_keeps_its_memory():
+    """The prefixes lie in memory that was allocated as vectors, and is not given to others while they are there."""
+    s = sh.Stream(np.arange(1000, dtype=np.uint32), sh.Attrib1u, backend="opencl")
+    found = sh.scan(add_ints, s)
+    others = [sh.Stream(np.full(1000, k, np.uint32), sh.Attrib1u, backend="opencl") for k in range(8)]
+    assert (found.numpy() == np.cumsum(np.arange(1000))).all()
+    assert [int(o[0]) for o in others] == list(range(8))

@@ -200,6 +200,10 @@ class GlslSpace:
         dtype = np.dtype({Base.I: np.int32, Base.U: np.uint32, Base.B: np.bool_}.get(type.base, np.float32))
         return GlslMemory(self, target, width, width * height, type, dtype)
 
+    def view(self, memory: GlslMemory, type: Type, count: int) -> None:
+        """Return None: a texel has as many components as an element."""
+        return
+
     def copy(self, source: GlslMemory, target: GlslMemory) -> None:
         """Copy all elements."""
         if source.count:

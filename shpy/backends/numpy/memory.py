@@ -76,6 +76,11 @@ class NumpySpace:
             raise ShpyTypeError("only a contiguous, writeable array can be a stream's own memory")
         return NumpyMemory(native.reshape(-1, *tail), type)
 
+    def view(self, memory: NumpyMemory, type: Type, count: int) -> NumpyMemory:
+        """Return the same array as elements of another size."""
+        flat = memory.array.reshape(-1)[: count * type.size]
+        return NumpyMemory(flat.reshape(count, type.size) if type.size > 1 else flat, type)
+
     def copy(self, source: Any, target: Any) -> None:
         """Copy all elements."""
         target.array[...] = source.array

@@ -80,6 +80,8 @@ class OpenCLMemory:
     count: int
     type: Type
     dtype: np.dtype[Any]
+    owner: OpenCLMemory | None = None
+    """The memory whose buffer this is, which keeps the buffer while this is in use."""
 
     @property
     def _held(self) -> np.dtype[Any]:
@@ -168,6 +170,10 @@ class OpenCLSpace:
                 cure=f"array.astype(np.{held_dtype})",
             )
         return OpenCLMemory(machine, native.base_data, native.size // type.size, type, np.dtype(DTYPES[type.base]))
+
+    def view(self, memory: OpenCLMemory, type: Type, count: int) -> OpenCLMemory:
+        """Return the same buffer as elements of another size."""
+        return OpenCLMemory(self._machine, memory.buffer, count, type, memory.dtype, memory)
 
     def copy(self, source: OpenCLMemory, target: OpenCLMemory) -> None:
         """Copy all elements."""
