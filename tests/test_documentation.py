@@ -18,7 +18,7 @@ import shpy as sh
 from shpy.ir.listing import table_of_operations
 
 ROOT = Path(__file__).parents[1]
-RUN = ["README.md", "docs/language.md", "docs/testing.md", "docs/accuracy.md"]
+RUN = ["README.md", "docs/language.md", "docs/streams.md", "docs/testing.md", "docs/accuracy.md"]
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
 OPERATIONS = re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL)
 

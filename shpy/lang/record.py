@@ -7,6 +7,7 @@ inputs and outputs, and the params and tables that it uses by closure.
 from __future__ import annotations
 
 import inspect
+import typing
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import CodeType
@@ -72,10 +73,16 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     title: str = name or str(getattr(plain_function(function), "__name__", "program"))
     with uncollected(), recording("program" if title == "<lambda>" else title, loc) as made:
         hint = hints_of(function).get("return")
-        layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
+        layout = None if _is_open(hint) else layout_of(hint, "what it gives back")
         body = lambda given: _called(function, given)  # noqa: E731
         recorded = record_body(made, types, layout, body, return_loc(function), bodies_of(function))
         return replace(recorded, defaults=defaults)
+
+
+def _is_open(annotation: Any) -> bool:
+    """Return whether an annotation leaves open what a function gives back: a dict has no types for its names."""
+    open_types = (None, type(None), Any, dict, list, tuple)
+    return annotation in open_types or typing.get_origin(annotation) in (dict, list)
 
 
 def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[str, InputType], dict[str, Any]]:
