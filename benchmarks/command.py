@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import (
+    chaining,
     frames,
     functions,
     machine,
@@ -59,6 +60,8 @@ STUDIES = (
         "modes": functions.modes,
         "widths": widths.widths,
         "calls": calls.calls,
+        "chaining": chaining.chaining,
+        "early": chaining.early,
     }
 )
 """Studies of shpy, most of them without a peer."""
