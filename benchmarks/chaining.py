@@ -117,7 +117,13 @@ def early(mesh: Mesh, quick: bool) -> Table:
             masks = [sh.Stream(ranks < share, sh.Attrib1b, backend=backend) for share in SHARES]
             seconds = [whole, *(best(partial(_run, kernel, c, out, mask), 3)[0] for mask in masks)]
             rows.append([f"{backend}, {name}", *(f"{1e3 * s:.1f}" for s in seconds)])
-    note = f"Milliseconds of 60 sines for {count:,} elements in streams, without where= and with so many alive."
+        ranks, result = rng.random(count), np.empty(count, np.float32)
+        whole = best(partial(kernel.run, points, out=result), 3)[0]
+        found = [best(partial(kernel.run, points, out=result, where=ranks < share), 3)[0] for share in SHARES]
+        rows.append([f"{backend}, scattered, arrays", *(f"{1e3 * s:.1f}" for s in (whole, *found))])
+    note = (
+        f"Milliseconds of 60 sines for {count:,} elements in streams or arrays, without where= and with so many alive."
+    )
     return Table("early", note, ["backend", "no where=", *(f"{share:.1%}" for share in SHARES)], rows)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shpy import host
 from shpy.backends.base import Backend, Call, Counts, Executable, Options
 from shpy.backends.dump import dump
+from shpy.backends.listed import Listed
 from shpy.backends.registry import backend as backend_named
 from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
@@ -153,7 +154,10 @@ class Kernel:
     @cached_property
     def _guarded(self) -> Kernel:
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
-        return Kernel(guarded(self._recorded, None, "where"), backend_named(self.backend), self.options)
+        made = Kernel(guarded(self._recorded, None, "where"), backend_named(self.backend), self.options)
+        if self._rank is None:  # else an element has to know its place among all
+            made._executable = Listed(made._executable, self._executable)
+        return made
 
     def _holds_streams(self, given: dict[str, Any], out: Any) -> bool:
         values = itertools.chain(given.values(), (out,), self._recorded.tables.values())

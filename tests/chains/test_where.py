@@ -81,6 +81,35 @@ def test_an_output_may_be_an_input(backend):
     assert double.compile(backend).run(np.zeros((0,)), where=np.zeros(0, bool)).count == 0
 
 
+@SHARES
+@on_every_backend
+def test_kernels_that_do_not_know_their_place(backend, share):
+    @sh.program
+    def divide(x: sh.Attrib3f, by: sh.Attrib1i, t: sh.Table[sh.Attrib1f, 1]):
+        n = sh.Attrib1i(by)
+        total = sh.Attrib3f(0, 0, 0)
+        sh.SH_DISCARD(by == 5)
+        with sh.SH_WHILE(lambda: n > 0):
+            total += x / sh.Attrib1f(n) + t[n]
+            n -= 1
+        return {"total": total, "odd": by % 2 == 1}
+
+    rng = np.random.default_rng(7)
+    x, by = rng.random((5000, 3), np.float32), rng.integers(0, 8, 5000)
+    t, mask = rng.random(8, np.float32), rng.random(5000) < share
+    out = {"total": rng.random((5000, 3), np.float32), "odd": rng.random(5000) < 0.5}
+    kernel = divide.compile(backend)
+    whole, runs = kernel(x, by, t), mask & (by != 5)
+    expected = {n: np.where(runs[:, None] if n == "total" else runs, whole[n], out[n]) for n in out}
+    result = kernel.run(x, by, t, where=mask, out=out)
+    np.testing.assert_array_equal(result.written, runs)
+    np.testing.assert_array_equal(bits(out["total"]), bits(expected["total"]))
+    np.testing.assert_array_equal(out["odd"], expected["odd"])
+    again = kernel.run(1.0 * x, by, t, where=mask)
+    np.testing.assert_array_equal(bits(again.outputs["total"][runs]), bits(whole["total"][runs]))
+    assert not again.outputs["total"][~runs].any()
+
+
 @on_every_backend
 def test_elements_know_their_place(backend):
     @sh.program
