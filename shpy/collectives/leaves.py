@@ -26,7 +26,7 @@ from shpy.lang.values import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Place, Stream
 
-__all__ = ["Leaves", "element_class", "first_not_below", "is_mapped", "mapped", "mapping", "run_over"]
+__all__ = ["Leaves", "element_class", "is_mapped", "mapped", "mapping", "over_leaf", "run_over"]
 
 _TILE = 16
 """Elements that are counted together, at each level of a tree of counts."""
@@ -109,7 +109,7 @@ class Leaves:
         if self._own.tally is not None:
             return self._own.tally(numbers, bins)  # type: ignore[no-any-return]
         keys, _ = self._in_order(numbers, False)
-        return _memory(self._run(_tallying(), bins, keys=keys))
+        return _memory(self._run(_tallying(keys.type), bins, keys=keys))
 
     def _in_order(self, keys: Memory, descending: bool) -> tuple[Stream, Stream]:
         """The keys in order, and the indices that they had: sorted parts are merged, two at a time."""
@@ -127,7 +127,7 @@ class Leaves:
         return now, order
 
     def _stream(self, memory: Memory) -> Stream:
-        return Stream.over(element_class(memory), (memory.count,), self._place, [memory])
+        return over_leaf(self._place, memory)
 
     def _run(self, made: Program, count: int, **inputs: Any) -> Any:
         return run_over(self._place, made, count, **inputs)
@@ -156,6 +156,11 @@ def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs:
 
 def _memory(stream: Stream) -> Memory:
     return stream.leaf_entries()[0].memory
+
+
+def over_leaf(place: Place, memory: Memory) -> Stream:
+    """A stream (n,) over the memory of a leaf."""
+    return Stream.over(element_class(memory), (memory.count,), place, [memory])
 
 
 def element_class(memory: Memory) -> Any:
@@ -261,7 +266,7 @@ def _merging(element: Any, descending: bool) -> Program:
     return annotated(merge, length=Attrib1i, **tables, out=tuple[element, Attrib1i])
 
 
-def first_not_below(keys: Any, bound: Any) -> Any:
+def _first_not_below(keys: Any, bound: Any) -> Any:
     """Where in a sorted Table the first key stands that is not below a bound: its size if there is none."""
     low, high = Attrib1i(0), Attrib1i(keys.shape[0])
     with SH_FOR(0, _BITS):
@@ -278,7 +283,7 @@ def first_not_below(keys: Any, bound: Any) -> Any:
 def _putting(element: Any, index: Any) -> Program:
     def put(old: Any, keys: Any, order: Any, given: Any) -> Any:
         place = index(grid_index(1))
-        last = first_not_below(keys, place + 1) - 1
+        last = _first_not_below(keys, place + 1) - 1
         return cond((last >= 0) & (keys[last] == place), given[order[last]], old)
 
     tables = {"keys": TableType(index, 1), "order": TableType(Attrib1i, 1), "given": TableType(element, 1)}
@@ -286,9 +291,9 @@ def _putting(element: Any, index: Any) -> Program:
 
 
 @cache
-def _tallying() -> Program:
+def _tallying(number: Any) -> Program:
     def tally(keys: Any) -> Any:
-        number = grid_index(1)
-        return first_not_below(keys, number + 1) - first_not_below(keys, number)
+        bin = number(grid_index(1))
+        return _first_not_below(keys, bin + 1) - _first_not_below(keys, bin)
 
-    return annotated(tally, keys=TableType(Attrib1i, 1), out=Attrib1i)
+    return annotated(tally, keys=TableType(number, 1), out=Attrib1i)

@@ -13,17 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from shpy.backends.base import Memory
 from shpy.collectives.arguments import check_place, check_stream, extents, indices_at, shaped
-from shpy.collectives.leaves import Leaves, element_class, first_not_below, run_over
+from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
 from shpy.collectives.programs import annotated
+from shpy.collectives.scanning import scan
 from shpy.collectives.trees import check_combination, retyped
 from shpy.errors import ShpyTypeError
-from shpy.lang.builtins import grid_index
+from shpy.ir.types import Base
+from shpy.lang.builtins import cond
 from shpy.lang.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
 from shpy.lang.data import TableType
 from shpy.lang.location import here
 from shpy.lang.structure import build_values, layout_of, leaves, leaves_of
-from shpy.lang.types import Attrib1i
+from shpy.lang.types import Attrib1i, Attrib1u
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
@@ -78,8 +81,7 @@ def scatter(
             if put is not entry.memory:
                 entry.replace(put)
     else:
-        indices = Stream.over(element_class(memory), (memory.count,), given.place, [memory])
-        _fold(given, indices, target, combine)
+        _fold(given, memory, target, combine)
     return target
 
 
@@ -99,19 +101,19 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
     return out
 
 
-def _fold(values: Stream, index: Stream, target: Stream, combine: Program) -> None:
+def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> None:
     """Combine the values of each place: sorted by their indices, those of a place stand together, in their order."""
     place, leaves_at = values.place, Leaves(values.place)
-    memory = index.leaf_entries()[0].memory
-    order = leaves_at.order(memory, descending=False)
-    tables = {"keys": shaped(index, [leaves_at.take(memory, order)], index.shape)}
+    keys = run_over(place, _unsigned(element_class(index)), values.size, index=over_leaf(place, index))
+    counts = over_leaf(place, leaves_at.tally(index, target.size))
+    order = leaves_at.order(keys.leaf_entries()[0].memory, descending=False)
+    inputs = {"number": counts, "end": scan(_adding(), counts)}
     for k, entry in enumerate(values.leaf_entries()):
-        given = leaves_at.take(entry.memory, order)
-        tables[f"given{k}"] = Stream.over(element_class(given), (given.count,), place, [given])
+        inputs[f"given{k}"] = over_leaf(place, leaves_at.take(entry.memory, order))
     out = retyped(target, target.type, (target.size,))
-    made = _folding(combine, values.type, index.type)
+    made = _folding(combine, values.type)
     for first in range(0, values.size, _AT_ONCE):
-        result = run_over(place, made, out.size, out, before=out, first=np.array([first], np.int32), **tables)
+        result = run_over(place, made, out.size, out, before=out, first=np.array([first], np.int32), **inputs)
         if not result.count:
             break
     for now, then in zip(out.leaf_entries(), target.leaf_entries(), strict=True):
@@ -120,17 +122,33 @@ def _fold(values: Stream, index: Stream, target: Stream, combine: Program) -> No
 
 
 @cache
-def _folding(combine: Program, element: Any, index: Any) -> Program:
-    """Record the program that combines as many values of each place as fit into a run; `given` are their leaves."""
+def _unsigned(index: Any) -> Program:
+    """Record the program that makes keys of indices: those out of range come last."""
+
+    def key(index: Any) -> Any:
+        return cond(index < 0, Attrib1u(0xFFFFFFFF), Attrib1u(index)) if index.base is Base.I else index
+
+    return annotated(key, index=index, out=Attrib1u)
+
+
+@cache
+def _adding() -> Program:
+    return annotated(lambda a, b: a + b, a=Attrib1i, b=Attrib1i, out=Attrib1i)
+
+
+@cache
+def _folding(combine: Program, element: Any) -> Program:
+    """Record the program that combines as many values of each place as fit into a run.
+
+    A place has `number` values, which end before `end` in the tables of their leaves, `given`.
+    """
     layout = layout_of(element, "an element")
-    inputs = {"before": element, "first": Attrib1i, "keys": TableType(index, 1)}
+    inputs = {"before": element, "first": Attrib1i, "number": Attrib1i, "end": Attrib1i}
     given = {f"given{k}": TableType(cls, 1) for k, (_, _, cls) in enumerate(leaves(layout, ""))}
 
-    def fold(before: Any, first: Any, keys: Any, **given: Any) -> Any:
-        place = index(grid_index(1))
-        begin = first_not_below(keys, place) + first
-        end = first_not_below(keys, place + 1)
-        SH_DISCARD(begin >= end)
+    def fold(before: Any, first: Any, number: Any, end: Any, **given: Any) -> Any:
+        SH_DISCARD(first >= number)
+        begin = end - number + first
         with SH_IF(first == 0):
             _store(before, [table[begin] for table in given.values()])
             begin += 1
