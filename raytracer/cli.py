@@ -76,6 +76,13 @@ def _parser() -> argparse.ArgumentParser:
         "--bounces", type=sh.command.whole(0), default=3, help="how often the reference's rays may be mirrored (3)"
     )
     command.set_defaults(run=_tradeoff)
+    command = commands.add_parser("study", help="repeat the measurements of a paper, as tables of Markdown and plots")
+    command.add_argument("paper", choices=["christen"], help="Ray Tracing on GPU, 2005: the staged tracer")
+    command.add_argument("-o", "--output", type=Path, help="draw the plots there; JSON and CSV go beside it")
+    command.add_argument("--backend", action="append", help="a backend to measure, several times for several (all)")
+    command.add_argument("--minutes", type=_error, default=9.0, help="after how long no measurement begins (9)")
+    command.add_argument("--cpu", action="store_true", help="count CPU time, where the machine does other things too")
+    command.set_defaults(run=_study)
     command = commands.add_parser("scenes", help="list the built-in scenes")
     command.set_defaults(run=_scenes)
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
@@ -131,6 +138,19 @@ def _tradeoff(options: argparse.Namespace) -> int:
     if options.output is not None:
         found.plot(options.output)
     print(f"within {options.error:g}/255: {found.pick.variant}")
+    return 0
+
+
+def _study(options: argparse.Namespace) -> int:
+    from raytracer.christen import study  # here: few commands need it
+
+    if options.output is not None:
+        new_figure(options.output)  # complains now about a path that cannot be written later
+    with progress_bar("christen: measurements") as progress:
+        found = study(options.backend, minutes=options.minutes, cpu=options.cpu, progress=progress)
+    print(found.markdown())
+    if options.output is not None:
+        found.plot(options.output)
     return 0
 
 

@@ -11,7 +11,9 @@ intersector take turns: the intersector runs once the share `threshold` of the r
 
 from __future__ import annotations
 
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,22 +34,29 @@ _LAYERS = Pixel(sh.Color3f, sh.Attrib1f, sh.Normal3f, sh.Attrib1i, sh.Attrib1i) 
 
 @dataclass
 class Log:
-    """What the host saw: `calls` of each stage; `alive`, the rays that each round began with, shadow rays included."""
+    """What the host saw: `calls` of each stage, and of each round how many rays it began with and what it took.
+
+    Rays to lights count too. A round's `seconds` end when the next one's rays are counted.
+    """
 
     calls: Counter[str] = field(default_factory=Counter)
     alive: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
 
-    def begin(self, round: int, rays: int) -> None:
-        """Add the rays of one band's round."""
-        self.alive += [0] * (round + 1 - len(self.alive))
+    def add(self, round: int, rays: int, seconds: float) -> None:
+        """Add one round of a band."""
+        if round == len(self.alive):
+            self.alive.append(0)
+            self.seconds.append(0.0)
         self.alive[round] += rays
+        self.seconds[round] += seconds
 
 
 class StagedTracer:
     """The compiled stages of a tracer whose accelerator is a grid.
 
     `threshold`, from 0 to 1, is the share of the rays on their way that must wait before the intersector runs.
-    `options` are those of `sh.Program.compile`. `params` are the uniforms of the eye rays.
+    `params` are the uniforms of the eye rays; `clock` gives the seconds of the log.
     """
 
     def __init__(
@@ -62,6 +71,7 @@ class StagedTracer:
     ) -> None:
         self.threshold = threshold
         self.log = Log()
+        self.clock: Callable[[], float] = time.perf_counter
         self.programs = stages.programs(tracer, rays)
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
@@ -81,12 +91,14 @@ class StagedTracer:
         layers = Pixel(*(sh.Stream.empty(shape, type_, **self._place) for type_ in _LAYERS))  # type: ignore[arg-type]
         band = {**streams, "pixel": layers}
         self._run("generate", band)
-        round = 0
-        while rays := self._run("precalculate", band).count:
-            self.log.begin(round, rays)
+        round, rays = 0, self._run("precalculate", band).count
+        while rays:
+            started = self.clock()
             self._follow(band)
             self._run("shade", band)
-            round += 1
+            left = self._run("precalculate", band).count
+            self.log.add(round, rays, self.clock() - started)
+            round, rays = round + 1, left
         return Pixel(*(np.asarray(layer) for layer in layers))  # type: ignore[arg-type]
 
     def _follow(self, band: dict[str, Any]) -> None:

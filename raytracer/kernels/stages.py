@@ -24,7 +24,7 @@ from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 ACTIVE, WAIT, DEAD, INACTIVE, OVERFLOW, FINISHED = range(6)
 """States of a ray: on its way from cell to cell; has triangles to try; meets no cell; has its hit; has left the grid.
 The last is that of a pixel: no more rays."""
-AT_ONCE = 16
+AT_ONCE = 64
 """Cells or triangles that a ray goes through in one call, unless the Param `at_once` says otherwise."""
 
 

@@ -73,7 +73,7 @@ def test_free_memory_is_what_the_system_has():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["render", "teapots"], "neither a file nor a built-in scene; the scenes are boxes, mirror-box, mixed"),
+        (["render", "teapots"], "neither a file nor a built-in scene; the scenes are boxes, cubes, mirror-box, mixed"),
         (["render", "gone.obj"], "no file gone.obj"),
         (["render", "boxes", "-o", "a.gif"], "not as .gif"),
         (["render", "boxes", "-o", "gone/a.png"], "no folder gone"),
@@ -113,7 +113,7 @@ def test_ctrl_c_leaves_no_file(tmp_path, monkeypatch, capsys):
 def test_scenes_lists_them_all(capsys):
     assert cli.main(["scenes"]) == 0
     out = capsys.readouterr().out
-    assert [line.split()[0] for line in out.splitlines()] == ["boxes", "mirror-box", "mixed"]
+    assert [line.split()[0] for line in out.splitlines()] == ["boxes", "cubes", "mirror-box", "mixed"]
     assert "61,562 triangles" in out
 
 

@@ -216,11 +216,13 @@ def test_unknown_backend():
 
 
 def test_unknown_scene_names_the_known():
-    with pytest.raises(SceneError, match="boxes, mirror-box, mixed"):
+    with pytest.raises(SceneError, match="boxes, cubes, mirror-box, mixed"):
         Scene.builtin("teapots")
 
 
-@pytest.mark.parametrize(("name", "triangles"), [("boxes", 36), ("mirror-box", 4558), ("mixed", 61_562)])
+@pytest.mark.parametrize(
+    ("name", "triangles"), [("boxes", 36), ("cubes", 2064), ("mirror-box", 4558), ("mixed", 61_562)]
+)
 def test_built_in_scenes(name, triangles):
     scene = Scene.builtin(name)
     assert scene.triangles == triangles

@@ -1,0 +1,331 @@
+"""The measurements of Christen 2005, chapter 6, on the backends at hand: the staged tracer beside the unified one.
+
+Stage: measure. Three scenes at 256 x 256 pixels: time against the size of the grid and against the iterations, which
+are bounces and the eye ray; calls of the kernels against the threshold; rays alive, and what a round of few rays costs.
+
+    found = study(["numpy", "opencl"], minutes=9)
+    print(found.markdown())
+    found.plot("christen.png")              # christen.json and christen.csv go beside it
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import os
+import platform
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import shpy as sh
+from raytracer.errors import SceneError
+from raytracer.kernels import stages
+from raytracer.renderer import THRESHOLD, Renderer
+from raytracer.scene import Scene
+from raytracer.trade import new_figure
+
+__all__ = ["Case", "Measured", "Study", "study"]
+
+SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
+"""Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
+SIZE = (256, 256)
+GRID = 20
+GRIDS = (5, 10, 20, 30, 50)
+ITERATIONS = (1, 2, 4, 8)
+THRESHOLDS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0)
+AT_ONCE = (1, stages.AT_ONCE)
+"""Cells or triangles in a call: 1 as in the thesis, and as many as the tracer has unless told otherwise."""
+TRACERS = ("staged", "unified")
+_OFTEN = 3
+_SOON = 0.5
+"""Seconds: pictures that take less are taken several times, of which the fastest counts."""
+_MARKS = "os^"
+
+Clock = Callable[[], float]
+Told = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One picture: a scene of the thesis, where and how it is rendered. `threshold` and `at_once` are for "staged"."""
+
+    scene: str
+    backend: str
+    tracer: str
+    grid: int = GRID
+    iterations: int = 1
+    threshold: float = THRESHOLD
+    at_once: int = AT_ONCE[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a case took: `seconds` of the fastest picture; calls of each kernel, and the rays and seconds of rounds."""
+
+    case: Case
+    seconds: float
+    rays: int
+    calls: dict[str, int]
+    alive: tuple[int, ...]
+    round_seconds: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that was measured, the machine, and the cases that the time did not suffice for."""
+
+    machine: str
+    backends: dict[str, str]
+    measured: tuple[Measured, ...]
+    skipped: tuple[Case, ...]
+    size: tuple[int, int] = SIZE
+    cpu: bool = False
+
+    def find(self, **wanted: Any) -> list[Measured]:
+        """The measurements whose case has these values; what is not named is as it is by default."""
+        full = {"grid": GRID, "iterations": 1, "threshold": THRESHOLD, "at_once": AT_ONCE[-1]} | wanted
+        return [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
+
+    def markdown(self) -> str:
+        """All numbers as tables of Markdown."""
+        return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
+
+    def _about(self) -> str:
+        backends = "; ".join(f"{name}: {device}" for name, device in self.backends.items())
+        left = f" {len(self.skipped)} measurements were left out for want of time." if self.skipped else ""
+        clock = "CPU time of all cores" if self.cpu else "wall time"
+        return f"Measured on {self.machine} ({backends}), {self.size[0]} x {self.size[1]} pixels, {clock}.{left}"
+
+    def _tables(self) -> Iterable[str]:
+        for title, key, values in (("Grid", "grid", GRIDS), ("Iterations", "iterations", ITERATIONS)):
+            rows = [
+                [scene, backend, tracer, *self._milliseconds(key, values, scene, backend, tracer)]
+                for scene in SCENES
+                for backend in self.backends
+                for tracer in TRACERS
+            ]
+            head = ["scene", "backend", "tracer", *(f"{title.lower()} {v}" for v in values)]
+            yield _table(f"{title}: milliseconds a picture", head, rows)
+        rows = [
+            [
+                str(e)
+                for e in (m.case.scene, m.case.at_once, m.case.threshold, m.calls["traverse"], m.calls["intersect"])
+            ]
+            for m in self.find(threshold=..., at_once=..., tracer="staged", backend=self._counted)
+        ]
+        head = ["scene", "cells or triangles a call", "threshold", "calls of the traverser", "of the intersector"]
+        yield _table("Threshold: calls of the kernels, 1 iteration", head, sorted(rows))
+        yield self._alive_table()
+
+    def _alive_table(self) -> str:
+        rows = []
+        for m in self.find(iterations=ITERATIONS[-1], tracer="staged"):
+            alive, seconds = eye_rounds(m)
+            shown = [f"{n:,} / {1e6 * s / n:.2f}" for n, s in zip(alive, seconds, strict=True)]
+            rows.append([m.case.scene, m.case.backend, *shown, *[""] * (ITERATIONS[-1] - len(shown))])
+        head = ["scene", "backend", *(str(k + 1) for k in range(ITERATIONS[-1]))]
+        return _table("Rays alive in each iteration / microseconds for each of them", head, rows)
+
+    @property
+    def _counted(self) -> str:
+        return counted_on(list(self.backends))
+
+    def _milliseconds(self, key: str, values: Sequence[int], scene: str, backend: str, tracer: str) -> list[str]:
+        found = {
+            getattr(m.case, key): m.seconds
+            for m in self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
+        }
+        return [f"{1e3 * found[v]:.0f}" if v in found else "" for v in values]
+
+    def json(self) -> dict[str, Any]:
+        """Everything, for `json.dump`."""
+        return dataclasses.asdict(self)
+
+    def csv(self) -> str:
+        """A line for each measurement."""
+        text = io.StringIO()
+        rows = [
+            dataclasses.asdict(m.case) | {"seconds": m.seconds, "rays": m.rays, "calls": sum(m.calls.values())}
+            for m in self.measured
+        ]
+        writer = csv.DictWriter(text, list(rows[0]) if rows else ["scene"])
+        writer.writeheader()
+        writer.writerows(rows)
+        return text.getvalue()
+
+    def plot(self, path: str | Path) -> None:
+        """Draw time, calls and rays; JSON and CSV of the same name go beside the picture. Raises as `new_figure`."""
+        path = Path(path)
+        figure = new_figure(path)
+        figure.set_size_inches(15, 12)
+        axes = figure.subplots(3, 3)
+        for column, backend in enumerate(list(self.backends)[:3]):
+            self._draw_times(axes[0, column], backend, "grid", f"{backend}: time against the size of the grid")
+            self._draw_times(axes[1, column], backend, "iterations", f"{backend}: time against iterations")
+        self._draw_calls(axes[2, 0])
+        self._draw_alive(axes[2, 1], axes[2, 2])
+        for axis in axes.flat:
+            if axis.has_data():
+                axis.legend(fontsize=6)
+            else:
+                axis.set_axis_off()
+        with sh.files.replacing(path) as temporary:
+            figure.savefig(temporary, dpi=100)
+        with sh.files.replacing(path.with_suffix(".json")) as temporary:
+            temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
+        with sh.files.replacing(path.with_suffix(".csv")) as temporary:
+            temporary.write_text(self.csv())
+
+    def _draw_times(self, axis: Any, backend: str, key: str, title: str) -> None:
+        for k, scene in enumerate(SCENES):
+            for tracer, style in zip(TRACERS, ("-", "--"), strict=True):
+                found = self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
+                points = sorted((getattr(m.case, key), m.seconds) for m in found)
+                if points:
+                    x, y = zip(*points, strict=True)
+                    axis.plot(x, y, style, marker=_MARKS[k], color=f"C{k}", label=f"{scene}, {tracer}")
+        axis.set(yscale="log", xlabel=key, ylabel="seconds a picture")
+        axis.set_title(title, fontsize=9)
+
+    def _draw_calls(self, axis: Any) -> None:
+        for k, scene in enumerate(SCENES):
+            for at_once, style in zip(AT_ONCE, ("-", "--"), strict=True):
+                found = self.find(scene=scene, backend=self._counted, tracer="staged", threshold=..., at_once=at_once)
+                points = sorted((m.case.threshold, m.calls["traverse"] + m.calls["intersect"]) for m in found)
+                if len(points) > 1:
+                    x, y = zip(*points, strict=True)
+                    axis.plot(x, y, style, marker=_MARKS[k], color=f"C{k}", label=f"{scene}, {at_once} a call")
+        axis.set(yscale="log", xlabel="threshold", ylabel="calls of traverser and intersector")
+        axis.set_title("calls of kernels against the threshold", fontsize=9)
+
+    def _draw_alive(self, alive_axis: Any, cost_axis: Any) -> None:
+        for m in self.find(iterations=ITERATIONS[-1], tracer="staged"):
+            k, b = list(SCENES).index(m.case.scene), list(self.backends).index(m.case.backend)
+            alive, _ = eye_rounds(m)
+            if m.case.backend == self._counted:
+                label = f"{m.case.scene}, {m.case.backend}"
+                alive_axis.plot(range(1, len(alive) + 1), alive, "-", marker=_MARKS[k], color=f"C{k}", label=label)
+            cost = [1e6 * s / n for n, s in zip(m.alive, m.round_seconds, strict=True)]
+            cost_axis.plot(m.alive, cost, _MARKS[k], color=f"C{b}", label=f"{m.case.scene}, {m.case.backend}")
+        alive_axis.set(yscale="log", xlabel="iteration", ylabel="eye rays and mirrored rays")
+        alive_axis.set_title("rays alive", fontsize=9)
+        cost_axis.set(xscale="log", yscale="log", xlabel="rays of a round", ylabel="microseconds a ray")
+        cost_axis.set_title("what a round costs for each of its rays", fontsize=9)
+
+
+def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
+    """The rays and the seconds of each iteration's first round: its others are those of the shadow rays."""
+    every = 1 + len(Scene.builtin(SCENES[measured.case.scene]).lights)
+    return list(measured.alive[::every]), list(measured.round_seconds[::every])
+
+
+def counted_on(backends: Sequence[str]) -> str:
+    """The backend that calls of kernels are counted on: they are the same on all, and OpenCL is fast."""
+    return "opencl" if "opencl" in backends else backends[0]
+
+
+def cases(backends: Sequence[str]) -> list[Case]:
+    """Every case, each once, those first without which the others mean little."""
+    both = [(scene, backend, tracer) for backend in backends for scene in SCENES for tracer in TRACERS]
+    wanted = [Case(*names) for names in both]
+    wanted += [Case(*names, iterations=n) for names in both for n in reversed(ITERATIONS)]
+    wanted += [
+        Case(scene, counted_on(backends), "staged", threshold=threshold, at_once=at_once)
+        for scene in SCENES
+        for at_once in reversed(AT_ONCE)
+        for threshold in THRESHOLDS
+    ]
+    wanted += [Case(*names, grid=grid) for grid in GRIDS for names in both]
+    return list(dict.fromkeys(wanted))
+
+
+def study(
+    backends: Sequence[str] | None = None,
+    *,
+    minutes: float = 9.0,
+    size: tuple[int, int] = SIZE,
+    cpu: bool = False,
+    progress: Told | None = None,
+) -> Study:
+    """Measure the cases on `backends`, by default on all that are available, until `minutes` are over.
+
+    The case that runs then is the last; `Study.skipped` has the others. With `cpu` all seconds are those of the
+    processor's cores together, for machines that do other things too; a GPU's are not among them.
+    Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
+    """
+    known = {b.name: b.devices[0].name for b in sh.backends() if b.available}
+    names = list(known) if backends is None else list(backends)
+    if not names:
+        raise SceneError("a study needs a backend: `raytracer doctor` says what is missing")
+    for name in names:
+        if name not in known:
+            raise sh.BackendUnavailable(f"{name} is not available", cure="raytracer doctor, which says why")
+    wanted, measured = cases(names), []
+    clock = time.process_time if cpu else time.perf_counter
+    end = time.monotonic() + 60 * minutes
+    last: tuple[Case, Renderer] | None = None
+    for done, case in enumerate(wanted):
+        if progress is not None:
+            progress(done, len(wanted))
+        if time.monotonic() > end:
+            break
+        renderer = _renderer(case, last, clock)
+        last = case, renderer
+        measured.append(_measure(case, renderer, size, clock))
+    if progress is not None:
+        progress(len(wanted), len(wanted))
+    return Study(machine(), {n: known[n] for n in names}, tuple(measured), tuple(wanted[len(measured) :]), size, cpu)
+
+
+def machine() -> str:
+    """The processor, as the system names it, and how many cores this process may use."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    name = platform.processor() or platform.machine()
+    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
+        if line.startswith("model name"):
+            name = line.partition(":")[2].strip()
+            break
+    return f"{name}, {cores} cores"
+
+
+def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> Renderer:
+    """A renderer for a case: the last one where it differs in what can be set between pictures."""
+    if last is not None and dataclasses.replace(last[0], threshold=case.threshold, at_once=case.at_once) == case:
+        renderer = last[1]
+    else:
+        scene = Scene.builtin(SCENES[case.scene])
+        options: dict[str, Any] = {"backend": case.backend, "tracer": case.tracer, "grid": case.grid}
+        renderer = Renderer(scene, bounces=case.iterations - 1, accel="grid", **options)
+        renderer.render((8, 8))  # drivers compile once more when a kernel runs for the first time
+    if renderer.staged is not None:
+        renderer.staged.clock = clock
+        renderer.staged.threshold = case.threshold
+        renderer.staged.at_once.value = case.at_once
+    return renderer
+
+
+def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock) -> Measured:
+    best: Measured | None = None
+    for _ in range(_OFTEN):
+        started = clock()
+        stats = renderer.render(size).stats
+        taken = clock() - started
+        seconds = () if renderer.staged is None else tuple(renderer.staged.log.seconds)
+        found = Measured(case, taken, stats.rays, dict(stats.calls), stats.alive, seconds)
+        best = found if best is None or found.seconds < best.seconds else best
+        if taken > _SOON:
+            break
+    assert best is not None
+    return best
+
+
+def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    if not rows:
+        return ""
+    lines = [f"**{title}**", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *("| " + " | ".join(map(str, row)) + " |" for row in rows)])
