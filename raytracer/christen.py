@@ -33,6 +33,8 @@ __all__ = ["Case", "Measured", "Study", "study"]
 
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
+COUNTED = ("A", "B")
+"""The scenes whose calls are counted against the threshold: with one triangle a call C would take too long."""
 SIZE = (256, 256)
 GRID = 20
 GRIDS = (5, 10, 20, 30, 50)
@@ -230,18 +232,26 @@ def counted_on(backends: Sequence[str]) -> str:
 
 
 def cases(backends: Sequence[str]) -> list[Case]:
-    """Every case, each once, those first without which the others mean little."""
-    both = [(scene, backend, tracer) for backend in backends for scene in SCENES for tracer in TRACERS]
-    wanted = [Case(*names) for names in both]
-    wanted += [Case(*names, iterations=n) for names in both for n in reversed(ITERATIONS)]
+    """Every case, each once, those first without which the others mean little. numpy, which is slow, has fewer."""
+    fast = [name for name in backends if name != "numpy"]
+    counted = counted_on(backends)
+    wanted = [Case(*names) for names in _named(backends)]
+    wanted += [Case(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
     wanted += [
-        Case(scene, counted_on(backends), "staged", threshold=threshold, at_once=at_once)
-        for scene in SCENES
+        Case(scene, counted, "staged", threshold=threshold, at_once=at_once)
+        for scene in COUNTED
         for at_once in reversed(AT_ONCE)
         for threshold in THRESHOLDS
     ]
-    wanted += [Case(*names, grid=grid) for grid in GRIDS for names in both]
+    wanted += [Case(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
+    if "numpy" in backends:
+        wanted += [Case(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
+        wanted += [Case(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
     return list(dict.fromkeys(wanted))
+
+
+def _named(backends: Sequence[str]) -> list[tuple[str, str, str]]:
+    return [(scene, backend, tracer) for backend in backends for scene in SCENES for tracer in TRACERS]
 
 
 def study(

@@ -3,6 +3,8 @@
 Stage: render. Christen 2005, section 5.6. In each round every ray is followed to its end, then all are shaded at once,
 which makes the rays of the next round: those to a light, or the mirrored ones. Within a round the traverser and the
 intersector take turns: the intersector runs once the share `threshold` of the rays on their way waits for it.
+The thesis lets the depth test reject the rays that a kernel does not need, so that each call goes over all of them;
+here rays that have become few are copied to streams of their own.
 
     staged = StagedTracer(tracer, rays, backend="opencl", threshold=0.2)
     pixel = staged.trace((256, 256))        # the arrays of a Pixel
@@ -13,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +27,10 @@ from raytracer.kernels.tracer import EyeRays, Pixel, Tracer
 
 __all__ = ["Log", "StagedTracer"]
 
+SPARSE = 1 / 4
+"""Share of the rays of a band that are on their way, below which they are copied to streams of their own."""
+LEAST = 1 << 10
+"""Rays of a band that are too few for that: a call takes as long for one ray."""
 _STREAMS: dict[str, Any] = {
     "ray": stages.Ray, "light": stages.Light, "point": stages.Point, "cell": stages.Cell, "items": stages.Items,
     "nearest": stages.Nearest, "state": sh.Attrib1i,
@@ -56,7 +62,8 @@ class StagedTracer:
     """The compiled stages of a tracer whose accelerator is a grid.
 
     `threshold`, from 0 to 1, is the share of the rays on their way that must wait before the intersector runs.
-    `params` are the uniforms of the eye rays; `clock` gives the seconds of the log.
+    `params` are the uniforms of the eye rays; `clock` gives the seconds of the log;
+    `compacts` says whether kernels run over the rays on their way alone once these are few.
     """
 
     def __init__(
@@ -71,6 +78,7 @@ class StagedTracer:
     ) -> None:
         self.threshold = threshold
         self.log = Log()
+        self.compacts = True
         self.clock: Callable[[], float] = time.perf_counter
         self.programs = stages.programs(tracer, rays)
         self.params = self.programs["generate"].params
@@ -89,17 +97,26 @@ class StagedTracer:
         """The layers of a band of `shape` = (height, width), as arrays in a Pixel; the log goes on."""
         streams = {name: sh.Stream.empty(shape, type_, **self._place) for name, type_ in _STREAMS.items()}
         layers = Pixel(*(sh.Stream.empty(shape, type_, **self._place) for type_ in _LAYERS))  # type: ignore[arg-type]
-        band = {**streams, "pixel": layers}
+        band = {**streams, **layers._asdict()}
         self._run("generate", band)
-        round, rays = 0, self._run("precalculate", band).count
+        self._rounds(band, 0, self._run("precalculate", band).count)
+        return Pixel(*(np.asarray(layer) for layer in layers))  # type: ignore[arg-type]
+
+    def _rounds(self, band: dict[str, Any], round: int, rays: int) -> None:
+        """Follow and shade `rays` rays, and those that come of them, until there are none."""
         while rays:
+            if self._is_sparse(band, rays):
+                few, index = self._dense(band, "unfinished", [*_STREAMS, *_LAYERS._fields])
+                self._rounds(few, round, rays)
+                for name in _LAYERS._fields:
+                    sh.scatter(few[name], index, out=band[name])
+                return
             started = self.clock()
             self._follow(band)
             self._run("shade", band)
             left = self._run("precalculate", band).count
             self.log.add(round, rays, self.clock() - started)
             round, rays = round + 1, left
-        return Pixel(*(np.asarray(layer) for layer in layers))  # type: ignore[arg-type]
 
     def _follow(self, band: dict[str, Any]) -> None:
         """Run traverser and intersector until no ray is on its way."""
@@ -113,12 +130,34 @@ class StagedTracer:
             if waiting and waiting >= self.threshold * on_their_way:
                 self._run("intersect", band)
                 waiting = self._run("waiting", band).count
+            if self._is_sparse(band, on_their_way):
+                few, index = self._dense(band, "moving", ["ray", "cell", "items", "nearest", "state"])
+                if few["state"].size:
+                    self._follow(few)
+                    for name in ("nearest", "state"):
+                        sh.scatter(few[name], index, out=band[name])
+                return
+
+    def _is_sparse(self, band: dict[str, Any], rays: int) -> bool:
+        """Return whether so few rays of a band are left that calls over them alone are worth the copies."""
+        return bool(self.compacts and rays <= band["state"].size * SPARSE and band["state"].size > LEAST)
+
+    def _dense(self, band: dict[str, Any], chosen: str, names: Sequence[str]) -> tuple[dict[str, Any], Any]:
+        """Copies of some streams with the rays alone that the kernel `chosen` says, and the places that these had."""
+        self.log.calls["compact"] += 1
+        state, index = sh.compact(band["state"], self._run(chosen, band).outputs)
+        few = {name: state if name == "state" else sh.gather(band[name], index) for name in names}
+        return few, index
 
     def _run(self, stage: str, band: dict[str, Any]) -> sh.Result:
         """Start a stage, whose inputs and outputs are the streams of their names."""
         self.log.calls[stage] += 1
         program, kernel = self.programs[stage], self._kernels[stage]
-        given = {name: band[name] for name in program.inputs}
         written = stages.WRITES.get(stage)
-        result: sh.Result = kernel.run(**given, out=written and {name: band[name] for name in written})
+        out = written and {name: _stream(band, name) for name in written}
+        result: sh.Result = kernel.run(**{name: _stream(band, name) for name in program.inputs}, out=out)
         return result
+
+
+def _stream(band: dict[str, Any], name: str) -> Any:
+    return {layer: band[layer] for layer in _LAYERS._fields} if name == "pixel" else band[name]

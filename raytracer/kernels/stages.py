@@ -152,6 +152,8 @@ def programs(tracer: Tracer, rays: EyeRays) -> dict[str, Any]:
         "intersect": _intersector(walk, at_once),
         "shade": _shading(tracer),
         "waiting": waiting,
+        "moving": moving,
+        "unfinished": unfinished,
     }
 
 
@@ -160,6 +162,18 @@ def waiting(state: sh.Attrib1i) -> sh.Attrib1b:
     """Written for the rays that wait for the intersector."""
     SH_DISCARD(state != WAIT)
     return sh.Attrib1b(True)
+
+
+@sh.program
+def moving(state: sh.Attrib1i) -> sh.Attrib1b:
+    """Return whether rays are on their way."""
+    return sh.Attrib1b((state == ACTIVE) | (state == WAIT))
+
+
+@sh.program
+def unfinished(state: sh.Attrib1i) -> sh.Attrib1b:
+    """Return whether pixels have rays that are on their way or have yet to be shaded."""
+    return sh.Attrib1b(state != FINISHED)
 
 
 def _generator(tracer: Tracer, rays: EyeRays) -> Any:

@@ -30,14 +30,17 @@ def assert_same(image, other):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend):
+def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend, monkeypatch):
+    monkeypatch.setattr("raytracer.staged.LEAST", 16)  # a small picture, too, copies its last rays to other streams
     scene = small()
     unified = render(scene, (24, 16), backend=backend, bounces=1, accel="grid")
     staged = Renderer(scene, backend=backend, bounces=1, tracer="staged")
     assert staged.layout.structure.outside == 2
     for threshold in (0, 0.2, 1):
         staged.staged.threshold = threshold
-        assert_same(staged.render((24, 16)), unified)
+        image = staged.render((24, 16))
+        assert_same(image, unified)
+        assert image.stats.calls["compact"] > 2
 
 
 @pytest.mark.parametrize("scene", [Scene.builtin("boxes"), Scene.builtin("mixed")], ids=["boxes", "mixed"])
@@ -101,6 +104,17 @@ def test_the_threshold_decides_how_often_the_intersector_runs():
     assert traversals[-1] > traversals[0]
     assert {c["generate"] for c in calls} == {1}
     assert len({c["shade"] for c in calls}) == 1
+
+
+def test_rays_that_are_few_run_alone_or_with_all_others(monkeypatch):
+    monkeypatch.setattr("raytracer.staged.LEAST", 16)
+    renderer = Renderer(small(), backend="numpy", bounces=2, tracer="staged")
+    alone = renderer.render((24, 16))
+    renderer.staged.compacts = False
+    among_all = renderer.render((24, 16))
+    assert_same(alone, among_all)
+    assert alone.stats.alive == among_all.stats.alive
+    assert "compact" not in among_all.stats.calls
 
 
 def test_stats_tell_the_rays_of_each_round():
