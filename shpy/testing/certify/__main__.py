@@ -13,8 +13,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from shpy.command import run
 from shpy.kernel import Kernel
 from shpy.program import Program
@@ -38,7 +36,7 @@ def kernels(folder: Path) -> dict[str, Program]:
         "marble": algebra.BALLS[2],
         "dents": algebra.BALLS[3],
         "blur": blur.gaussian(5),
-        "life": _compiled(life.game(np.zeros((64, 64), np.int32), "numpy")),
+        "life": life.generation,
         "nbody": _compiled(nbody.simulation(*nbody.galaxies(256), 0.01, "numpy")),
     }
 
