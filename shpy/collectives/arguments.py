@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from shpy import host
 from shpy.backends.base import Memory
 from shpy.errors import ShpyTypeError
 from shpy.lang.location import here
 from shpy.lang.types import Attrib1b, Attrib1i
 from shpy.streams.stream import Place, Stream
 
-__all__ = ["check_place", "check_stream", "extents", "indices_at", "mask_at", "shaped"]
+__all__ = ["check_place", "check_stream", "indices_at", "mask_at", "shaped"]
 
 Shape = tuple[int, ...]
 
@@ -48,6 +47,8 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
             raise ShpyTypeError(f"{name} is {index!r}", loc=here(), cure="a Stream of Attrib1i")
         return index.leaf_entries()[0].memory, index.shape
     array = np.asarray(index)
+    if not array.size:  # an empty list is one of floats
+        array = array.astype(np.int32)
     if array.dtype.kind not in "iu":
         raise ShpyTypeError(f"{name} takes ints, not {array.dtype}", loc=here(), cure=f"{name}.astype(np.int32)")
     # An index that no int holds is out of range, and so is the nearest int.
@@ -78,8 +79,3 @@ def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
 def shaped(stream: Stream, memories: list[Memory], shape: Shape) -> Stream:
     """A stream of the type and place of another one."""
     return Stream.over(stream.type, shape, stream.place, memories)
-
-
-def extents(shape: Any) -> Shape:
-    """The shape that a user wrote."""
-    return host.given_shape(shape)

@@ -77,8 +77,7 @@ class Leaves:
         """
         if not (values.count and target.count):
             return target
-        if values is target:
-            values = _memory(self._stream(values).copy())
+        values, index = (_memory(self._stream(m).copy()) if m is target else m for m in (values, index))
         if self._own.put is not None:
             self._own.put(values, index, target)
             return target

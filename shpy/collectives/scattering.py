@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from shpy import host
 from shpy.backends.base import Memory
-from shpy.collectives.arguments import check_place, check_stream, extents, indices_at, shaped
+from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
 from shpy.collectives.programs import annotated
 from shpy.collectives.scanning import scan
@@ -89,10 +90,10 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
     if out is None:
         if shape is None:
             raise ShpyTypeError("scatter needs a shape", loc=here(), cure="sh.scatter(values, index, shape), or out=")
-        return Stream.empty(extents(shape), values.type, values.backend, values.device, values.precision)
+        return Stream.empty(host.given_shape(shape), values.type, values.backend, values.device, values.precision)
     check_place(check_stream(out, "out"), values.place, "out")
-    if out.type is not values.type or (shape is not None and extents(shape) != out.shape):
-        wanted = out.shape if shape is None else extents(shape)
+    if out.type is not values.type or (shape is not None and host.given_shape(shape) != out.shape):
+        wanted = out.shape if shape is None else host.given_shape(shape)
         raise ShpyTypeError(
             f"out is {out!r}, not {values.type.__name__} of shape {wanted}",
             loc=here(),

@@ -43,6 +43,12 @@ def test_the_result_has_the_shape_of_the_index(moved):
     assert_same_bits(found, x.reshape(-1)[index.clip(0, 11)])
 
 
+def test_no_index_gives_no_element(moved):
+    found = sh.gather(stream([1, 2], sh.Attrib1i, moved), [])
+    assert found.shape == (0,)
+    assert found.type is sh.Attrib1i
+
+
 def test_unsigned_indices_have_no_sign(moved):
     index = np.array([0, 2**31, 2**32 - 1, 3], np.uint32)
     found = sh.gather(stream([1, 2, 3, 4], sh.Attrib1f, moved), stream(index, sh.Attrib1u, moved))

@@ -121,6 +121,9 @@ def test_values_may_be_written_among_themselves(moved):
     x = stream([1, 2, 3, 4], sh.Attrib1f, moved)
     sh.scatter(x, [3, 2, 1, 0], out=x)
     assert x.numpy().tolist() == [4, 3, 2, 1]
+    index = stream([2, 0, 1, 9], sh.Attrib1i, moved)
+    sh.scatter(stream([5, 6, 7, 8], sh.Attrib1i, moved), index, out=index)
+    assert index.numpy().tolist() == [6, 7, 5, 9]
 
 
 def test_indices_may_be_unsigned_and_of_several_axes(moved):
