@@ -180,7 +180,7 @@ class Collectives:
     order: Callable[[Any, bool], Any] | None = None
     """order(keys, descending): the indices that sort them."""
     tally: Callable[[Any, int], Any] | None = None
-    """tally(numbers, bins): how often each number from 0 to bins - 1 occurs."""
+    """tally(numbers, bins): how often each number from 0 to bins - 1 occurs among ints, signed or not."""
 
 
 class Space(Protocol):

@@ -54,8 +54,7 @@ def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, f
             raise ShpyTypeError(
                 "a histogram of floats needs a range", loc=here(), cure=f"sh.histogram(stream, {bins}, range=(0, 1))"
             )
-        ints = run_over(given.place, _as_ints(line.type), line.size, x=line) if base is Base.U else line
-        numbers = _entry(ints)
+        numbers = _entry(line)
     else:
         edges = _edges(bins, range, _entry(given).dtype)
         count = len(edges) - 1
@@ -136,16 +135,6 @@ def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDA
     if down[0] < bounds.min:
         return kept[:0].astype(dtype), down[:0].astype(dtype)
     return np.maximum(kept, bounds.min).astype(dtype), np.minimum(down, bounds.max).astype(dtype)
-
-
-@cache
-def _as_ints(element: Any) -> Program:
-    """Unsigned numbers as ints: those that no int holds become -1, which is in no bin."""
-
-    def convert(x: Any) -> Any:
-        return cond(x < 2**31, Attrib1i(x), -1)
-
-    return annotated(convert, x=element, out=Attrib1i)
 
 
 @cache

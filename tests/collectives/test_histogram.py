@@ -7,6 +7,7 @@ import pytest
 from collectives.generated import LARGE, assert_same_bits, computed, floats, generated, moved, stream
 
 import shpy as sh
+from shpy.backends.glsl import collective as glsl
 
 __all__ = ["computed", "moved"]
 
@@ -48,6 +49,13 @@ def test_numbers_are_counted(moved):
         assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, moved), bins), wanted)
         unsigned = sh.histogram(stream(x.view(np.uint32), sh.Attrib1u, moved), bins)
         assert_same_bits(unsigned, wanted)
+
+
+def test_counts_beyond_what_floats_hold_are_added(monkeypatch):
+    monkeypatch.setattr(glsl, "_EXACT", 1000)
+    monkeypatch.setattr(glsl, "_AT_ONCE", 300)
+    x = np.random.default_rng(6).integers(0, 9, 5021).astype(np.int32)
+    assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, "glsl"), 9), np.bincount(x).astype(np.int32))
 
 
 def test_edges_between_ints(computed):

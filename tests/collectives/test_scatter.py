@@ -130,6 +130,8 @@ def test_indices_may_be_unsigned_and_of_several_axes(moved):
     index = stream(np.array([[0, 2**32 - 1], [5, 0]], np.uint32), sh.Attrib1u, moved)
     found = sh.scatter(stream([[1, 2], [3, 4]], sh.Attrib1f, moved), index, (3, 2))
     assert found.numpy().tolist() == [[4, 0], [0, 0], [0, 3]]
+    folded = sh.scatter(stream([[1, 2], [3, 4]], sh.Attrib1f, moved), index, (3, 2), combine=mixed)
+    assert folded.numpy().tolist() == [[4.75, 0], [0, 0], [0, 3]]
 
 
 @pytest.mark.parametrize(

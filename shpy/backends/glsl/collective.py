@@ -102,12 +102,12 @@ class _Points:
             space.call(ones.target.framebuffer.clear)
             self._draw(_ONE, numbers, ones, slice(first, min(first + _EXACT, numbers.count)), adds=True)
             before, total = total, space.allocate(bins, vec(Base.I), np.dtype(np.int32))
-            self._add(before, ones, total, numbers)
+            self._add(before, ones, total)
         assert total is not None
         return total
 
-    def _add(self, before: GlslMemory | None, ones: GlslMemory, total: GlslMemory, other: GlslMemory) -> None:
-        sources = {"before": before or other, "found": ones}
+    def _add(self, before: GlslMemory | None, ones: GlslMemory, total: GlslMemory) -> None:
+        sources = {"before": before or self._space.allocate(1, total.type, total.dtype), "found": ones}
         has_before = {"has_before": int(before is not None)}
         self._space.call(lambda: self._space.draw(_ADD, sources, has_before, total, (total.width, total.height)))
 
