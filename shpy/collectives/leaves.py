@@ -111,7 +111,11 @@ class Leaves:
         return _memory(self._run(_tallying(keys.type), bins, keys=keys))
 
     def _in_order(self, keys: Memory, descending: bool) -> tuple[Stream, Stream]:
-        """The keys in order, and the indices that they had: sorted parts are merged, two at a time."""
+        """The keys in order, and the indices that they had: sorted parts are merged, two at a time.
+
+        Each element searches which one of the two parts it comes from. This takes log2(n) runs, and on llvmpipe a third
+        of the time of a bitonic network, which takes log2(n)**2 / 2 runs.
+        """
         now = self._stream(keys)
         if keys.count < 2:
             return now.copy(), Stream.empty(keys.count, Attrib1i, *self._at())

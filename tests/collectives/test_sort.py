@@ -7,6 +7,7 @@ import pytest
 from collectives.generated import LARGE, assert_same_bits, by_programs, computed, floats, generated, moved, stream
 
 import shpy as sh
+from shpy.backends.opencl import collective as opencl
 
 __all__ = ["by_programs", "computed", "moved"]
 
@@ -58,6 +59,17 @@ def test_programs_do_the_same(by_programs):
 @pytest.mark.slow
 def test_sorted_and_stable_at_length(moved):
     check(moved, 10_000, 3)
+
+
+def test_the_digits_of_devices_with_small_caches(monkeypatch):
+    monkeypatch.setattr(opencl, "_CPU_DIGIT", opencl._DIGIT)
+    rng = np.random.default_rng(7)
+    bits = rng.integers(0, 2**32, 70_001, np.uint32)
+    given = stream(bits, sh.Attrib1u, "opencl")
+    own = opencl.collectives(given.place.space, given.leaf_entries()[0].memory.machine)
+    memory = given.leaf_entries()[0].memory
+    assert_same_bits(own.sort(memory, False).read(), np.sort(bits))
+    assert_same_bits(own.order(memory, True).read(), order_of(bits, True).astype(np.int32))
 
 
 @pytest.mark.parametrize(("cls", "dtype"), [(sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32), (sh.Attrib1b, np.bool_)])
