@@ -188,6 +188,8 @@ class Space(Protocol):
 
     overwrites: bool
     """True if an output may be an input: each element has been read before it is written."""
+    on_host: bool
+    """True if `Memory.native` is an array of numpy, whose slices cost less than reads by index."""
 
     @property
     def collectives(self) -> Collectives:

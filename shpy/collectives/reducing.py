@@ -28,7 +28,7 @@ from shpy.collectives.programs import (
     quotient,
     sums,
 )
-from shpy.collectives.trees import check_combination, fold, is_on_host, retyped
+from shpy.collectives.trees import check_combination, fold, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.data import Table
@@ -94,7 +94,7 @@ def _exact(stream: Stream, axis: int | None, size: int) -> Any:
     shape = (1, *rows.shape, 1) if axis is None else rows.shape
     before, _, after = shape
     memory = stream.leaf_entries()[0].memory
-    if size == 1 and memory.dtype == np.float32 and rows.size and not is_on_host(stream):
+    if size == 1 and memory.dtype == np.float32 and rows.size and not stream.place.space.on_host:
         words = _sums_on_device(rows).reshape(before, -1, after, WORDS + 1)
         found = sums_of_blocks(np.moveaxis(words, 1, 2).reshape(before * after, -1, WORDS + 1))
     else:

@@ -20,7 +20,6 @@ from shpy.collectives.trees import (
     arrays_of,
     check_combination,
     in_fours,
-    is_on_host,
     over_arrays,
     retyped,
     run_level,
@@ -54,7 +53,7 @@ def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
         if not exclusive or not stream.size:
             return stream.copy()
         return Stream.empty(stream.shape, stream.type, stream.backend, stream.device, stream.precision)
-    found = (_on_host if is_on_host(stream) else _on_device)(program, flat, exclusive)
+    found = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
     return retyped(found, stream.type, stream.shape)
 
 

@@ -19,7 +19,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.types import vec
 from shpy.lang.data import Table, TableType, TextureType
 from shpy.lang.location import here
-from shpy.lang.structure import layout_of, leaves
+from shpy.lang.structure import Leaf, layout_of, leaves
 from shpy.lang.types import Attrib1i
 from shpy.lang.values import CLASSES
 from shpy.program import Program
@@ -30,7 +30,6 @@ __all__ = [
     "check_combination",
     "fold",
     "in_fours",
-    "is_on_host",
     "leaf_types",
     "over_arrays",
     "retyped",
@@ -112,7 +111,7 @@ def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None =
         return Stream.empty((*before, 1, *after), made, stream.backend, stream.device, stream.precision)
     if stream.shape[axis] == 1 and lift is None:
         return stream
-    if is_on_host(stream):
+    if stream.place.space.on_host:
         return _fold_on_host(stream, combine, made, lift)
     width = width_for(combine)
     while stream.shape[axis] > 1 or lift is not None:
@@ -146,11 +145,6 @@ def in_fours(stream: Stream) -> Stream | None:
     return Stream.over(CLASSES["Attrib", 4, type_.base], (memory.count,), stream.place, [memory])
 
 
-def is_on_host(stream: Stream) -> bool:
-    """Return whether the memory of a stream is arrays, of which slices are cheaper than reads by index."""
-    return all(isinstance(leaf.memory.native, np.ndarray) for leaf in stream.leaf_entries())
-
-
 def arrays_of(stream: Stream) -> list[NDArray[Any]]:
     """Return the arrays (a, n, b, N) of the leaves of a stream on the host."""
     whole = (1, *stream.shape, 1) if len(stream.shape) == 1 else stream.shape
@@ -174,8 +168,11 @@ def run_pairs(
     """Combine arrays (a, n, b, N) of the leaves of a type element by element on the host."""
     if not firsts[0].size:
         return firsts
+    kernel = combine.compile_for(like)
+    if isinstance(layout_of(type_, "an element"), Leaf):
+        return [np.asarray(kernel(firsts[0], seconds[0])).reshape(firsts[0].shape)]
     pairs = (over_arrays(arrays, type_, like) for arrays in (firsts, seconds))
-    return arrays_of(combine.compile_for(like)(*pairs))
+    return arrays_of(kernel(*pairs))
 
 
 def _fold_on_host(stream: Stream, combine: Program, made: Any, lift: Lift | None) -> Stream:

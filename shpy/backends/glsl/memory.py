@@ -135,6 +135,7 @@ class GlslSpace:
     """The memory of one device: see `base.Space`."""
 
     overwrites = False
+    on_host = False
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime

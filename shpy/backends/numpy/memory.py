@@ -57,6 +57,7 @@ class NumpySpace:
     """The host's memory: see `base.Space`."""
 
     overwrites = True
+    on_host = True
 
     @property
     def collectives(self) -> Collectives:

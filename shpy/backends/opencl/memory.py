@@ -124,6 +124,7 @@ class OpenCLSpace:
     """The memory and the queue of one device: see `base.Space`."""
 
     overwrites = True
+    on_host = False
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
