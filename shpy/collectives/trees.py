@@ -170,7 +170,8 @@ def run_pairs(
         return firsts
     kernel = combine.compile_for(like)
     if isinstance(layout_of(type_, "an element"), Leaf):
-        return [np.asarray(kernel(firsts[0], seconds[0])).reshape(firsts[0].shape)]
+        first, second = (np.ascontiguousarray(arrays[0]) for arrays in (firsts, seconds))
+        return [np.asarray(kernel(first, second)).reshape(first.shape)]
     pairs = (over_arrays(arrays, type_, like) for arrays in (firsts, seconds))
     return arrays_of(kernel(*pairs))
 
