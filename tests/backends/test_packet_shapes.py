@@ -92,3 +92,20 @@ def test_the_end_of_a_list_is_where_the_array_ends(lanes: int, program: sh.Progr
         same(opencl.run(x, out=x).outputs, expected.outputs, count)
         same(x, expected.outputs, count)
         same(held[count:], after, count)
+
+
+def test_large_programs_know_their_place_on_three_axes():
+    """A large program stands in a function of its own, which is handed the shape that its packet needs."""
+
+    @sh.program
+    def large(t: sh.Table[sh.Attrib1f, 3]) -> sh.Attrib1f:
+        p = sh.grid_index(3)
+        total = sh.Attrib1f(0)
+        for k in range(150):
+            total += sh.sqrt(t[p.x, p.y + k, p.z] + k)
+        return total
+
+    t = sh.Table(np.random.default_rng(1).random((3, 9, 5)), sh.Attrib1f)
+    packets = large.compile("opencl", lanes=8)
+    assert "large_packet" in packets.source
+    assert (packets(t, shape=(3, 9, 5)) == large.compile("numpy")(t, shape=(3, 9, 5))).all()
