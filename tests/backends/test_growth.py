@@ -81,8 +81,22 @@ def test_thousands_of_kernels_take_few_maps_and_little_memory(backend, count, ma
     assert grown[2] <= mebibytes * count + 10
 
 
+def assert_takes_nothing(call, first, count):
+    """`call(n)` does something n times: after the first ones, more take no maps, no open files and no memory."""
+    call(first)
+    before = measured()
+    call(count)
+    maps, files, resident = measured() - before
+    assert maps <= 10
+    assert files <= 0
+    assert resident <= 4
+
+
+every = pytest.mark.parametrize("backend", ["numpy", "glsl", "opencl"])
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["numpy", "glsl", "opencl"])
+@every
 def test_a_hundred_thousand_calls_take_nothing(backend):
     @sh.program
     def work(x: sh.Attrib1f, y: sh.Attrib2f) -> sh.Attrib2f:
@@ -96,10 +110,73 @@ def test_a_hundred_thousand_calls_take_nothing(backend):
             n = 1 + k % 3
             kernel(np.float32(k), y[:n])
 
-    call(1000)
-    before = measured()
-    call(100_000)
-    maps, files, resident = measured() - before
-    assert maps <= 10
-    assert files <= 0
-    assert resident <= 4
+    assert_takes_nothing(call, 1000, 100_000)
+
+
+@sh.program
+def fall(x: sh.Attrib3f, by: sh.Attrib1f) -> sh.Attrib3f:
+    sh.SH_DISCARD(x.y < 0)
+    return x - sh.Attrib3f(0, by, 0)
+
+
+@sh.program
+def smooth(u: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
+    i = sh.grid_index(1)
+    return 0.25 * u[i - 1] + 0.5 * u[i] + 0.25 * u[i + 1]
+
+
+@sh.program
+def halve(n: sh.Attrib1i) -> sh.Attrib1i:
+    sh.SH_DISCARD(n == 0)
+    return n // 2
+
+
+@pytest.mark.slow
+@every
+def test_a_hundred_thousand_calls_over_streams_take_nothing(backend):
+    """Results that are kept for a while, written to a stream, counted, and read by index."""
+    kernel, reader = fall.compile(backend), smooth.compile(backend)
+    streams = [sh.Stream(np.ones((n, 3)), sh.Attrib3f, backend) for n in (3, 70, 900)]
+    table, out = sh.Table(sh.Stream(np.ones(70), sh.Attrib1f, backend)), sh.Stream.empty(70, sh.Attrib1f, backend)
+
+    def call(count):
+        for k in range(0, count, 4):
+            stream = streams[k % 3]
+            kept = kernel(stream, 0.5)
+            kernel.run(kept, stream[:1, 0] if k % 64 == 0 else 0.25, out=stream)
+            counted = kernel.run(stream, 0.25)
+            if k % 64 == 0:
+                assert counted.count <= stream.size
+            reader.run(table, out=out)
+
+    assert_takes_nothing(call, 2000, 100_000)
+
+
+@pytest.mark.slow
+@every
+def test_ten_thousand_dropped_streams_take_nothing(backend):
+    """Streams of many sizes, so that few of them fit where another one was."""
+    x = np.random.default_rng(1).normal(size=(5000, 3))
+
+    def drop(count):
+        for k in range(count):
+            stream = sh.Stream(x[: 1 + 37 * k % 5000], sh.Attrib3f, backend)
+            if k % 10 == 0:
+                stream.copy().numpy()
+
+    assert_takes_nothing(drop, 5000, 10_000)
+
+
+@pytest.mark.slow
+@every
+def test_a_thousand_runs_of_chains_take_nothing(backend):
+    """Chains with a stencil, and with a loop whose rounds discard elements."""
+    repeated, ended = sh.repeat(smooth, 5), sh.loop(halve)
+    u, n = np.linspace(0, 1, 500), np.arange(100)
+
+    def run(count):
+        for k in range(0, count, 2):
+            repeated.run(u=u[: 100 + k % 400], backend=backend).streams["u"].numpy()
+            assert ended.run(n=n, backend=backend).executions == {"halve": 8}
+
+    assert_takes_nothing(run, 400, 1000)
