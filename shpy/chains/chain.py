@@ -145,9 +145,11 @@ class Repeat(Chain):
 
     def perform(self, run: Run) -> None:
         """Run the members so many times."""
+        outside, run.once = run.once, run.once and self.times < 2
         for _ in range(self.times):
             for member in self.members:
                 member.perform(run)
+        run.once = outside
 
     def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
         return Repeat(members, self.times)
@@ -174,15 +176,15 @@ class Loop(Chain):
 
     def perform(self, run: Run) -> None:
         """Run rounds until one writes nothing; raises LoopLimitExceeded where there are too many."""
-        outside, before, ever = run.watching, run.wrote, False
-        run.watching = True
+        outside, before, ever = (run.watching, run.once), run.wrote, False
+        run.watching, run.once = True, False
         rounds = 0
         while self.loop_limit is None or rounds < self.loop_limit:
             run.wrote = False
             self._round.perform(run)
             rounds += 1
             if not run.wrote:
-                run.watching, run.wrote = outside, before or ever
+                (run.watching, run.once), run.wrote = outside, before or ever
                 return
             ever = True
         raise LoopLimitExceeded(

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from shpy import host
-from shpy.backends.base import DeviceCall, Memory, Precision
+from shpy.backends.base import DeviceCall, Executable, Memory, Precision
 from shpy.backends.registry import default_backend
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
@@ -81,7 +81,10 @@ class _Plan:
 
 
 class Run:
-    """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and looks at `wrote`."""
+    """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and looks at `wrote`.
+
+    `once` holds outside of repeats and loops, where no kernel is kept ready for another time.
+    """
 
     def __init__(
         self,
@@ -107,6 +110,7 @@ class Run:
         self._pending: list[Callable[[], None]] = []
         self.watching = False
         self.wrote = False
+        self.once = True
 
     # What the chain is given
 
@@ -163,7 +167,7 @@ class Run:
             known = self._plans[node] = list(keys), {}
         names, plans = known
         current = self.current
-        state = tuple([current.get(name) for name in names])
+        state = (object(),) if self.once else tuple([current.get(name) for name in names])
         plan = plans.get(state)
         if plan is None:
             plan = plans[state] = self._plan(node)
@@ -203,13 +207,11 @@ class Run:
                 whole = len(after) == 1 and member.outputs[0][1] is member.recorded.output
                 out = next(iter(after.values())) if whole else after
                 prepared = kernel.prepare_on_device(given, out, shape)
-                plan.starts.append(executable.ready(prepared.call))
-                plan.held.append(prepared)
+                self._begin(executable, prepared.call, plan)
             plan.sizes.append((member, size))
         else:
             prepared = kernel.prepare_on_device(given, None, shape)
-            plan.starts.append(executable.ready(prepared.call))
-            plan.held.append(prepared)
+            self._begin(executable, prepared.call, plan)
             assert prepared.call.status is not None
             plan.statuses.append(prepared.call.status)
             plan.sizes.append((member, 0))
@@ -229,9 +231,17 @@ class Run:
         merge = merge_of(classes, stops)
         kernel = merge.compile(self.place.backend, device=self.place.device or None, precision=self.place.precision)
         whole = DeviceCall(call.shape, (call.status, *call.outputs, *old), tuple(new), None, {}, {})  # type: ignore[arg-type]
-        plan.starts.append(kernel._executable.ready(whole))
-        plan.held.append(whole)
+        self._begin(kernel._executable, whole, plan)
         return after
+
+    def _begin(self, executable: Executable, call: DeviceCall, plan: _Plan) -> None:
+        """Start a run that is not repeated; make any other one ready, and hold its memory."""
+        if self.once:
+            self.flush()
+            self.place.space.start([executable.ready(call, once=True)])
+        else:
+            plan.starts.append(executable.ready(call))
+            plan.held.append(call)
 
     def _memories(self, key: Any, layout: Layout) -> list[Memory]:
         """The memories of a stream before a kernel runs: one zero for all elements if there is no stream yet."""

@@ -276,6 +276,18 @@ def test_a_sequence_gives_the_bits_of_the_fused_program(backend):
 
 
 @on_every_backend
+def test_a_chain_may_be_a_member_several_times(backend):
+    inner = sh.sequence(sh.sequence(wear), move)
+    start = {"x": [0.0, 8.0], "v": 4, "n": [0, 4]}
+    twice = sh.sequence(inner, sh.repeat(inner, 1), inner).run(**start, backend=backend)
+    np.testing.assert_array_equal(twice.streams["x"], [6, 13])
+    assert twice.executions == {"wear": 3, "move": 3}
+    assert twice.counts == {"wear": 5, "move": 6}
+    again = sh.repeat(inner, 3).run(**start, backend=backend)
+    np.testing.assert_array_equal(again.streams["x"], twice.streams["x"])
+
+
+@on_every_backend
 def test_empty_streams(backend):
     result = sh.sequence(move, sh.loop(wear)).run(x=np.zeros(0), v=np.zeros(0), n=np.zeros(0, int), backend=backend)
     assert result.streams["x"].shape == (0,)

@@ -139,6 +139,23 @@ def test_discards_and_conditions_add_up(backend):
     np.testing.assert_array_equal(result.written, [True, False, False, False])
 
 
+@on_every_backend
+def test_loops_that_run_out_in_a_list_of_elements(backend):
+    @sh.program
+    def spin(x: sh.Attrib1i) -> sh.Attrib1i:
+        n = sh.Attrib1i(0)
+        with sh.SH_WHILE(lambda: n < x):
+            n += 1
+        return n
+
+    x, mask = np.full(6000, 5), np.arange(6000) % 10 == 0
+    x[[10, 11]] = 50
+    with pytest.raises(sh.LoopLimitExceeded, match="more than 20 iterations in 1 element") as caught:
+        spin.compile(backend, loop_limit=20).run(x, where=mask)
+    assert caught.value.result.count == 599
+    np.testing.assert_array_equal(caught.value.result.outputs, np.where(mask & (x == 5), 5, 0))
+
+
 def test_where_takes_bools():
     kernel = iterate.compile("numpy")
     c, weights, mask, _ = case(1.0)
