@@ -55,13 +55,23 @@ class Result(Protocol):
         """How many elements were written."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ArrayResult:
-    """The result of a run over arrays."""
+    """The result of a run over arrays. `status` is None where every element was written."""
 
     outputs: Any
-    written: NDArray[np.bool_]
-    count: int
+    shape: tuple[int, ...]
+    status: NDArray[np.int32] | None = None
+
+    @cached_property
+    def written(self) -> NDArray[np.bool_]:
+        """Which elements were written: bools of the run's shape."""
+        return np.ones(self.shape, np.bool_) if self.status is None else self.status == Status.WRITTEN
+
+    @cached_property
+    def count(self) -> int:
+        """How many elements were written."""
+        return math.prod(self.shape) if self.status is None else int(np.count_nonzero(self.written))
 
 
 class Kernel:
@@ -148,7 +158,7 @@ class Kernel:
             common, outputs, status = self._execute(given, out, shape)
             self._plan(arrays, common, named, shape)
         if status is None:
-            return ArrayResult(outputs, np.ones(common, np.bool_), math.prod(common))
+            return ArrayResult(outputs, common)
         return self._result(common, outputs, status)
 
     @cached_property
@@ -300,7 +310,7 @@ class Kernel:
     def _result(self, shape: tuple[int, ...], outputs: Any, status: NDArray[np.int32]) -> Result:
         status = status.reshape(shape)
         counts = Counts.of(status)
-        result = ArrayResult(outputs, status == Status.WRITTEN, counts.written)
+        result = ArrayResult(outputs, shape, status)
         if counts.stopped:
             raise self.limit_error(counts.stopped, counts.first, result)
         return result
