@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import shpy as sh
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem != "pictures")
 
@@ -52,6 +54,8 @@ SHOWN = {
     "life": lambda m, backend: m.game(m.r_pentomino(32), 20, backend)["age"].numpy(),
     "gray_scott": lambda m, backend: np.stack(m.pattern(24, 30, backend)),
     "heat": lambda m, backend: m.steady(*m.plate(12, 18), backend)[0],
+    "particles": lambda m, backend: m.life(1500, 3, 40, backend)[1].numpy(),
+    "equalize": lambda m, backend: m.equalized(m.photograph(40, 30, backend)).numpy(),
 }
 
 
@@ -167,6 +171,43 @@ def test_heat(backend):
     mean = 0.25 * (np.roll(found, 1, 0) + np.roll(found, -1, 0) + np.roll(found, 1, 1) + np.roll(found, -1, 1))
     assert np.abs(mean - found)[free].max() < 1.01 * m.TOLERANCE
     assert found[free].min() > 0
+
+
+@on_every_backend
+def test_particles(backend):
+    m = example("particles")
+    seen, light = (stream.numpy() for stream in m.life(1500, 1, 40, backend))
+    at = (m.SIZE * np.random.default_rng(7).random((1500, 2))).astype(np.float32)
+    away = at[None] - at[:, None]
+    away -= np.float32(m.SIZE) * np.rint(away / np.float32(m.SIZE))
+    near = np.sum(away * away, axis=-1) < m.SIGHT**2
+    np.testing.assert_array_equal(np.sort(seen), np.sort(near.sum(axis=0) - 1))
+    assert light.shape == (40, 40, 3)
+    assert 0 < light.max() <= 1
+
+    couple = {
+        "at": [(10, 10), (11, 11.5)],
+        "angle": [0, np.pi / 2],
+    }  # of the same cell, each sees the other on its left
+    ends = np.where(np.arange(m.CELLS**2) < 2 * m.CELLS + 2, 0, 2)
+    moved, counts = m.move.compile(backend)(couple, sh.Table(couple, m.Particle), sh.Table(ends, sh.Attrib1i))
+    assert counts.tolist() == [1, 1]
+    angle = np.array([0, np.pi / 2]) + np.radians(180 + 17)
+    np.testing.assert_allclose(moved.angle, angle, rtol=1e-6)
+    step = 0.67 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    np.testing.assert_allclose(moved.at, couple["at"] + step, rtol=1e-6)
+
+
+@on_every_backend
+def test_equalize(backend):
+    m = example("equalize")
+    before = m.photograph(40, 30, backend)
+    after = m.equalized(before).numpy()
+    counts, _ = np.histogram(before.numpy(), m.BINS, range=(0, 1))
+    share = np.cumsum(counts)[(before.numpy() * m.BINS).astype(int)] / before.size
+    np.testing.assert_allclose(after, share, rtol=1e-6)
+    assert np.ptp(before.numpy()) < 0.2
+    assert np.ptp(after) > 0.95
 
 
 @on_every_backend
