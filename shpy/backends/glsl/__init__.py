@@ -15,6 +15,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options
 from shpy.backends.glsl.context import Context, open_context
@@ -32,6 +33,7 @@ from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Target, prepare
+from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
 from shpy.passes.specialise import select_outputs
 
@@ -57,6 +59,8 @@ class GlslExecutable:
     runtime: Runtime
     programs: tuple[Program, ...]
     groups: tuple[tuple[int, ...], ...]
+    rejection: Callable[[], Program | None] = lambda: None
+    """The program that finds out which elements are discarded at the start, built when it is first wanted."""
 
     def run(self, call: Call) -> Array | None:
         """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
@@ -68,7 +72,7 @@ class GlslExecutable:
         """Prepare a run over textures: see `base.Executable`."""
         if math.prod(call.shape) == 0 or not self.programs:
             return lambda: None
-        return self.runtime.ready(self.programs, self.groups, call)
+        return self.runtime.ready(self.programs, self.groups, call, self.rejection())
 
 
 class GlslBackend:
@@ -99,22 +103,16 @@ class GlslBackend:
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
         runtime = self._runtime(options.device or 0)
         limits = runtime.context.limits
-        prepared = prepare(module, options, replace(TARGET, wrong=limits.wrong & CORRECTABLE))
-        _refuse(prepared.module)
-        check_size(prepared.module, "OpenGL's compiler")
-        check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
-        if options.math == "strict":
-            refuse_wrong(prepared.module, limits.wrong, "this device")
-        exact = options.math != "fast"
-        whole = hold_bools_as_ints(prepared.module)
-        whole = hide_derivable(whole) if exact else whole
-        count = len(whole.entry.outputs)
-        groups = tuple(
-            tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
-        )
-        programs = []
-        for group in groups:
-            part = select_outputs(whole, group) if len(groups) > 1 else whole
+        target, exact = replace(TARGET, wrong=limits.wrong & CORRECTABLE), options.math != "fast"
+
+        def rejection() -> Program | None:
+            shorter = find_rejection(module)
+            if shorter is None:
+                return None
+            ready = hold_bools_as_ints(prepare(shorter, options, target).module)
+            return build(hide_derivable(ready) if exact else ready, rejects=True)
+
+        def build(part: Module, *, rejects: bool = False) -> Program:
             steady = few_turns(part)
             printer = Printer(
                 part,
@@ -124,14 +122,31 @@ class GlslBackend:
                 precise=limits.keeps_order,
                 fuses=limits.fuses,
                 stores_apart=limits.stores_apart,
+                rejects=rejects,
             )
-            programs.append(runtime.build(printer.shader(), module.entry.loc, steady=steady))
+            return runtime.build(printer.shader(), module.entry.loc, steady=steady)
+
+        prepared = prepare(module, options, target)
+        _refuse(prepared.module)
+        check_size(prepared.module, "OpenGL's compiler")
+        check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
+        if options.math == "strict":
+            refuse_wrong(prepared.module, limits.wrong, "this device")
+        whole = hold_bools_as_ints(prepared.module)
+        whole = hide_derivable(whole) if exact else whole
+        count = len(whole.entry.outputs)
+        groups = tuple(
+            tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
+        )
+        programs = [build(select_outputs(whole, group) if len(groups) > 1 else whole) for group in groups]
         sources = [p.shader.source for p in programs]
         text, notes = "\n".join(sources), _notes(runtime.context)
         if prepared.shared:
             notes = (*notes, _SHARED)
             warnings.warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}", ShpyWarning, stacklevel=4)
-        return GlslExecutable(text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups)
+        return GlslExecutable(
+            text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups, cache(rejection)
+        )
 
     def space(self, device: int | None) -> GlslSpace:
         """The memory of a device."""

@@ -30,7 +30,7 @@ from shpy.backends.glsl.shader import (
 from shpy.backends.glsl.spelling import Spelling
 from shpy.backends.glsl.textures import FOLD
 from shpy.backends.statements import text_of
-from shpy.ir.nodes import Function, Loop, Module, Table, Value, Variable
+from shpy.ir.nodes import Function, Loop, Module, Status, Table, Value, Variable
 from shpy.ir.types import Base, Type, vec
 
 _HEAD: Final = """\
@@ -62,16 +62,19 @@ class Printer(Spelling):
         precise: bool = True,
         fuses: bool = False,
         stores_apart: bool = True,
+        rejects: bool = False,
     ) -> None:
         """What to mind: loops that the device stops of its own accord.
 
         `limited` says that loops without a known bound have a limit of ours, `exact` that operations keep their order,
         `precise` that the device has the qualifier, `fuses` that its own `fma` rounds once, `stores_apart` that a
-        store at a varying index reaches the element of each fragment.
+        store at a varying index reaches the element of each fragment. With `rejects`, the only output, a bool, becomes
+        a depth: the depth test then keeps elements from running for which it is true, and their status is DISCARDED.
         """
         super().__init__(module, exact=exact, precise=precise, fuses=fuses, stores_apart=stores_apart)
         self.loops_stop = loops_stop
         self.limited = limited
+        self.rejects = rejects
         self.sheltered = sheltered_functions(module)
         self.guarded = False
         self.tables: dict[str, TableTexture] = {}
@@ -182,11 +185,16 @@ class Printer(Spelling):
             declarations.append(f"uniform int {each};  // 0 where one value serves all elements")
             args.append(fetched(f"texelFetch({sampler}, {at} * {each}, 0)", value.type))
         body = [f"ivec2 {at} = min(ivec2(gl_FragCoord.xy), {LAST});"] if args else []
+        called = self.function_names[entry.name]
+        if self.rejects:
+            status, rejected = names.take("out_status"), ex.call(called, *map(Expr, args)).text
+            declarations.append(f"layout(location = 0) out int {status};")
+            body += [f"{status} = {Status.DISCARDED};", f"gl_FragDepth = {rejected} ? 0.0 : 1.0;"]
+            return inputs, declarations, _main_of(body)
         ports = [p.name for p in self.module.outputs] + ["status"]
         targets = [names.take(f"out_{p}") for p, _ in zip(ports, entry.outputs, strict=False)]
         for location, (target, output) in enumerate(zip(targets, entry.outputs, strict=True)):
             declarations.append(f"layout(location = {location}) out {spelled(_texel(output.type))} {target};")
-        called = self.function_names[entry.name]
         if len(targets) == 1:
             made = ex.call(called, *map(Expr, args))
             body.append(f"{targets[0]} = {_as_texel(made.text, entry.outputs[0].type)};")
@@ -195,8 +203,7 @@ class Printer(Spelling):
             body += [f"{self.declaration(o.type, r)};" for o, r in zip(entry.outputs, results, strict=True)]
             body.append(f"{called}({', '.join([*args, *results])});")
             body += [f"{t} = {_as_texel(r, o.type)};" for t, r, o in zip(targets, results, entry.outputs, strict=True)]
-        lines = "".join(f"    {line}\n" for line in body)
-        return inputs, declarations, f"void main() {{\n{lines}}}\n"
+        return inputs, declarations, _main_of(body)
 
     # Functions
 
@@ -292,6 +299,10 @@ class Printer(Spelling):
             return Expr(f"{GRID_SHAPE}.{'xyzw'[: type.size]}")
         self.grids.setdefault(type.size, self._grid(type.size))
         return Expr(f"sh_grid_index{type.size}()", Level.POSTFIX)
+
+
+def _main_of(body: list[str]) -> str:
+    return "void main() {\n" + "".join(f"    {line}\n" for line in body) + "}\n"
 
 
 def fetched(texel: str, type: Type) -> str:

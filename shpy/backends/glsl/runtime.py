@@ -90,9 +90,18 @@ class Runtime:
         weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
         return made
 
-    def ready(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: DeviceCall) -> DeviceRun:
-        """Prepare a run of `programs`, whose outputs are those of `groups`, over textures."""
-        return self.context.call(lambda: DeviceRun(self, programs, groups, call))
+    def ready(
+        self,
+        programs: tuple[Program, ...],
+        groups: tuple[tuple[int, ...], ...],
+        call: DeviceCall,
+        rejection: Program | None,
+    ) -> DeviceRun:
+        """Prepare a run of `programs`, whose outputs are those of `groups`, over textures.
+
+        `rejection` writes the depths by which the depth test rejects elements before they run.
+        """
+        return self.context.call(lambda: DeviceRun(self, programs, groups, call, rejection))
 
     def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         """Run `programs`, whose outputs are those of `groups`, over all elements; gives the status if one is made.
@@ -185,10 +194,19 @@ class Runtime:
 
 
 class DeviceRun:
-    """A run over textures that is ready to be started on the context's thread."""
+    """A run over textures that is ready to be started on the context's thread.
+
+    Where a program discards elements at the start, a first draw computes which and writes that as a depth. The depth
+    test then keeps their fragments from running: early-z culling (Christen 2005, chapter 4).
+    """
 
     def __init__(
-        self, runtime: Runtime, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: DeviceCall
+        self,
+        runtime: Runtime,
+        programs: tuple[Program, ...],
+        groups: tuple[tuple[int, ...], ...],
+        call: DeviceCall,
+        rejection: Program | None,
     ) -> None:
         self._runtime = runtime
         self._call = call
@@ -196,13 +214,20 @@ class DeviceRun:
         outputs = [own(m) for m in (*call.outputs, call.status) if m is not None]
         self._count = math.prod(call.shape)
         self._width = min(self._count, FOLD, context.limits.width)
+        wanted = list(zip(programs, groups, strict=True))
+        depth = None
+        if rejection is not None and call.status is not None:
+            depth = context.gl.depth_renderbuffer(outputs[-1].texture.size)
+            wanted.insert(0, (rejection, (len(outputs) - 1,)))
         self._draws = [
-            (made, context.gl.framebuffer([outputs[k].texture for k in group]))
-            for made, group in zip(programs, groups, strict=True)
+            (made, context.gl.framebuffer([outputs[k].texture for k in group], depth)) for made, group in wanted
         ]
+        for _, framebuffer in self._draws[1:]:
+            framebuffer.depth_mask = False
+        self._rejects = depth is not None
         check(context.gl, "make a framebuffer")
-        framebuffers = [framebuffer for _, framebuffer in self._draws]
-        weakref.finalize(self, context.doomed.extend, framebuffers).atexit = False
+        doomed = [framebuffer for _, framebuffer in self._draws] + [depth] * self._rejects
+        weakref.finalize(self, context.doomed.extend, doomed).atexit = False
         self._refolded: list[tuple[GlslMemory, GlslMemory]] = []
         self._inputs = [self._folded(own(m)) for m in call.inputs]
         self._tables = {
@@ -222,7 +247,11 @@ class DeviceRun:
         call, runtime = self._call, self._runtime
         for given, folded in self._refolded:
             runtime.space.copy(given, folded)
-        for made, framebuffer in self._draws:
+        gl = runtime.context.gl
+        if self._rejects:
+            gl.enable(runtime.context.moderngl.DEPTH_TEST)
+        for number, (made, framebuffer) in enumerate(self._draws):
+            gl.depth_func = "<" if number else "1"
             program, units = made.program, made.units
             for port in made.shader.inputs:
                 if port.sampler in units:
@@ -234,6 +263,8 @@ class DeviceRun:
             bind_params(made, call.params)
             framebuffer.use()
             runtime.render(made, call.shape, 0, self._count, self._width, waits=False)
+        if self._rejects:
+            gl.disable(runtime.context.moderngl.DEPTH_TEST)
 
 
 def bind_params(made: Program, params: dict[str, Array]) -> None:
