@@ -1,4 +1,5 @@
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,3 +49,12 @@ def snapshots(request):
     if update and os.environ.get("CI"):
         pytest.fail("snapshots are not updated in CI")
     return Snapshots(update)
+
+
+@pytest.fixture
+def impatient():
+    """Python changes threads as often as it can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)

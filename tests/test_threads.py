@@ -1,6 +1,5 @@
 """Several threads record, compile and run at once: each gets what it would get alone, lines of errors included."""
 
-import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -13,15 +12,6 @@ from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN, kernel
 from shpy.backends.base import Device, Options
 
 THREADS = 6
-
-
-@pytest.fixture
-def impatient():
-    """Python changes threads as often as it can."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    yield
-    sys.setswitchinterval(before)
 
 
 def at_once(*works):

@@ -107,6 +107,62 @@ def test_a_forked_child_says_that_drivers_do_not_survive(tmp_path):
             assert status == 0
 
 
+def test_streams_of_before_a_fork_say_that_drivers_do_not_survive(tmp_path):
+    """Whatever the child does with them; it may drop them, and the parent goes on with its own."""
+    done = run(
+        tmp_path,
+        """
+        import gc
+
+        def jobs(name):
+            stream, other = (sh.Stream(np.arange(n, dtype=np.float32), sh.Attrib1f, name) for n in (3, 100))
+            kernel, chain = double.compile(name), sh.repeat(double, 2)
+            kernel(stream)
+            chain.run(x=stream)
+            held = [sh.Stream(np.ones(9), sh.Attrib1f, name)]
+
+            def drop():
+                held.clear()
+                gc.collect()
+                return "dropped"
+
+            return (
+                lambda: kernel(stream).numpy().tolist(),
+                lambda: kernel.run(stream, out=stream).outputs.numpy().tolist(),
+                lambda: stream.numpy().tolist(),
+                lambda: stream.update([7, 7, 7]) or stream[:1].tolist(),
+                lambda: stream.copy().numpy().tolist(),
+                lambda: sh.Stream([1.0], sh.Attrib1f, name).numpy().tolist(),
+                lambda: float(other.sum()),
+                lambda: sh.sort(other, descending=True)[:2].tolist(),
+                lambda: chain.run(x=stream).streams["x"].numpy().tolist(),
+                drop,
+            )
+
+        found = {}
+        for name in ("numpy", "opencl", "glsl"):
+            given = jobs(name)
+            found[name] = [forked(job) for job in given] + [given[0]()]
+        print(json.dumps(found))
+        """,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    doubled = "[0.0, 2.0, 4.0]"
+    alone = [doubled, doubled, "[0.0, 1.0, 2.0]", "[7.0]", "[0.0, 1.0, 2.0]", "[1.0]", "4950.0", "[99.0, 98.0]"]
+    alone += ["[0.0, 4.0, 8.0]", "'dropped'"]
+    assert found["numpy"] == [*([said, 0] for said in alone), [0, 2, 4]]
+    for name in ("opencl", "glsl"):
+        *refused, dropped, parent = found[name]
+        for said, status in refused:
+            assert said.startswith("BackendUnavailable: ")
+            assert f"forked after its parent had used {name}" in said
+            assert 'multiprocessing.get_context("spawn")' in said
+            assert status == 0
+        assert dropped == ["'dropped'", 0]
+        assert parent == [0, 2, 4]
+
+
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_child_may_use_what_its_parent_has_not(tmp_path, backend):
     done = run(tmp_path, f"print(*forked(lambda: double.compile({backend!r})(np.float32([1, 2])).tolist()))")

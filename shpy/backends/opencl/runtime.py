@@ -309,7 +309,7 @@ class OpenCLExecutable:
         # A kernel holds its arguments, so each run that is to be repeated has one of its own, which takes long to make.
         compiled = self.compiled if once else machine.cl.Kernel(self.program, kernel.name)
         run = machine.starter(
-            compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes, brief=False
+            compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes, brief=False, once=once
         )
         copies = [copy for _, _, copy in tables if copy is not None]
         if not copies:
