@@ -180,3 +180,30 @@ def test_a_thousand_runs_of_chains_take_nothing(backend):
             assert ended.run(n=n, backend=backend).executions == {"halve": 8}
 
     assert_takes_nothing(run, 400, 1000)
+
+
+@sh.program
+def add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + b
+
+
+@pytest.mark.slow
+@every
+def test_a_thousand_collective_operations_of_each_kind_take_nothing(backend):
+    """Over streams of a few sizes: each size has runs of its own."""
+    x = np.random.default_rng(2).normal(size=3000)
+    index = np.random.default_rng(3).integers(0, 40, 3000)
+
+    def run(count):
+        for k in range(count):
+            n = 500 * (1 + k % 6)
+            stream, cells = sh.Stream(x[:n], sh.Attrib1f, backend), sh.Stream(index[:n], sh.Attrib1i, backend)
+            assert sh.gather(sh.sort(stream), [0])[0] == stream.min()
+            sh.scan(add, stream)
+            sh.argsort(cells)
+            sh.compact(stream, x[:n] > 0)
+            assert sh.histogram(cells, 40).sum() == n
+            sh.histogram(stream, 10, range=(-1, 1))
+            sh.scatter(stream, cells, 40, combine=add).numpy()
+
+    assert_takes_nothing(run, 300, 1000)

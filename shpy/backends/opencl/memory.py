@@ -237,11 +237,9 @@ class OpenCLSpace:
 
     def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
         """Return what copies vectors of three to vectors of four, as the tables of packets have them."""
-        machine, queue = self._machine, self._machine.queue
-        kernel = machine.cl.Kernel(machine.build(_PAD.replace("WORD", _WORDS[packed.dtype.itemsize])), "pad")
-        kernel.set_args(packed.buffer, padded.buffer)
+        text = _PAD.replace("WORD", _WORDS[packed.dtype.itemsize])
         # The run holds `padded`: memory that nobody holds is used for something else.
-        return lambda: machine.cl.enqueue_nd_range_kernel(queue, kernel, (padded.count,), None)
+        return lambda: self.enqueue(text, "pad", (padded.count,), None, (packed.buffer, padded.buffer))
 
     def finish(self) -> None:
         """Wait until everything that was started has ended; Ctrl-C ends the wait."""
