@@ -290,9 +290,10 @@ def test_a_folder_that_cannot_be_made_is_told_once(folder, monkeypatch, tmp_path
     assert len(told) == 1
 
 
-def test_another_process_takes_the_binary_and_survives_a_broken_one(folder):
-    def run():
-        subprocess.run([sys.executable, "-W", "error", "-c", PROGRAM], check=True, timeout=120)
+def test_another_process_takes_the_binary_and_tells_of_a_broken_one(folder):
+    def run(warns="error"):
+        command = [sys.executable, "-W", warns, "-c", PROGRAM]
+        return subprocess.run(command, check=True, timeout=120, capture_output=True, text=True).stderr
 
     run()
     entries = list(folder.iterdir())
@@ -302,7 +303,7 @@ def test_another_process_takes_the_binary_and_survives_a_broken_one(folder):
     assert {e.name: e.read_bytes() for e in folder.iterdir()} == kept
     for entry in entries:
         store.save(entry.name.split(".")[0], b"no program")
-    run()
+    assert "refuses the binary of an earlier process" in run(warns="default")
     assert {e.name for e in folder.iterdir()} == set(kept)
     assert all(store.load(name.split(".")[0]) != b"no program" for name in kept)
 

@@ -14,7 +14,7 @@ from shpy.testing.conformance.cases import Case, by_decorator, data
 CASES: list[Case] = []
 case = by_decorator(CASES)
 RNG = np.random.default_rng(5)
-GLSL_HAS_NO_DOUBLES = {"glsl": "has no d"}
+GLSL_HAS_NO_DOUBLES = {"glsl": "has no 64-bit floats"}
 
 
 def _points(n: int, size: int = 3) -> Any:

@@ -21,7 +21,7 @@ from shpy.testing.conformance.cases import SPECIAL, Case
 from shpy.testing.conformance.exact import exact
 
 BASES = {"f": "fdh", "i": "iu", "u": "u", "b": "b", "n": "fdhiu", "w": "iub", "a": "fdhiub"}
-NO_DOUBLES = {"glsl": "has no d"}
+NO_DOUBLES = {"glsl": "has no 64-bit floats"}
 
 
 def kind(type: Type) -> str:
