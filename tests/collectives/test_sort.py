@@ -133,3 +133,13 @@ def test_the_input_keeps_its_elements(moved):
 def test_keys_that_do_not_fit(cls, key, message):
     with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
         sh.sort(sh.Stream.empty(1, cls, "numpy"), key=key)
+
+
+def test_the_space_waits_for_a_sort():
+    x = stream(np.random.default_rng(8).random(100_000, np.float32), sh.Attrib1f, "opencl")
+    space = x.place.space
+    space.finish()
+    sh.sort(x)
+    assert space._started > 0
+    space.finish()
+    assert space._started == 0

@@ -223,6 +223,13 @@ class OpenCLSpace:
                 kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, group)
+            self._count_one()
+
+    def _count_one(self) -> None:
+        """Count what was started, and wait where much of it is under way."""
+        self._started += 1
+        if self._started >= _AHEAD:
+            self.finish()
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other on the queue."""
@@ -230,9 +237,7 @@ class OpenCLSpace:
         with machine.lock:
             for run in runs:
                 run()
-                self._started += 1
-                if self._started >= _AHEAD:
-                    self.finish()
+                self._count_one()
             machine.queue.flush()
 
     def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
