@@ -14,7 +14,7 @@ FEED, KILL = 0.037, 0.06
 
 
 def spread(chemical, here):
-    """How much more there is around a cell than in it, on a board that wraps around."""
+    """Return the discrete Laplacian of a concentration, on a board that wraps around."""
     at = lambda down, right: chemical[(here + (down, right)) % sh.grid_shape(2)]  # noqa: E731
     beside = at(-1, 0) + at(1, 0) + at(0, -1) + at(0, 1)
     across = at(-1, -1) + at(-1, 1) + at(1, -1) + at(1, 1)

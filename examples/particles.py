@@ -62,7 +62,7 @@ def glow(crowds: sh.Table[sh.Attrib1i, 2]):
 
 
 def life(count, steps, width, backend=None):
-    """How many others each particle sees after some steps, and a picture, both as streams."""
+    """Return two streams: the number of neighbours of each particle after some steps, and a picture."""
     rng, cell = np.random.default_rng(7), place.bind(across=CELLS)
     particles = sh.Stream({"at": SIZE * rng.random((count, 2)), "angle": rng.random(count) * 6}, Particle, backend)
     for _ in range(steps):

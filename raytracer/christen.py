@@ -72,7 +72,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a case took: `seconds` of the fastest picture; calls of each kernel, and the rays and seconds of rounds."""
+    """The cost of a case: `seconds` of the fastest picture, calls of each kernel, rays and seconds of each round."""
 
     case: Case
     seconds: float
@@ -336,7 +336,7 @@ def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> R
 
 
 def _kernels(case: Case) -> tuple[Any, ...]:
-    """What a case's kernels depend on."""
+    """Return the options of a case from which its kernels are compiled."""
     return case.scene, case.backend, case.tracer, case.grid, case.iterations
 
 

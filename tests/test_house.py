@@ -240,7 +240,7 @@ def test_every_public_name_is_there_and_has_a_docstring():
 
 LEFT_UNDONE = re.compile(r"\b(TODO|FIXME|XXX)\b|NotImplementedError")
 HIDDEN = re.compile(r"# type: ignore(?!\[)|# noqa(?!: ?[A-Z])|pytest\.skip\(|mark\.skip|mark\.xfail|importorskip")
-ONE_MACHINE = re.compile(r"/home/(?!someone)\w|/root/|/tmp/\w")
+ONE_MACHINE = re.compile(r"/(home/(?!someone)\w|root/|tmp/\w)")
 
 # Meshes that are too large for the repository: their tests say that they are skipped where the files are not at hand.
 MAY_SKIP = "tests/raytracer/test_meshes_from_files.py"

@@ -1,4 +1,4 @@
-"""What a call costs that computes nearly nothing: x + 1 of 64 numbers, from an array to an array.
+"""Measure the overhead of a call: x + 1 of 64 numbers, from an array to an array.
 
 python -m benchmarks --only calls
 """

@@ -65,7 +65,7 @@ class Nearest:
 
 @sh.struct
 class Light:
-    """What of a `Path` is neither in the pixel nor in the ray, and the colour of the light that is looked at."""
+    """The parts of a `Path` that neither the pixel nor the ray holds, and the colour of the current light."""
 
     scolor: sh.Color3f
     rn: sh.Attrib2f
@@ -87,7 +87,7 @@ class Point:
 
 
 class Generated(NamedTuple):
-    """What the generator of eye rays gives."""
+    """The outputs of the generator of eye rays."""
 
     ray: Ray
     light: Light
