@@ -25,7 +25,7 @@ def cloudy(at: sh.Attrib2f) -> sh.Attrib1f:
 
 @sh.program
 def mountains(at: sh.Attrib2f) -> sh.Attrib1f:
-    """How light it is at a place (x, y), 0 <= y <= 1, among ridges in fog: a picture of little contrast."""
+    """Return the brightness at (x, y), 0 <= y <= 1, of ridges in fog: a picture of little contrast."""
     light = 0.62 + 0.02 * at.y + 0.01 * cloudy(at * (2, 5))
     with sh.SH_FOR(1, RIDGES + 1) as k:
         near = sh.Attrib1f(k) / RIDGES

@@ -34,7 +34,7 @@ def generation(cells: sh.Table[sh.Attrib1i, 2]) -> sh.Attrib1i:
 
 @sh.program
 def fade(age: sh.Attrib1f, cells: sh.Attrib1i):
-    """How long ago a cell lived, from 1 for now down to 0."""
+    """Age each cell: 1 for a living cell, then 0.97 times as much in each generation."""
     return {"age": sh.cond(cells == 1, 1, 0.97 * age)}
 
 

@@ -40,7 +40,7 @@ _LAYERS = Pixel(sh.Color3f, sh.Attrib1f, sh.Normal3f, sh.Attrib1i, sh.Attrib1i) 
 
 @dataclass
 class Log:
-    """What the host saw: `calls` of each stage, and of each round how many rays it began with and what it took.
+    """Counts of a picture: `calls` of each stage; of each round, the rays at its start and its seconds.
 
     Rays to lights count too. A round's `seconds` end when the next one's rays are counted.
     """

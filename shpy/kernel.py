@@ -48,11 +48,11 @@ class Result(Protocol):
 
     @property
     def written(self) -> Any:
-        """Which elements were written: bools of the run's shape, an array or a Stream."""
+        """True for each element that was written: bools of the run's shape, an array or a Stream."""
 
     @property
     def count(self) -> int:
-        """How many elements were written."""
+        """The number of elements that were written."""
 
 
 @dataclass(eq=False)
@@ -65,12 +65,12 @@ class ArrayResult:
 
     @cached_property
     def written(self) -> NDArray[np.bool_]:
-        """Which elements were written: bools of the run's shape."""
+        """True for each element that was written: bools of the run's shape."""
         return np.ones(self.shape, np.bool_) if self.status is None else self.status == Status.WRITTEN
 
     @cached_property
     def count(self) -> int:
-        """How many elements were written."""
+        """The number of elements that were written."""
         return math.prod(self.shape) if self.status is None else int(np.count_nonzero(self.written))
 
 

@@ -96,7 +96,7 @@ class Generated(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """What the voxel precalculation gives."""
+    """The outputs of the voxel precalculation."""
 
     cell: Cell
     items: Items
@@ -105,7 +105,7 @@ class Placed(NamedTuple):
 
 
 class Traversed(NamedTuple):
-    """What the traverser gives."""
+    """The outputs of the traverser."""
 
     cell: Cell
     items: Items
@@ -113,7 +113,7 @@ class Traversed(NamedTuple):
 
 
 class Intersected(NamedTuple):
-    """What the intersector gives."""
+    """The outputs of the intersector."""
 
     items: Items
     nearest: Nearest
@@ -121,7 +121,7 @@ class Intersected(NamedTuple):
 
 
 class Shaded(NamedTuple):
-    """What shading gives."""
+    """The outputs of shading."""
 
     ray: Ray
     light: Light

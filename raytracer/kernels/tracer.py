@@ -36,7 +36,7 @@ class Pixel(NamedTuple):
 
 
 class Path:
-    """How much light an eye ray and its mirrored rays have brought, and what the ray that is followed now is for.
+    """The light that an eye ray and its mirrored rays have brought, and the purpose of the current ray.
 
     `color` is what is summed up, `scolor` the colour of the surface that was hit last; `rn` the product of the
     reflection coefficients and the last of them; `r` how many more mirrored rays may follow, `shadows` how many shadow
@@ -103,7 +103,7 @@ class Tracer:
         return pixel
 
     def begin(self) -> tuple[Path, Surface, Pixel]:
-        """What is known of an eye ray that has met nothing yet."""
+        """Return the path, surface and pixel of an eye ray before its first hit."""
         path = Path.eye_ray(self.bounces)
         surface = Surface()
         rays = sh.Attrib1i(0)

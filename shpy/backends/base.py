@@ -107,7 +107,7 @@ class Memory(Protocol):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """What a component is on the host."""
+        """The dtype of a component on the host."""
 
     @property
     def native(self) -> Any:
@@ -147,7 +147,7 @@ class DeviceCall:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What the statuses of a run say: elements written, elements stopped in loops, status of the first loop or 0."""
+    """The counts of a run: elements written, elements stopped in loops, and the status of the first such loop or 0."""
 
     written: int
     stopped: int = 0

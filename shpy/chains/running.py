@@ -54,7 +54,7 @@ class Performed(Node, Protocol):
 
 @dataclass(eq=False)
 class ChainResult:
-    """What a chain gave: `streams` by name, those that it wrote; `executions` of each kernel by the program's name."""
+    """The result of a chain: the `streams` that it wrote, by name, and the `executions` of each kernel, by program."""
 
     streams: dict[str, Stream]
     executions: dict[str, int]
@@ -63,7 +63,7 @@ class ChainResult:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """How many elements each kernel wrote in all of its executions; those of SH_DISCARD are read when asked for."""
+        """The elements that each kernel wrote in all executions; after SH_DISCARD they are counted on first access."""
         read = {name: sum(int(s.numpy().sum(dtype=np.int64)) for s in found) for name, found in self._times.items()}
         return {name: self._full[name] + read.get(name, 0) for name in self.executions}
 
@@ -287,7 +287,7 @@ class Run:
         return name in self._constants or name in self.current
 
     def _input(self, name: str, member: Member) -> Any:
-        """What an input reads now."""
+        """Return the stream, Table or number that an input reads now."""
         if name in self._constants:
             return self._constants[name]
         stream, type_ = self.current[name], member.inputs[name]
@@ -408,7 +408,7 @@ def _place_of(
     device: int | None,
     precision: Precision | None,
 ) -> Place:
-    """Where the streams lie, or else what a kernel is compiled for, or else what `run` was told."""
+    """Return the place of the streams; without streams that of a compiled kernel, or else the arguments of `run`."""
     members = tuple(members)
     tables = (table for member in members for table in member.recorded.tables.values())
     stream = next(streams_in(joined(given.values(), tables)), None)

@@ -18,7 +18,7 @@ __all__ = ["Compacted", "compact"]
 
 
 class Compacted(NamedTuple):
-    """What `sh.compact` gives: the elements, (n,), and the index that each had, (n,) ints."""
+    """The result of `sh.compact`: the elements, (n,), and the former index of each, (n,) ints."""
 
     elements: Stream
     indices: Stream

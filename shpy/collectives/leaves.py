@@ -102,7 +102,7 @@ class Leaves:
         return _memory(self._in_order(keys, descending)[1])
 
     def tally(self, numbers: Memory, bins: int) -> Memory:
-        """How often each number from 0 to bins - 1 occurs."""
+        """Count the occurrences of each number from 0 to bins - 1."""
         if not numbers.count:
             return _memory(Stream.empty(bins, Attrib1i, *self._at()))
         if self._own.tally is not None:
@@ -237,7 +237,7 @@ def mapping() -> Program:
 @cache
 def _merging(element: Any, descending: bool) -> Program:
     def precedes(a: Any, b: Any) -> Any:
-        """Whether a has to stand before b, whatever order they had."""
+        """Return whether a must stand before b, independent of their former order."""
         if descending:
             a, b = b, a
         if element.base in (Base.I, Base.U):
@@ -270,7 +270,7 @@ def _merging(element: Any, descending: bool) -> Program:
 
 
 def _first_not_below(keys: Any, bound: Any) -> Any:
-    """Where in a sorted Table the first key stands that is not below a bound: its size if there is none."""
+    """Return the index of the first key of a sorted Table that is not below a bound, or the size of the Table."""
     low, high = Attrib1i(0), Attrib1i(keys.shape[0])
     with SH_FOR(0, _BITS):
         SH_BREAK(low >= high)

@@ -227,7 +227,7 @@ def copied(value: Any) -> Any:
 
 
 class Reduction(NamedTuple):
-    """How a reduction runs: each element is lifted, these are combined, and the result is finished by a program."""
+    """The programs of a reduction: one lifts each element, one combines two, and one finishes the result."""
 
     combine: Program
     made: Any
@@ -380,7 +380,7 @@ def accumulating(rank: int) -> Program:
 
 
 def _exceeds(b: Any, a: Any, least: bool) -> Any:
-    """Whether b comes before a, each a number or NaN, which comes before all numbers."""
+    """Return whether b precedes a; NaN precedes every number."""
     before = b < a if least else b > a
     return before | (isnan(b) & ~isnan(a)) if b.base in FLOATS else before
 

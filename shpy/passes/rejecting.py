@@ -18,7 +18,7 @@ from shpy.ir.types import Base, vec
 __all__ = ["find_rejection"]
 
 _SHARE = 4
-"""How many times as many statements as the condition the whole program has at least."""
+"""The least ratio of the statements of the whole program to those of the condition."""
 
 
 def find_rejection(module: Module) -> Module | None:

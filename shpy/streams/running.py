@@ -55,7 +55,7 @@ class Prepared:
 
 @dataclass(eq=False)
 class StreamResult:
-    """What a run over streams gave: `outputs` are Streams; `written` and `count` are found out when they are read."""
+    """The result of a run over streams: `outputs` are Streams; `written` and `count` are computed on first access."""
 
     outputs: Any
     shape: Shape
@@ -64,7 +64,7 @@ class StreamResult:
 
     @cached_property
     def counts(self) -> Counts:
-        """How many elements were written, and how many stopped in a loop."""
+        """The numbers of elements that were written, and that a loop limit stopped."""
         if self.status is None:
             return Counts(math.prod(self.shape))
         return self.place.space.count(self.status)

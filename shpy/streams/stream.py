@@ -256,7 +256,7 @@ class Stream(StreamReductions):
     # What kernels ask
 
     def leaf_entries(self) -> list[StreamLeaf]:
-        """Where each leaf of an element lies."""
+        """Return an entry for each leaf: its memory and shape."""
         return [StreamLeaf(self, k) for k in range(len(self._memories))]
 
     def _table_class(self) -> Any:
@@ -272,7 +272,7 @@ class StreamLeaf:
 
     @property
     def memory(self) -> Memory:
-        """Where its elements lie now."""
+        """The memory that holds its elements now."""
         return self.stream._memories[self.index]
 
     @property
@@ -312,7 +312,7 @@ class StreamTable(Table):
 
     @property
     def memory(self) -> Memory:
-        """Where the elements lie now."""
+        """The memory that holds the elements now."""
         return self.stream._memories[self.leaf]
 
     def update(self, array: Any) -> None:

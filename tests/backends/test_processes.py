@@ -108,7 +108,7 @@ def test_a_forked_child_says_that_drivers_do_not_survive(tmp_path):
 
 
 def test_streams_of_before_a_fork_say_that_drivers_do_not_survive(tmp_path):
-    """Whatever the child does with them; it may drop them, and the parent goes on with its own."""
+    """A forked child may drop the streams, and the parent still uses its own."""
     done = run(
         tmp_path,
         """

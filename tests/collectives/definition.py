@@ -119,12 +119,12 @@ def halve_columns(a: Columns, b: Columns) -> Columns:
 
 
 def add(a, b):
-    """What add_columns computes."""
+    """Return the sums of `add_columns`."""
     with np.errstate(all="ignore"):
         return a + b
 
 
 def halve(a, b):
-    """What halve_columns computes: neither associative nor commutative."""
+    """Combine as `halve_columns` does: neither associative nor commutative."""
     with np.errstate(all="ignore"):
         return a - b * np.float32(0.5)

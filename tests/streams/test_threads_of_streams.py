@@ -52,7 +52,7 @@ def kernels_of(name):
 
 
 def ran(kernels, name, number, turn):
-    """What kernels, a chain and collective operations give of data that no other thread and turn has."""
+    """Return the results of kernels, a chain and collective operations for data of this thread and iteration alone."""
     x = data(number, 5 + 701 * (number + turn) % 5000)
     stream, line = sh.Stream(x, sh.Attrib3f, name), sh.Stream(x[:, 0], sh.Attrib1f, name)
     bent = kernels["bend"](kernels["bend"](stream, 0.5), float(number))

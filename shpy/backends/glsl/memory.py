@@ -147,7 +147,7 @@ class GlslSpace:
 
     @cached_property
     def collectives(self) -> Collectives:
-        """What points do: scatters."""
+        """The operations that a GL device does by drawing points: scatters."""
         from shpy.backends.glsl.collective import collectives  # here: few processes need it
 
         return collectives(self, self._context)

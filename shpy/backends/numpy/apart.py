@@ -66,7 +66,7 @@ def _knows_its_place(module: Module) -> bool:
 
 
 def _only_places(module: Module) -> bool:
-    """Whether all vectors are of ints, as places in a grid are."""
+    """Return whether all vectors hold ints, as places in a grid do."""
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     return all(s.value.type.size == 1 or s.value.type.is_int for s in lets) and not _holds(
         module, lambda slot: slot.type.size > 1 and not slot.type.is_int

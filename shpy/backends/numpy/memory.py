@@ -36,7 +36,7 @@ class NumpyMemory:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """What a component is."""
+        """The dtype of a component."""
         return self.array.dtype
 
     @property

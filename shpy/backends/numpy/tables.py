@@ -87,7 +87,7 @@ class Listed(Place):
 
     @property
     def index(self) -> Any:
-        """Where each element is: (lanes,) in a grid of one axis, else (axes, lanes)."""
+        """The index of each element in the grid: (lanes,) for one axis, else (axes, lanes)."""
         every = np.unravel_index(self.elements, self.shape)
         return np.array(every[0] if len(every) == 1 else every, np.int32)
 

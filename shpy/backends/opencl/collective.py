@@ -292,7 +292,7 @@ class _OpenCLCollectives:
         return text.replace("SIZE", str(moved.type.size)).replace("INDEX", "int" if index.dtype.kind == "i" else "uint")
 
     def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
-        """How many chunks there are, and the elements of each."""
+        """Return the number of chunks, and the elements of each chunk."""
         each = 4 if self._on_cpu else 128
         chunks = max(1, min(self._machine.device.max_compute_units * each, n // _LEAST, most))
         return chunks, -(-n // chunks)

@@ -1,4 +1,4 @@
-"""What a compiler may have besides OpenCL C, and the small programs that find out: see `trial`.
+"""Functions that a compiler may offer besides OpenCL C, and the small programs that try them: see `trial`.
 
 Stage: run.
 """

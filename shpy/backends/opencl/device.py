@@ -179,7 +179,7 @@ class Machine:
         self.waiter = Waiter(self._lock)
         self.doubles = "cl_khr_fp64" in device.extensions.split()
         self.denormals = bool(device.single_fp_config & self.cl.device_fp_config.DENORM)
-        """Whether the driver promises that its own functions keep denormals."""
+        """True if the driver promises that its own functions keep denormals."""
         self._options = ["-cl-std=CL1.2", "-w"]
         if _rounds_correctly(device):
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")

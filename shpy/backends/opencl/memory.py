@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["MEMORY", "OpenCLMemory", "OpenCLSpace"]
 
 MEMORY: Final = {**DTYPES, Base.B: np.uint8}
-"""What a component is in a buffer."""
+"""The dtype of a component in a buffer, by base."""
 _WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}
 """The word that has the size of a component on the host; a component of 16 bits has 32 in a buffer."""
 _PAD: Final = """\
@@ -116,7 +116,7 @@ class OpenCLMemory:
 
 
 def held(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """What a component is in a buffer: a bool is a byte, and a float of 16 bits has 32."""
+    """Return the dtype of a component in a buffer: a bool is a byte, and a float of 16 bits has 32."""
     return np.dtype(np.float32) if dtype == np.float16 else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
 
 

@@ -53,7 +53,7 @@ _MOST_STATEMENTS: Final = 1 << 26
 _GROUPS: Final = 4
 """Groups of packets for each core, with which all cores end at nearly the same time."""
 _FLUSHED: Final = "in {} mode this device flushes denormals to zero"
-"""Where its driver does not promise them: its own functions flush, whatever its products do."""
+"""The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
 _WIDE: Final = 32
 """Images of fewer columns are run as lists: too many lanes would hold no element."""
 

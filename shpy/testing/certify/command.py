@@ -72,7 +72,7 @@ def certify(options: argparse.Namespace) -> int:
 
 
 def _expected(devices: int, made: Sequence[Section], full: bool) -> str:
-    """How long it will take, and how to end it, in words."""
+    """Return the estimated time and the way to stop, in words."""
     each = f"each of the {devices} devices" if devices > 1 else "the device"
     if any(section.name == INPUTS for section in made):
         said = f"This takes hours for {each}: functions run on all 4,294,967,296 numbers."

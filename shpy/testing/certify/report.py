@@ -81,7 +81,7 @@ def duration(seconds: float) -> str:
 
 
 def left_line(ran: Ran, target: Target) -> list[str]:
-    """How to run the checks that a section had no time for."""
+    """Return the command that runs the checks for which a section had no time."""
     if not (ran.cut and ran.findings):
         return []
     options = [f"--{name} {value}" for name, value in target.options.items()]
@@ -110,7 +110,7 @@ def difference_lines(ran: Ran) -> list[str]:
 
 
 def verdict(rans: Sequence[Ran]) -> str:
-    """What the sections say of one device: "same bits", "same bits but for denormals", "differs", or "not run"."""
+    """Return the verdict on one device: "same bits", "same bits but for denormals", "differs", or "not run"."""
     if not any(ran.findings for ran in rans):
         return "not run"
     if any(ran.wrong for ran in rans):

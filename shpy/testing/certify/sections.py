@@ -36,7 +36,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass
 class Ran:
-    """What a section found on a target so far: findings by the names of its checks, in `seconds`.
+    """The findings of a section on a target so far, by the names of its checks, in `seconds`.
 
     `cut`: its time ended before its checks did.
     """
@@ -48,7 +48,7 @@ class Ran:
 
     @property
     def left(self) -> int:
-        """How many checks were not run."""
+        """The number of checks that were not run."""
         return len(self.section.checks) - len(self.findings)
 
     @property
