@@ -196,7 +196,7 @@ class Kernel:
         tables = host.tables(recorded.inputs, given, recorded.tables)
         self._check_sizes(tables)
         params = self._params(given)
-        return prepare(recorded, self._executable, given, tables, params, place, dtypes, inputs, common, out)
+        return prepare(recorded, self._executable, tables, params, place, dtypes, inputs, common, out)
 
     def _plan(self, arrays: tuple[Any, ...], common: tuple[int, ...], named: Any, shape: Any) -> None:
         """Keep what a call of this signature has to do, once it went well."""

@@ -41,7 +41,7 @@ from shpy.lang.params import listed
 from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
-from shpy.streams.stream import Stream, streams_in
+from shpy.streams.stream import Place, Stream, streams_in
 from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
@@ -151,8 +151,11 @@ class Program(Generic[_P, _R]):
 
     def compile_for(self, stream: Stream) -> Kernel:
         """Compile for the device where a stream lies, at its precision."""
-        device = stream.device or None
-        return self.compile(stream.backend, device=device, precision=stream.precision)
+        return self.compile_at(stream.place)
+
+    def compile_at(self, place: Place) -> Kernel:
+        """Compile for a device, at the precision of the streams there."""
+        return self.compile(place.backend, device=place.device or None, precision=place.precision)
 
     def compile(
         self,

@@ -17,58 +17,23 @@ CODE = sorted([*SOURCES, *(p for top in ("tests", "examples", "benchmarks") for 
 TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 
 # A layer, and what else of shpy its modules may import. The first that a module's name begins with counts.
+_RECORDED = ["shpy.errors", "shpy.ir", "shpy.lang"]
+_RUN = [*_RECORDED, "shpy.backends", "shpy.host", "shpy.streams"]
 LAYERS = {
     "shpy.errors": [],
     "shpy.ir": ["shpy.errors"],
     "shpy.lang": ["shpy.errors", "shpy.ir"],
     "shpy.passes": ["shpy.errors", "shpy.ir"],
     "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.passes"],
-    "shpy.host": ["shpy.errors", "shpy.ir", "shpy.lang"],
-    "shpy.streams": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.host"],
-    "shpy.plans": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends"],
-    "shpy.kernel": [
-        "shpy.errors",
-        "shpy.ir",
-        "shpy.lang",
-        "shpy.backends",
-        "shpy.host",
-        "shpy.plans",
-        "shpy.streams",
-    ],
-    "shpy.uniforms": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.backends", "shpy.kernel"],
-    "shpy.algebra": ["shpy.errors", "shpy.ir", "shpy.lang", "shpy.passes"],
-    "shpy.program": [
-        "shpy.errors",
-        "shpy.ir",
-        "shpy.lang",
-        "shpy.backends",
-        "shpy.host",
-        "shpy.streams",
-        "shpy.kernel",
-        "shpy.algebra",
-        "shpy.uniforms",
-    ],
-    "shpy.collectives": [
-        "shpy.errors",
-        "shpy.ir",
-        "shpy.lang",
-        "shpy.backends",
-        "shpy.host",
-        "shpy.streams",
-        "shpy.kernel",
-        "shpy.program",
-    ],
-    "shpy.chains": [
-        "shpy.errors",
-        "shpy.ir",
-        "shpy.lang",
-        "shpy.backends",
-        "shpy.host",
-        "shpy.streams",
-        "shpy.kernel",
-        "shpy.algebra",
-        "shpy.program",
-    ],
+    "shpy.host": _RECORDED,
+    "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host"],
+    "shpy.plans": [*_RECORDED, "shpy.backends"],
+    "shpy.kernel": [*_RUN, "shpy.plans"],
+    "shpy.uniforms": [*_RECORDED, "shpy.backends", "shpy.kernel"],
+    "shpy.algebra": [*_RECORDED, "shpy.passes"],
+    "shpy.program": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.uniforms"],
+    "shpy.collectives": [*_RUN, "shpy.kernel", "shpy.program"],
+    "shpy.chains": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.program"],
 }
 UNNAMED = re.compile(r"(utils?|helpers?|misc|common|manager)")
 

@@ -198,8 +198,8 @@ class Space(Protocol):
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> Memory:
         """Memory for `count` elements, whatever it holds; MemoryError where there is not so much."""
 
-    def wrap(self, native: Any, type: Type) -> Memory:
-        """Memory that an object of the device's own library owns; ShpyTypeError where it does not fit."""
+    def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> Memory:
+        """Memory that an object of the device's own library owns; ShpyTypeError where it is not of this dtype."""
 
     def view(self, memory: Any, type: Type, count: int) -> Memory | None:
         """Return the same memory as `count` scalars or vectors of another size, at most as many components.

@@ -120,7 +120,7 @@ class Member:
     def compiled(self, place: Place) -> Kernel:
         """The kernel for a device; ShpyTypeError for a kernel of another one."""
         if isinstance(self.kernel, Program):
-            return self.kernel.compile(place.backend, device=place.device or None, precision=place.precision)
+            return self.kernel.compile_at(place)
         if self.kernel.place != place:
             raise ShpyTypeError(
                 f"{self.name} is compiled for {self.kernel.place}, and the streams of the chain lie on {place}",

@@ -229,7 +229,7 @@ class Run:
         new = [entry.memory for stream in after.values() for entry in stream.leaf_entries()]
         classes = [cls for _, layout in member.outputs for _, _, cls in leaves(layout, "")]
         merge = merge_of(classes, stops)
-        kernel = merge.compile(self.place.backend, device=self.place.device or None, precision=self.place.precision)
+        kernel = merge.compile_at(self.place)
         whole = DeviceCall(call.shape, (call.status, *call.outputs, *old), tuple(new), None, {}, {})  # type: ignore[arg-type]
         self._begin(kernel._executable, whole, plan)
         return after
@@ -248,13 +248,9 @@ class Run:
         stream = self.current.get(key)
         if stream is not None:
             return [entry.memory for entry in stream.leaf_entries()]
-        dtypes = host.dtypes_at(self.place.precision)
-        found = []
-        for _, _, cls in leaves(layout, ""):
-            memory = self.place.space.allocate(1, cls.type, np.dtype(dtypes[cls.base]))
-            memory.write(np.zeros((1, cls.size) if cls.size > 1 else 1, memory.dtype))
-            found.append(memory)
-        return found
+        place = self.place
+        zero = Stream.empty(1, _class_of(layout), place.backend, place.device, place.precision)
+        return [entry.memory for entry in zero.leaf_entries()]
 
     def _target(self, key: Any, layout: Layout, shape: Shape, member: Member | None) -> Stream:
         """The stream that a kernel or, for None, a merge writes: where the elements lie now, or beside it."""
@@ -274,12 +270,7 @@ class Run:
             return now  # type: ignore[return-value]
         beside = next((stream for stream in owned if stream is not now), None)
         if beside is None:
-            dtypes = host.dtypes_at(self.place.precision)
-            memories = [
-                space.allocate(math.prod(shape), cls.type, np.dtype(dtypes[cls.base]))
-                for _, _, cls in leaves(layout, "")
-            ]
-            beside = Stream.over(_class_of(layout), shape, self.place, memories)
+            beside = Stream.fresh(shape, _class_of(layout), self.place)
             self._owned[key].append(beside)
         return beside
 

@@ -35,7 +35,7 @@ def check_place(stream: Stream, place: Place, name: str) -> None:
         raise ShpyTypeError(
             f"{name} is {stream!r}, and the other stream lies on {place}",
             loc=here(),
-            cure=f"stream.to({place.backend!r}{f', {place.device}' if place.device else ''})",
+            cure=stream.way_to(place),
         )
 
 

@@ -147,14 +147,14 @@ def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs:
 
     Returns the outputs, or the result of the run where they are written to `out`.
     """
-    kernel = made.compile(place.backend, device=place.device or None, precision=place.precision)
+    kernel = made.compile_at(place)
     given = {n: Table(s) if isinstance(made.inputs[n], TableType) else s for n, s in inputs.items()}
     if out is not None:
         return kernel.run(**given, out=out, shape=(count,))
     if inputs:
         return kernel(**given, shape=(count,))
     (result,) = made.outputs.values()
-    return kernel.run(out=Stream.empty(count, result, place.backend, place.device, place.precision)).outputs
+    return kernel.run(out=Stream.fresh((count,), result, place)).outputs
 
 
 def _memory(stream: Stream) -> Memory:

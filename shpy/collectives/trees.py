@@ -156,7 +156,7 @@ def over_arrays(arrays: list[NDArray[Any]], type_: Any, like: Stream) -> Stream:
     """Return a stream on the host over arrays (a, n, b, N), which are copied where they are not contiguous."""
     shape: Shape = arrays[0].shape[:3]
     memories = [
-        like.place.space.wrap(np.ascontiguousarray(a).reshape(math.prod(shape), *a.shape[3:]), cls.type)
+        like.place.space.wrap(np.ascontiguousarray(a).reshape(math.prod(shape), *a.shape[3:]), cls.type, a.dtype)
         for a, (_, _, cls) in zip(arrays, leaves(layout_of(type_, "an element"), ""), strict=True)
     ]
     return Stream.over(type_, shape, like.place, memories)

@@ -205,8 +205,13 @@ class Table:
             for o in operands
             for c in (o.components if isinstance(o, coerce.Literal) else np.atleast_1d(np.asarray(o)))
         ]
-        clamped = tuple(min(max(i, 0), n - 1) for i, n in zip(index, self._array.shape, strict=False))
-        return CLASSES[self.type.kind, self.type.size, self.type.base](self._array[clamped])
+        array = self._host_array()
+        clamped = tuple(min(max(i, 0), n - 1) for i, n in zip(index, array.shape, strict=False))
+        return CLASSES[self.type.kind, self.type.size, self.type.base](array[clamped])
+
+    def _host_array(self) -> NDArray[Any]:
+        """The elements on the host."""
+        return self._array
 
     def __setitem__(self, key: Any, value: Any) -> None:
         raise RecordError(

@@ -17,7 +17,7 @@ import inspect
 import sys
 import typing
 from collections import namedtuple
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -153,13 +153,14 @@ def build_arrays(layout: Layout, arrays: Iterator[Any]) -> Any:
         made = [build_arrays(part, arrays) for part in layout.parts]
         return namedtuple(layout.cls.__name__, layout.names)(*made)
     if isinstance(layout, Group):
-        inner = [build_arrays(part, arrays) for part in layout.parts]
-        return build(
-            Group(layout.form, layout.names, tuple(Leaf(Value) for _ in inner), layout.cls),
-            iter(inner),
-            lambda _, rows: rows,
-        )
+        return build_group(layout, [build_arrays(part, arrays) for part in layout.parts])
     return build(layout, arrays, lambda cls, rows: np.stack(rows, axis=-2))
+
+
+def build_group(layout: Group, parts: Sequence[Any]) -> Any:
+    """Put the parts of a tuple, list, dict or named tuple together, each of them whole."""
+    flat = Group(layout.form, layout.names, tuple(Leaf(Value) for _ in parts), layout.cls)
+    return build(flat, iter(parts), lambda _, rows: rows)
 
 
 def flatten(layout: Layout, value: Any, what: str) -> list[Any]:

@@ -22,7 +22,8 @@ from shpy.ir.types import Base, vec
 from shpy.lang.data import Table
 from shpy.lang.location import here
 from shpy.lang.record import Recorded
-from shpy.lang.structure import Layout, Leaf, Rows, build, leaves
+from shpy.lang.structure import Group, Layout, build_group, leaves
+from shpy.lang.types import Attrib1b
 from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
 
 __all__ = ["Prepared", "StreamResult", "check_places", "prepare", "run_prepared"]
@@ -33,13 +34,10 @@ Shape = tuple[int, ...]
 def check_places(values: Iterable[Any], place: Place, name: str) -> None:
     """Raise ShpyTypeError for a stream that lies elsewhere than where the kernel runs."""
     for stream in streams_in(iter(values)):
-        if stream.place == place:
-            continue
-        if stream.precision != place.precision:
-            cure = f"sh.Stream(stream.numpy(), {stream.type.__name__}, precision={place.precision!r})"
-        else:
-            cure = f"stream.to({place.backend!r}{f', {place.device}' if place.device else ''})"
-        raise ShpyTypeError(f"{name} is compiled for {place}, and {stream!r} is not there", loc=here(), cure=cure)
+        if stream.place != place:
+            raise ShpyTypeError(
+                f"{name} is compiled for {place}, and {stream!r} is not there", loc=here(), cure=stream.way_to(place)
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +75,17 @@ class StreamResult:
     @cached_property
     def written(self) -> Stream:
         """A Stream of bools, of the shape of the run: which elements were written."""
-        from shpy.lang.types import Attrib1b
-
-        full = np.ones(math.prod(self.shape), np.bool_) if self.status is None else self.status.read() == 1
-        return Stream(full.reshape(self.shape), Attrib1b, self.place.backend, self.place.device, self.place.precision)
+        full = Stream.fresh(self.shape, Attrib1b, self.place)
+        (leaf,) = full.leaf_entries()
+        leaf.memory.write(np.ones(leaf.memory.count, np.bool_))
+        if self.status is not None and leaf.memory.count:
+            leaf.replace(self.place.space.keep(self.status, leaf.memory, None))
+        return full
 
 
 def prepare(
     recorded: Recorded,
     executable: Executable,
-    given: Mapping[str, Any],
     tables: Mapping[str, Table],
     params: dict[str, Array],
     place: Place,
@@ -99,7 +98,7 @@ def prepare(
     space = place.space
     memories = [_memory(leaf, common, place) for leaf in inputs]
     read = {name: _table(table, dtypes) for name, table in tables.items()}
-    targets, outputs = _targets(recorded.output, place, dtypes, common, out)
+    targets, outputs = _targets(recorded.output, place, common, out)
     _check_apart(targets, tables)
     here_already = {id(m) for m in memories}
     direct = executable.writes_all and (
@@ -156,12 +155,10 @@ def _like(memory: Memory, place: Place) -> Memory:
     return place.space.allocate(memory.count, memory.type, memory.dtype)
 
 
-def _targets(
-    layout: Layout, place: Place, dtypes: Mapping[Base, Any], shape: Shape, out: Any
-) -> tuple[list[StreamLeaf], Any]:
+def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list[StreamLeaf], Any]:
     """The leaf of a stream for each output, and the streams in the structure of the outputs."""
     if out is None:
-        made = build_streams(layout, place, dtypes, shape)
+        made = build_streams(layout, place, shape)
         return [entry for stream in streams_in(iter([made])) for entry in stream.leaf_entries()], made
     found = []
     for entry, (name, _, cls) in zip(host.entries_of_input(layout, out, "out"), leaves(layout, "out"), strict=True):
@@ -181,18 +178,11 @@ def _targets(
     return found, out
 
 
-def build_streams(layout: Layout, place: Place, dtypes: Mapping[Base, Any], shape: Shape) -> Any:
+def build_streams(layout: Layout, place: Place, shape: Shape) -> Any:
     """A fresh stream for each output: structs and matrices are one stream, tuples and dicts have one for each part."""
-    if isinstance(layout, Leaf | Rows) or layout.form == "struct":
-        type_ = layout.cls
-        memories = [
-            place.space.allocate(math.prod(shape), cls.type, np.dtype(dtypes[cls.base]))
-            for _, _, cls in leaves(layout, "")
-        ]
-        return Stream.over(type_, shape, place, memories)
-    parts = iter([build_streams(part, place, dtypes, shape) for part in layout.parts])
-    flat = type(layout)(layout.form, layout.names, tuple(Leaf(Any) for _ in layout.parts), layout.cls)  # type: ignore[arg-type]
-    return build(flat, parts, lambda _, rows: rows)
+    if isinstance(layout, Group) and layout.form != "struct":
+        return build_group(layout, [build_streams(part, place, shape) for part in layout.parts])
+    return Stream.fresh(shape, layout.cls, place)
 
 
 def _check_apart(targets: Sequence[StreamLeaf], tables: Mapping[str, Table]) -> None:

@@ -29,7 +29,7 @@ from shpy.lang.data import Table, Texture2D
 from shpy.lang.location import here
 from shpy.lang.names import assigned_name
 from shpy.lang.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
-from shpy.lang.values import CLASSES, Value
+from shpy.lang.values import CLASSES
 from shpy.streams.methods import StreamReductions
 
 __all__ = ["Place", "Stream", "StreamTable"]
@@ -107,15 +107,20 @@ class Stream(StreamReductions):
         precision: Precision = "f32",
     ) -> Stream:
         """A stream of a shape, for a kernel to write; its elements are zeros."""
-        place, layout = _place(backend, device, precision), _layout(type)
-        extents = host.given_shape(shape)
-        dtypes = host.dtypes_at(precision)
-        memories = []
-        for _, _, leaf in leaves(layout, ""):
-            memory = place.space.allocate(math.prod(extents), leaf.type, np.dtype(dtypes[leaf.base]))
-            memory.write(np.zeros((memory.count, leaf.size) if leaf.size > 1 else memory.count, memory.dtype))
-            memories.append(memory)
-        return cls.over(type, extents, place, memories)
+        made = cls.fresh(host.given_shape(shape), type, _place(backend, device, precision))
+        for memory in made._memories:
+            memory.write(np.zeros((memory.count, *_tail(memory)), memory.dtype))
+        return made
+
+    @classmethod
+    def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
+        """A stream of a shape at a place, for a kernel that writes every element: they are not set."""
+        dtypes = host.dtypes_at(place.precision)
+        memories = [
+            place.space.allocate(math.prod(shape), leaf.type, np.dtype(dtypes[leaf.base]))
+            for _, _, leaf in leaves(_layout(element), "")
+        ]
+        return cls.over(element, shape, place, memories)
 
     @classmethod
     def wrap(cls, native: Any, type: Any = None, backend: str | None = None) -> Stream:
@@ -124,10 +129,10 @@ class Stream(StreamReductions):
         (*S, N) for N components, (*S,) for one; a texture is (height, width). `type` None is an Attrib of that many
         components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
         """
-        name = backend or _owner(native)
-        place = Place(name, 0, "f64" if getattr(native, "dtype", None) == np.float64 else "f32")
+        widths: dict[Any, Precision] = {np.dtype(np.float64): "f64", np.dtype(np.float16): "f16"}
+        place = Place(backend or _owner(native), 0, widths.get(getattr(native, "dtype", None), "f32"))
         shape, found = _extents(native, type)
-        memory = place.space.wrap(native, found.type)
+        memory = place.space.wrap(native, found.type, np.dtype(host.dtypes_at(place.precision)[found.base]))
         made = cls.over(found, shape, place, [memory])
         made._owned = False
         return made
@@ -184,8 +189,7 @@ class Stream(StreamReductions):
 
     def numpy(self) -> Any:
         """Copy the elements to the host: (*S, N), of matrices (*S, N, N), of structs a named tuple of arrays."""
-        arrays = (m.read().reshape(self._shape + _tail(m)) for m in self._memories)
-        return build_arrays(self._layout, arrays)
+        return self[...]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
@@ -199,9 +203,9 @@ class Stream(StreamReductions):
 
     def __getitem__(self, key: Any) -> Any:
         """The elements of an index, a slice or a mask, on the host."""
-        arrays = [m.read().reshape(self._shape + _tail(m)) for m in self._memories]
         entry = np.asarray(key) if isinstance(key, Stream) else key
-        return build_arrays(self._layout, iter([a[entry] for a in arrays]))
+        arrays = (m.read().reshape(self._shape + _tail(m))[entry] for m in self._memories)
+        return build_arrays(self._layout, arrays)
 
     def update(self, array: Any) -> None:
         """Copy new elements to the device; the shape stays. Raises ShpyTypeError for another shape."""
@@ -252,6 +256,13 @@ class Stream(StreamReductions):
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return (1, 0)  # kDLCPU
+
+    def way_to(self, place: Place) -> str:
+        """The expression that brings it to another place, as messages spell it."""
+        if self.precision != place.precision:
+            type_, told = self._type.__name__, f'"{place.backend}", precision="{place.precision}"'
+            return f"sh.Stream(stream.numpy(), {type_}, {told})"
+        return f"stream.to({place.backend!r}{f', {place.device}' if place.device else ''})"
 
     # What kernels ask
 
@@ -327,9 +338,8 @@ class StreamTable(Table):
     def _extent(self, axis: int) -> int | None:
         return self.stream.shape[axis]
 
-    def _at_once(self, operands: list[Any]) -> Value:
-        self._array = self.data(self.memory.dtype).array
-        return super()._at_once(operands)
+    def _host_array(self) -> NDArray[Any]:
+        return self.data(self.memory.dtype).array
 
 
 class CompoundStreamTable(CompoundTable):

@@ -215,6 +215,25 @@ def test_libraries_share_their_memory():
     assert np.array_equal(positive_part.numpy(), 2 * (x + 1))
 
 
+def test_memory_of_another_dtype_is_not_shared():
+    for dtype in (np.int64, np.uint8, ">f4"):
+        with refused("shares a contiguous, writeable"):
+            sh.Stream.wrap(np.zeros(4, dtype))
+    read_only = np.zeros(4, np.float32)
+    read_only.flags.writeable = False
+    with refused("a stream of f shares a contiguous, writeable float32 array, not this float32 array"):
+        sh.Stream.wrap(read_only)
+    with refused("a stream of f shares a contiguous pyopencl array of float32, not float16"):
+        sh.Stream.wrap(sh.Stream([1], sh.Attrib1f, "opencl").native().astype(np.float16))
+    assert sh.Stream.wrap(np.zeros(4, np.float16)).precision == "f16"
+
+
+def test_arrays_of_f64_on_a_device_are_shared():
+    native = sh.Stream([1.0, 0.1], sh.Attrib1f, "opencl", precision="f64").native()
+    wrapped = sh.Stream.wrap(native)
+    assert (wrapped.precision, wrapped.numpy().tolist()) == ("f64", [1.0, 0.1])
+
+
 def test_a_texture_of_any_width_can_be_wrapped():
     image = points(600)[:, :2].reshape(20, 30, 2).copy()
     context = sh.Stream(0.0, sh.Attrib1f, "glsl").native().ctx
@@ -241,6 +260,12 @@ def test_errors_name_the_cure():
     with refused("scale is compiled for numpy, and <Stream (4,) of Point3f on opencl> is not there") as caught:
         scale.compile("numpy")(stream, 1.0)
     assert caught.value.cure == "stream.to('numpy')"
+    with refused("scale is compiled for opencl, f64, and") as caught:
+        scale.compile("opencl", precision="f64")(stream, 1.0)
+    assert caught.value.cure == 'sh.Stream(stream.numpy(), Point3f, "opencl", precision="f64")'
+    with refused("mask is <Stream (4,) of Attrib1b on opencl, f64>") as caught:
+        sh.compact(stream, sh.Stream([True] * 4, sh.Attrib1b, "opencl", precision="f64"))
+    assert caught.value.cure == 'sh.Stream(stream.numpy(), Attrib1b, "opencl", precision="f32")'
     with refused("x is a Point3f, f3, and <Stream (2,) of Attrib2f on opencl> holds f2"):
         scale(sh.Stream(np.zeros((2, 2)), sh.Attrib2f, "opencl"), 1.0)
     with refused("x is a stream of shape (4,) in a run over (3, 4): streams do not broadcast"):

@@ -141,6 +141,7 @@ class GlslSpace:
         self._runtime = runtime
         self._context = runtime.context
         self._programs: dict[tuple[str, str], Any] = {}
+        self._depths: dict[tuple[int, int], Any] = {}
         self._started = 0
         self._dropped: list[tuple[tuple[Any, ...], Target]] = []
         """Memory that is gone. The context's thread gives it back before it takes other memory."""
@@ -185,7 +186,7 @@ class GlslSpace:
         weakref.finalize(memory, self._dropped.append, (key, target)).atexit = False
         return memory
 
-    def wrap(self, native: Any, type: Type) -> GlslMemory:
+    def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
         """A texture of this context, of one, two or four components of 32 bits."""
         context = self._context
         if getattr(native, "ctx", None) is not context.gl:
@@ -198,7 +199,6 @@ class GlslSpace:
             raise ShpyTypeError(f"a stream of {type!r} takes a texture of {type.size} components {wanted!r}")
         width, height = native.size
         target = self.call(lambda: Target(context.gl.framebuffer([native]), (native,), 0))
-        dtype = np.dtype({Base.I: np.int32, Base.U: np.uint32, Base.B: np.bool_}.get(type.base, np.float32))
         return GlslMemory(self, target, width, width * height, type, dtype)
 
     def view(self, memory: GlslMemory, type: Type, count: int) -> None:
@@ -216,6 +216,12 @@ class GlslSpace:
         if new.count:
             self.call(lambda: self._merge(status, new, old, kept))
         return kept
+
+    def depth(self, size: tuple[int, int]) -> Any:
+        """The depth buffer of a size. Every run that tests depths writes them first, so all runs share it."""
+        if size not in self._depths:
+            self._depths[size] = self._context.gl.depth_renderbuffer(size)
+        return self._depths[size]
 
     def folded(self, memory: GlslMemory) -> GlslMemory:
         """The memory itself, or a copy in rows of FOLD where its rows have another length."""

@@ -217,7 +217,7 @@ class DeviceRun:
         wanted = list(zip(programs, groups, strict=True))
         depth = None
         if rejection is not None and call.status is not None:
-            depth = context.gl.depth_renderbuffer(outputs[-1].texture.size)
+            depth = runtime.space.depth(outputs[-1].texture.size)
             wanted.insert(0, (rejection, (len(outputs) - 1,)))
         self._draws = [
             (made, context.gl.framebuffer([outputs[k].texture for k in group], depth)) for made, group in wanted
@@ -226,8 +226,8 @@ class DeviceRun:
             framebuffer.depth_mask = False
         self._rejects = depth is not None
         check(context.gl, "make a framebuffer")
-        doomed = [framebuffer for _, framebuffer in self._draws] + [depth] * self._rejects
-        weakref.finalize(self, context.doomed.extend, doomed).atexit = False
+        framebuffers = [framebuffer for _, framebuffer in self._draws]
+        weakref.finalize(self, context.doomed.extend, framebuffers).atexit = False
         self._refolded: list[tuple[GlslMemory, GlslMemory]] = []
         self._inputs = [self._folded(own(m)) for m in call.inputs]
         self._tables = {
@@ -251,7 +251,8 @@ class DeviceRun:
         if self._rejects:
             gl.enable(runtime.context.moderngl.DEPTH_TEST)
         for number, (made, framebuffer) in enumerate(self._draws):
-            gl.depth_func = "<" if number else "1"
+            if self._rejects:
+                gl.depth_func = "<" if number else "1"
             program, units = made.program, made.units
             for port in made.shader.inputs:
                 if port.sampler in units:

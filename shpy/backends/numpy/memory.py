@@ -70,11 +70,15 @@ class NumpySpace:
         """Memory for `count` elements, whatever it holds."""
         return NumpyMemory(np.empty((count, type.size) if type.size > 1 else count, dtype), type)
 
-    def wrap(self, native: Any, type: Type) -> NumpyMemory:
-        """Memory that is the array's own: contiguous, (count, size) or (count,)."""
+    def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
+        """Memory that is the array's own: contiguous, (count, size) or (count,), of the dtype of kernels."""
         tail = (type.size,) if type.size > 1 else ()
-        if not (isinstance(native, np.ndarray) and native.flags.c_contiguous and native.flags.writeable):
-            raise ShpyTypeError("only a contiguous, writeable array can be a stream's own memory")
+        if not (isinstance(native, np.ndarray) and native.flags.carray and native.dtype == dtype):
+            spoken = f"{native.dtype} array" if isinstance(native, np.ndarray) else "object that is no array"
+            raise ShpyTypeError(
+                f"a stream of {type!r} shares a contiguous, writeable {dtype} array, not this {spoken}",
+                cure="sh.Stream(array, type), which copies",
+            )
         return NumpyMemory(native.reshape(-1, *tail), type)
 
     def view(self, memory: NumpyMemory, type: Type, count: int) -> NumpyMemory:

@@ -233,31 +233,13 @@ class _OpenCLCollectives:
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""
-        text, bits = self._ordering(keys, descending)
-        chunks, chunk = self._chunks(keys.count)
-        counts = self._allocate(chunks << self._digit, Base.U)
-        given = keys
-        for shift in range(0, bits, self._digit):
-            moved = self._like(keys)
-            self._digits(text, given, chunks, chunk, shift, counts)
-            self._run(text, "move_words", chunks, given, keys.count, chunk, shift, counts, moved)
-            given = moved
-        return given  # type: ignore[no-any-return]
+        found: OpenCLMemory = self._sorted(keys, descending, indexed=False)[0]
+        return found
 
     def order(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Return the indices that sort scalars."""
-        text, bits = self._ordering(keys, descending)
-        chunks, chunk = self._chunks(keys.count)
-        counts = self._allocate(chunks << self._digit, Base.U)
-        given, indices = keys, None
-        for shift in range(0, bits, self._digit):
-            moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I)
-            self._digits(text, given, chunks, chunk, shift, counts)
-            args = (given, keys.count, chunk, shift, counts, moved, indices, moved_indices)
-            self._run(text, "move_pairs", chunks, *args)
-            given, indices = moved, moved_indices
-        assert indices is not None
-        return indices
+        found: OpenCLMemory = self._sorted(keys, descending, indexed=True)[1]
+        return found
 
     def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
         """Count how often each number below `bins` occurs."""
@@ -273,6 +255,23 @@ class _OpenCLCollectives:
         with machine.lock:
             machine.cl.enqueue_copy(machine.queue, found.buffer, counts.buffer, byte_count=4 * bins)
         return found
+
+    def _sorted(self, keys: Any, descending: bool, *, indexed: bool) -> tuple[Any, Any]:
+        """Sort scalars digit by digit; gives them and, if `indexed`, the indices that they had."""
+        text, bits = self._ordering(keys, descending)
+        chunks, chunk = self._chunks(keys.count)
+        counts = self._allocate(chunks << self._digit, Base.U)
+        given, indices = keys, None
+        for shift in range(0, bits, self._digit):
+            moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I) if indexed else None
+            self._digits(text, given, chunks, chunk, shift, counts)
+            args = (given, keys.count, chunk, shift, counts, moved)
+            if indexed:
+                self._run(text, "move_pairs", chunks, *args, indices, moved_indices)
+            else:
+                self._run(text, "move_words", chunks, *args)
+            given, indices = moved, moved_indices
+        return given, indices
 
     def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, counts: Any) -> None:
         """Find out where the elements of each chunk with each digit go."""

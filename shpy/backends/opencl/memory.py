@@ -15,7 +15,7 @@ import re
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -115,6 +115,16 @@ class OpenCLMemory:
         return found.astype(self.dtype, copy=False)
 
 
+@cache
+def _status_text(word: str) -> str:
+    """The kernels that read statuses, for elements whose components are such words."""
+    names = {name: getattr(Status, name) for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED")}
+    text = _STATUS.replace("WORD", word)
+    for name, number in {**names, "STRIDE": _STRIDE}.items():
+        text = re.sub(rf"\b{name}\b", str(number), text)
+    return text
+
+
 def held(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
     """Return the dtype of a component in a buffer: a bool is a byte, and a float of 16 bits has 32."""
     return np.dtype(np.float32) if dtype == np.float16 else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
@@ -152,25 +162,22 @@ class OpenCLSpace:
         weakref.finalize(memory, machine.dropped.append, buffer).atexit = False
         return memory
 
-    def wrap(self, native: Any, type: Type) -> OpenCLMemory:
+    def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """The memory of a contiguous pyopencl.array.Array of this device's context."""
         machine = self._machine
-        held_dtype = np.dtype(MEMORY[type.base])
+        wanted = held(type, dtype)
         if getattr(native, "context", None) != machine.context:
             raise ShpyTypeError(
                 "this pyopencl array lies in another context",
                 cure="an array made with the queue of a stream's native()",
             )
-        if (
-            native.offset
-            or not native.flags.c_contiguous
-            or native.dtype not in (held_dtype, np.dtype(DTYPES[type.base]))
-        ):
+        bytes_of_bools = type.is_bool and native.dtype == dtype
+        if native.offset or not native.flags.c_contiguous or not (native.dtype == wanted or bytes_of_bools):
             raise ShpyTypeError(
-                f"a stream of {type!r} takes a contiguous pyopencl array of {held_dtype}, not {native.dtype}",
-                cure=f"array.astype(np.{held_dtype})",
+                f"a stream of {type!r} shares a contiguous pyopencl array of {wanted}, not {native.dtype}",
+                cure=f"array.astype(np.{wanted})",
             )
-        return OpenCLMemory(machine, native.base_data, native.size // type.size, type, np.dtype(DTYPES[type.base]))
+        return OpenCLMemory(machine, native.base_data, native.size // type.size, type, dtype)
 
     def view(self, memory: OpenCLMemory, type: Type, count: int) -> OpenCLMemory:
         """Return the same buffer as elements of another size."""
@@ -207,11 +214,7 @@ class OpenCLSpace:
 
     def _enqueue(self, name: str, memory: OpenCLMemory, *args: Any, items: int | None = None) -> None:
         """Start a kernel of `_STATUS` over the elements of a memory."""
-        names = {name: getattr(Status, name) for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED")}
-        names["STRIDE"] = _STRIDE
-        text = _STATUS.replace("WORD", _WORDS[memory.dtype.itemsize])
-        for word, number in names.items():
-            text = re.sub(rf"\b{word}\b", str(number), text)
+        text = _status_text(_WORDS[memory.dtype.itemsize])
         self.enqueue(text, name, (items or memory.count,), None, args)
 
     def enqueue(self, text: str, name: str, size: tuple[int, ...], group: tuple[int, ...] | None, args: Any) -> None:
@@ -219,7 +222,7 @@ class OpenCLSpace:
         machine = self._machine
         with machine.lock:
             kernel = self._kernels.get((name, text))
-            if kernel is None:  # making one takes 100 ms on PoCL
+            if kernel is None:  # to make one takes PoCL far longer than to run it
                 kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, group)
