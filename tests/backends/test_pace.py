@@ -137,3 +137,33 @@ def test_strips_keep_statuses(backend, lanes, monkeypatch):
     stopped = (n > 49) & (n % 7 != 0)
     assert error.value.count == stopped.sum()
     np.testing.assert_array_equal(error.value.result.written, ~stopped & (n % 7 != 0))
+
+
+def test_a_run_is_brief_once_one_as_large_took_milliseconds():
+    clock = iter(range(1000))
+    pace = Pace(1.0, lambda: next(clock) * 1e-3)
+    assert not pace.is_brief(64)
+    list(pace.parts(64))
+    assert sum(pace.is_brief(64) for _ in range(160)) == 150  # now and then one is timed again
+    assert not pace.is_brief(65)
+    pace.bounded = False
+    assert not any(pace.is_brief(64) for _ in range(20))
+
+
+def test_a_slower_run_is_not_brief_any_more():
+    ticks = iter([0.0, 0.001, 1.0, 2.0])
+    pace = Pace(1.0, lambda: next(ticks))
+    list(pace.parts(64))
+    assert pace.is_brief(64)
+    list(pace.parts(64))
+    assert not any(pace.is_brief(64) for _ in range(20))
+
+
+def test_as_many_elements_fit_as_a_dispatch_takes():
+    clock = iter(range(1000))
+    pace = Pace(0.1, lambda: next(clock) * 1e-3)
+    list(pace.parts(256))
+    assert pace.fits(2048)
+    assert not pace.fits(2049)
+    pace.steady = False
+    assert not pace.fits(1)

@@ -223,8 +223,8 @@ def test_memory_of_another_dtype_is_not_shared():
     read_only.flags.writeable = False
     with refused("a stream of f shares a contiguous, writeable float32 array, not this float32 array"):
         sh.Stream.wrap(read_only)
-    with refused("a stream of f shares a contiguous pyopencl array of float32, not float16"):
-        sh.Stream.wrap(sh.Stream([1], sh.Attrib1f, "opencl").native().astype(np.float16))
+    with refused("a stream of i shares a contiguous pyopencl array of int32, not int64"):
+        sh.Stream.wrap(sh.Stream([1], sh.Attrib1i, "opencl").native().astype(np.int64))
     assert sh.Stream.wrap(np.zeros(4, np.float16)).precision == "f16"
 
 

@@ -1,0 +1,92 @@
+"""Calls like the one before take a short way: they give the same as the first call, whatever has changed since."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.backends.registry import NAMES
+
+every = pytest.mark.parametrize("name", NAMES)
+gain = sh.Param(sh.Attrib2f, (1, 2), name="gain")
+
+
+@sh.program
+def scaled(x: sh.Attrib2f, by: sh.Attrib1f) -> sh.Attrib2f:
+    sh.SH_DISCARD(x.x < 0)
+    return x * by * gain
+
+
+@sh.program
+def parts(x: sh.Attrib1i, y: sh.Attrib1i) -> tuple[sh.Attrib1i, sh.Attrib1b]:
+    return x - y, x > y
+
+
+def expected(x, by, factors):
+    return np.where(x[..., :1] < 0, np.float32(0), x * np.float32(by) * np.float32(factors))
+
+
+@every
+def test_a_second_call_is_planned_and_gives_the_same(name):
+    kernel, x = scaled.compile(name), np.random.default_rng(1).normal(size=(40, 2)).astype(np.float32)
+    gain.value = (1, 2)
+    first = kernel(x, 3.0)
+    assert [key for key, plan in kernel._plans.items() if plan is not None]
+    assert np.array_equal(kernel(x, 3.0), first)
+    assert np.array_equal(kernel(-x, 3.0), expected(-x, 3, (1, 2)))
+    gain.value = (4, 8)
+    assert np.array_equal(kernel(x, 0.5), expected(x, 0.5, (4, 8)))
+    assert np.array_equal(kernel(x[:7], 3.0), expected(x[:7], 3, (4, 8)))
+    gain.value = (1, 2)
+
+
+@every
+@pytest.mark.parametrize("count", [3, 50_000])
+def test_out_may_be_an_input_or_a_part_of_it(name, count):
+    kernel, x = scaled.compile(name), np.random.default_rng(2).normal(size=(count, 2)).astype(np.float32)
+    wanted = np.where(x[:, :1] < 0, x, expected(x, 2, (1, 2)))
+    for _ in range(3):
+        given = x.copy()
+        result = kernel.run(given, 2.0, out=given)
+        assert result.outputs is given
+        assert np.array_equal(given, wanted)
+        assert result.count == result.written.sum() == (x[:, 0] >= 0).sum()
+    whole = np.zeros((count + 1, 2), np.float32)
+    whole[:-1] = x
+    kernel.run(whole[:-1], 2.0, out=whole[1:])
+    assert np.array_equal(whole[1:], np.where(x[:, :1] < 0, whole[1:], expected(x, 2, (1, 2))))
+
+
+@every
+def test_several_outputs_and_results_that_are_kept_apart(name):
+    kernel, x = parts.compile(name), np.arange(20, dtype=np.int32)
+    results = [kernel(x, np.int32([k])) for k in range(4)]
+    for k, (difference, more) in enumerate(results):
+        assert np.array_equal(difference, x - k)
+        assert more.dtype == np.bool_
+        assert np.array_equal(more, x > k)
+
+
+@every
+def test_whatever_is_converted_or_broadcast_is_checked_each_time(name):
+    kernel = parts.compile(name)
+    for _ in range(2):
+        grid = np.arange(6, dtype=np.int32).reshape(2, 3)
+        assert np.array_equal(kernel(grid, np.int32([0, 1, 5]))[0], grid - [0, 1, 5])
+        with pytest.raises(sh.ShpyTypeError, match="out of the range"):
+            kernel(np.array([2**40]), np.array([1]))
+        with pytest.raises(sh.ShpyTypeError, match="takes ints, not float32"):
+            kernel(np.float32([1]), np.int32([1]))
+        assert kernel(np.array([1, 2], ">i4"), np.array([1, 1], np.int32))[0].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", ["numpy", "opencl"])
+def test_each_precision_has_plans_of_its_own(name):
+    x = np.array([[1.1, 2.2]])
+    for precision, dtype in (("f32", np.float32), ("f64", np.float64)):
+        kernel = scaled.compile(name, precision=precision)
+        for _ in range(3):
+            found = kernel(x.astype(dtype), 0.1)
+            assert found.dtype == dtype
+            assert np.array_equal(found, x.astype(dtype) * dtype(0.1) * dtype([1, 2]))
