@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Call
+from shpy.backends.base import Call, DeviceCall
 from shpy.backends.opencl import widths
 from shpy.backends.opencl.device import machine_of
 from shpy.backends.opencl.widths import Choosing, measured_widths, next_width
@@ -23,6 +23,7 @@ class Clock:
 
     now: float = 0.0
     others: float = 0.0
+    started: float = 0.0
     resolution: float = 1e-9
 
     def perf_counter(self) -> float:
@@ -72,6 +73,50 @@ class Fake:
         for out in call.outputs:
             out[:] = self.lanes
 
+    def ready(self, call: DeviceCall, *, once: bool = False):
+        def start() -> None:
+            self.shapes.append(call.shape)
+            self.clock.started += self.pace * int(np.prod(call.shape))
+            for out in call.outputs:
+                out.writers.append(self.lanes)
+
+        return start
+
+
+@dataclass
+class Memory:
+    """Memory of a device that knows which widths wrote it."""
+
+    count: int
+    type: str = "f"
+    dtype: str = "float32"
+    writers: list[int] = field(default_factory=list)
+
+
+@dataclass
+class Space:
+    """A device whose runs take their time when somebody waits for them."""
+
+    clock: Clock
+    waits: int = 0
+    parts: list[tuple[int, int]] = field(default_factory=list)
+
+    def finish(self) -> None:
+        self.waits += self.clock.started > 0
+        self.clock.now += self.clock.started
+        self.clock.started = 0.0
+
+    def start(self, runs) -> None:
+        for run in runs:
+            run()
+
+    def allocate(self, count, type, dtype):
+        return Memory(count, type, dtype)
+
+    def part(self, memory, begin, count):
+        self.parts.append((begin, count))
+        return Memory(count)
+
 
 @pytest.fixture
 def clock(monkeypatch, tmp_path):
@@ -86,11 +131,18 @@ def call(*shape: int) -> Call:
     return Call(shape, (np.zeros(count, np.float32), np.zeros(1, np.float32)), (np.zeros(count, np.float32),), {}, {})
 
 
+def device_call(*shape: int) -> DeviceCall:
+    count = int(np.prod(shape))
+    return DeviceCall(shape, (Memory(count), Memory(1)), (Memory(count),), None, {}, {})
+
+
 def choosing(clock, paces, seconds=0.1, measured=(), spread=0):
     """A choice that begins with the width that was measured first, or 8; `paces` are those of 8, 16, 32, 64."""
     kernels = {lanes: Fake(lanes, pace, clock) for lanes, pace in zip((8, 16, 32, 64), paces, strict=False)}
     first = kernels[measured[0] if measured else 8]
-    return Choosing(first, tuple(kernels), kernels.__getitem__, seconds, "0" * 64, measured, spread), kernels
+    return Choosing(
+        first, tuple(kernels), kernels.__getitem__, seconds, "0" * 64, Space(clock), measured, spread
+    ), kernels
 
 
 @pytest.mark.parametrize(("paces", "chosen"), [((1e-6, 0.7e-6), 16), ((1e-6, 1.3e-6), 8), ((1e-6, 0.99e-6), 8)])
@@ -247,31 +299,76 @@ def test_cpu_time_decides_where_all_cores_have_work(clock, spread, resolution, c
     assert choice.source == f"float{chosen}"
 
 
+@pytest.mark.parametrize(("paces", "chosen"), [((1e-6, 0.7e-6), 16), ((1e-6, 1.3e-6), 8), ((1e-6, 0.99e-6), 8)])
+def test_runs_over_streams_are_tried_too(clock, paces, chosen):
+    choice, _ = choosing(clock, paces)
+    calls = [device_call(20_000) for _ in range(9)]
+    for given in calls:
+        choice._space.start([choice.ready(given, once=True)])
+    assert choice.source == f"float{chosen}"
+    assert measured_widths("0" * 64, (8, 16)) == (chosen, 24 - chosen)
+    assert [given.outputs[0].writers for given in calls] == [[8]] * 5 + [[chosen]] * 4  # samples are written elsewhere
+
+
+def test_a_run_that_is_repeated_changes_its_width(clock):
+    choice, _ = choosing(clock, (1e-6, 0.7e-6))
+    given = device_call(20_000)
+    run = choice.ready(given)
+    for _ in range(9):
+        run()
+    assert given.outputs[0].writers == [8] * 5 + [16] * 4
+
+
+def test_only_the_first_run_over_streams_is_waited_for(clock):
+    """It tells how long the others take; one over many more elements is waited for again."""
+    choice, _ = choosing(clock, (1e-7, 0.7e-7), seconds=0.5)
+    for count in (20_000, 20_000, 40_000, 9_000, 50_000, 50_000):
+        choice.ready(device_call(count))()
+    assert choice._space.waits == 3  # for the first, for those started before the fifth, and for the fifth
+    assert choice._spent == pytest.approx(189_000e-7 - 9_000e-7)
+
+
+def test_the_middle_of_a_long_run_over_streams_is_enough(clock):
+    choice, kernels = choosing(clock, (1e-4, 1e-5))
+    choice.ready(device_call(100, 200))()
+    assert set(kernels[16].shapes) == {(2, 200)}
+    assert kernels[8].shapes == [(100, 200)] + 5 * [(2, 200)]
+    assert set(choice._space.parts) == {(49 * 200, 400)}  # the other input is one element for all
+
+
 def test_a_width_that_does_not_compile_is_left_alone(clock):
     def refuse(lanes):
         raise CompileError("no float16 here")
 
-    choice = Choosing(Fake(8, 1e-4, clock), (8, 16), refuse, 0.1, "0" * 64)
+    choice = Choosing(Fake(8, 1e-4, clock), (8, 16), refuse, 0.1, "0" * 64, Space(clock))
     choice.run(call(20_000))
     choice.run(call(20_000))
     assert choice.source == "float8"
     assert choice.notes == ("8 lanes, since 16 do not compile: no float16 here",)
 
 
-def test_a_kernel_that_changes_its_width_gives_the_same_bits(monkeypatch, tmp_path):
+@pytest.mark.parametrize("where", ["arrays", "streams", "chain"])
+def test_a_kernel_that_changes_its_width_gives_the_same_bits(monkeypatch, tmp_path, where):
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(widths, "time", Ticks())
     monkeypatch.setattr(widths, "_GAIN", 1e9)  # the other width always wins
 
     @sh.program
-    def wave(x: sh.Attrib1f) -> sh.Attrib1f:
-        return x * x / (1 + x) + 0.125 * sh.grid_index(1)
+    def wave(x: sh.Attrib1f):
+        return {"y": x * x / (1 + x) + 0.125 * sh.grid_index(1)}
 
     x = np.linspace(0, 9, 20_000, dtype=np.float32)
-    kernel, expected = wave.compile("opencl", loop_limit=12_345), wave.compile("numpy")(x)
+    limit = 12_345 + ord(where[0])  # a kernel that nobody has compiled yet
+    kernel, expected = wave.compile("opencl", loop_limit=limit), wave.compile("numpy")(x)["y"]
     machine, texts = machine_of(None), [kernel.source]
+    stream = sh.Stream(x, sh.Attrib1f, "opencl")
     for _ in range(4):
-        assert np.array_equal(kernel(x), expected)
+        if where == "arrays":
+            found = kernel(x)["y"]
+        else:
+            streams = kernel(stream) if where == "streams" else sh.sequence(kernel).run(x=stream).streams
+            found = streams["y"].numpy()
+        assert np.array_equal(found, expected)
         texts.append(kernel.source)
     wider = [lanes for lanes in machine.widths if lanes > machine.lanes > 1]
     assert len(set(texts)) == 1 + len(wider)

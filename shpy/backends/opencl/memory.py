@@ -191,6 +191,16 @@ class OpenCLSpace:
             with machine.lock:
                 machine.cl.enqueue_copy(machine.queue, target.buffer, source.buffer, byte_count=size)
 
+    def part(self, source: Any, begin: int, count: int) -> OpenCLMemory:
+        """Return a copy of `count` elements from `begin` on."""
+        made = self.allocate(count, source.type, source.dtype)
+        each = source.type.size * held(source.type, source.dtype).itemsize
+        machine = self._machine
+        with machine.lock:
+            size, offset = count * each, begin * each
+            machine.cl.enqueue_copy(machine.queue, made.buffer, source.buffer, byte_count=size, src_offset=offset)
+        return made
+
     def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
         """Put the elements of `old`, or zeros, where the status is not WRITTEN."""
         if new.count:

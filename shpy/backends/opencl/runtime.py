@@ -110,7 +110,7 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
         return replace(first, remarks=(*first.remarks, f"{lanes} lanes: trials against {others} chose them"))
     build = partial(_built, machine, module, options)
     spread = _GROUPS * PACKETS * machine.device.max_compute_units
-    return Choosing(first, machine.widths, build, time.perf_counter() - start, key, measured, spread)
+    return Choosing(first, machine.widths, build, time.perf_counter() - start, key, machine.space, measured, spread)
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:

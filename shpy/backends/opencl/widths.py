@@ -2,10 +2,10 @@
 
 Stage: run. No rule finds the fastest width: two registers a value hide the latency of one kernel and cost another its
 registers, and processors differ. So `lanes="auto"` begins with the width of the device's vectors. Once the kernel has
-run for as long as it took to compile, the next width is compiled and both run on that run's own data; the faster one
-stays, and the outcome is kept on disk. So it goes on, to wider packets first, until both neighbours of the width in use
-have been measured. A wider neighbour that is level hides what comes after it, so the next wider one is measured too.
-Strict mode gives the same bits at every width, so nothing else can be seen.
+run for as long as it took to compile, the next width is compiled and both run on a sample of that run's own data; the
+faster one stays, and the outcome is kept on disk. So it goes on, to wider packets first, until both neighbours of the
+width in use have been measured. A wider neighbour that is level hides what comes after it, so the next wider one is
+measured too. Strict mode gives the same bits at every width, so nothing else can be seen.
 
     build(8) ──run, run, …──▶ spent > compiling ──▶ build(16) ──run both─┬─▶ 16 is faster ──run, run, …──▶ build(32)
                                                                          └─▶ 8 is faster ──run, run, …──▶ build(4)
@@ -13,17 +13,19 @@ Strict mode gives the same bits at every width, so nothing else can be seen.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection
-from dataclasses import replace
-from typing import Final, Protocol
-
-import numpy as np
+from typing import TYPE_CHECKING, Final, Protocol
 
 from shpy.backends import store
 from shpy.backends.base import Array, Call, DeviceCall, Executable
+from shpy.backends.opencl.samples import Sample, sample_of, sample_on_device
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
+
+if TYPE_CHECKING:
+    from shpy.backends.opencl.memory import OpenCLSpace
 
 __all__ = ["Choosing", "measured_widths", "next_width"]
 
@@ -46,6 +48,8 @@ _GAIN: Final = 0.97
 """The other width stays if it takes at most this much of the time: less is noise."""
 _LEVEL: Final = 1.1
 """A wider width that takes at most this much of the time is level: the next wider one may still gain."""
+_SIMILAR: Final = 2
+"""A run over memory of the device of at most so many times the elements of a run that was waited for is not."""
 
 
 class Sized(Executable, Protocol):
@@ -87,13 +91,14 @@ class Choosing:
         build: Callable[[int], Sized],
         seconds: float,
         key: str,
+        space: OpenCLSpace,
         measured: tuple[int, ...] = (),
         spread: int = 0,
     ) -> None:
         """Start with `first`, whose compilation took `seconds`; `build` compiles for one of the `widths`.
 
-        `measured`: the widths that need no trial; the outcome of each trial is kept under `key`. `spread`: elements a
-        lane with which all cores have work to the end of a run.
+        The outcome of each trial is kept under `key`. `space`: where runs over streams are. `measured`: the widths that
+        need no trial. `spread`: elements a lane with which all cores have work to the end of a run.
         """
         self._current = first
         self._widths = widths
@@ -101,6 +106,8 @@ class Choosing:
         self._worth = min(max(seconds, _LEAST_SPENT), _MOST_SPENT)
         self._spent = 0.0
         self._key = key
+        self._space = space
+        self._timed = (0, 0.0)
         self._measured = {first.lanes, *measured}
         self._level: set[int] = set()
         self._spread = spread
@@ -142,26 +149,63 @@ class Choosing:
 
     def run(self, call: Call) -> Array | None:
         """Run it; once enough time was spent, this call's data decide between two widths."""
-        other = self._other
-        if self._trying or other is None:
+        if self._trying or self._other is None:
             return self._current.run(call)
         start = time.perf_counter()
         status = self._current.run(call)
+        self._spend(call.count, time.perf_counter() - start, lambda share: sample_of(call, share))
+        return status
+
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
+        """Prepare a run over memory of the device, at the width that is in use when it starts."""
+        current = self._current
+        run = current.ready(call, once=once)
+        count = math.prod(call.shape)
+        if self._other is None or not count:
+            return run
+
+        def start() -> None:
+            nonlocal current, run
+            if current is not self._current:
+                current = self._current
+                run = current.ready(call, once=once)
+            if self._trying or self._other is None:
+                run()
+            else:
+                taken = self._start(run, count)
+                self._spend(count, taken, lambda share: sample_on_device(call, share, self._space))
+
+        return start
+
+    def _start(self, run: Callable[[], None], count: int) -> float:
+        """Start a run over memory of the device; returns the seconds that it takes.
+
+        It is waited for only where they do not follow from those of an earlier run.
+        """
+        timed, taken = self._timed
+        if count <= _SIMILAR * timed:
+            run()
+            return taken * count / timed
+        self._space.finish()
+        start = time.perf_counter()
+        run()
+        self._space.finish()
         taken = time.perf_counter() - start
-        if call.count < _ENOUGH and taken < _LONG_ENOUGH:
-            return status
+        self._timed = count, taken
+        return taken
+
+    def _spend(self, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
+        """Count the seconds of a run; make a trial on a sample of it once they amount to those of compiling."""
+        other = self._other
+        if self._trying or other is None or (count < _ENOUGH and taken < _LONG_ENOUGH):
+            return
         self._spent += taken
         if self._spent >= self._worth:
             self._trying = True  # before the trial: another thread goes on with the first width
             try:
-                self._try(other, call, taken)
+                self._try(other, sample, taken)
             finally:
                 self._trying = False
-        return status
-
-    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
-        """Prepare a run over memory of the device, at the width that is in use now."""
-        return self._current.ready(call, once=once)
 
     def _clock(self, count: int, lanes: int) -> Callable[[], float]:
         """Return the clock of a trial: CPU time, which other programs hardly change, where no core can be idle."""
@@ -169,7 +213,7 @@ class Choosing:
             return time.process_time
         return time.perf_counter
 
-    def _try(self, width: int, call: Call, taken: float) -> None:
+    def _try(self, width: int, sample: Callable[[float], Sample], taken: float) -> None:
         first, start = self._current, time.perf_counter()
         self._measured.add(width)
         try:
@@ -179,14 +223,15 @@ class Choosing:
             return
         self._worth, self._spent = max(time.perf_counter() - start, _LEAST_SPENT), 0.0
         longest = _TRIED / _LEAST_ROUNDS
-        part = _part(call, longest / taken) if taken > longest else _scratch(call)
+        part = sample(longest / taken if taken > longest else 1.0)
         rounds = min(max(int(_TRIED / taken), _LEAST_ROUNDS), _MOST_ROUNDS)
         clock = self._clock(part.count, max(first.lanes, other.lanes))
-        _seconds(other, part, clock)  # the first run of a kernel is not like the others
-        times: dict[int, list[float]] = {sized.lanes: [] for sized in (first, other)}
+        runs = {sized.lanes: part.prepare(sized) for sized in (first, other)}
+        runs[width]()  # the first run of a kernel is not like the others
+        times: dict[int, list[float]] = {lanes: [] for lanes in runs}
         for _ in range(rounds):
-            for sized in (first, other):
-                times[sized.lanes].append(_seconds(sized, part, clock))
+            for lanes, run in runs.items():
+                times[lanes].append(_seconds(run, clock))
         mine, its = min(times[first.lanes]), min(times[other.lanes])
         if its < _GAIN * mine:
             self._current, self._shares = other, []
@@ -201,24 +246,7 @@ class Choosing:
         store.save(self._key, " ".join(map(str, kept)).encode())
 
 
-def _seconds(executable: Executable, call: Call, clock: Callable[[], float]) -> float:
+def _seconds(run: Callable[[], object], clock: Callable[[], float]) -> float:
     start = clock()
-    executable.run(call)
+    run()
     return clock() - start
-
-
-def _scratch(call: Call) -> Call:
-    """The same run into arrays of its own."""
-    return replace(call, outputs=tuple(np.empty_like(o) for o in call.outputs))
-
-
-def _part(call: Call, share: float) -> Call:
-    """A run over the middle rows, about so much of the whole, into arrays of its own."""
-    rows, *rest = call.shape
-    count = max(1, min(rows, int(rows * share)))
-    each = call.count // rows
-    begin = (rows - count) // 2 * each
-    end = begin + count * each
-    inputs = tuple(a[begin:end] if len(a) == call.count else a for a in call.inputs)
-    outputs = tuple(np.empty_like(o[begin:end]) for o in call.outputs)
-    return replace(call, shape=(count, *rest), inputs=inputs, outputs=outputs)
