@@ -30,9 +30,17 @@ from shpy.lang.data import Table, Texture2D, TextureType
 from shpy.lang.guarded import guarded
 from shpy.lang.location import here
 from shpy.lang.record import Recorded
-from shpy.lang.structure import build_arrays
+from shpy.lang.structure import Leaf, build_arrays
 from shpy.plans import KEPT, Plan, plan_of, signature
-from shpy.streams.running import Prepared, StreamResult, check_places, prepare, run_prepared
+from shpy.streams.running import (
+    Prepared,
+    StreamResult,
+    check_places,
+    prepare,
+    prepare_known,
+    run_prepared,
+    signature_of_streams,
+)
 from shpy.streams.stream import Place, streams_in
 
 _executables: dict[tuple[str, str, Options], Executable] = {}
@@ -96,6 +104,8 @@ class Kernel:
                 _executables.pop(oldest, None)
         self._executable = found
         self._plans: dict[tuple[Any, ...] | None, Plan | None] = {}
+        self._known_shapes: dict[tuple[Any, ...] | None, tuple[int, ...]] = {}
+        self._reads_leaves = not recorded.tables and all(isinstance(t, Leaf) for t in recorded.inputs.values())
         self._plans_hold = next(streams_in(iter(recorded.tables.values())), None) is None
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
         devices = backend.devices()
@@ -131,9 +141,12 @@ class Kernel:
             if known is not None:
                 common, outputs, status = known
                 return outputs if status is None else self._result(common, outputs, status).outputs
+            over_streams = self._run_known_streams(arrays, None)
+            if over_streams is not None:
+                return over_streams.outputs
         given = host.bind(self._recorded, arrays, named)
         if self._holds_streams(given, None):
-            return self._run_on_device(given, None, shape).outputs
+            return self._run_on_streams(given, None, shape, () if named else arrays).outputs
         common, outputs, status = self._execute(given, None, shape)
         self._plan(arrays, common, named, shape)
         return outputs if status is None else self._result(common, outputs, status).outputs
@@ -148,13 +161,17 @@ class Kernel:
         if where is not None:
             given = host.bind(self._recorded, arrays, named)
             return self._guarded.run(*(given[name] for name in self._recorded.inputs), where, out=out, shape=shape)
-        known = None if named or shape is not None else self._run_planned(arrays, out)
+        planned = not named and shape is None
+        known = self._run_planned(arrays, out) if planned else None
         if known is not None:
             common, outputs, status = known
         else:
+            over_streams = self._run_known_streams(arrays, out) if planned else None
+            if over_streams is not None:
+                return over_streams
             given = host.bind(self._recorded, arrays, named)
             if self._holds_streams(given, out):
-                return self._run_on_device(given, out, shape)
+                return self._run_on_streams(given, out, shape, () if named else arrays)
             common, outputs, status = self._execute(given, out, shape)
             self._plan(arrays, common, named, shape)
         if status is None:
@@ -178,9 +195,31 @@ class Kernel:
         """The device on which it runs, and its working precision: where its streams have to be."""
         return Place(self.backend, self.options.device or 0, self.options.precision)
 
-    def _run_on_device(self, given: dict[str, Any], out: Any, shape: Any) -> StreamResult:
+    def _run_on_streams(self, given: dict[str, Any], out: Any, shape: Any, arrays: tuple[Any, ...]) -> StreamResult:
+        """Run over streams; once it went well, other runs over streams of this signature are not checked again."""
+        prepared = self.prepare_on_device(given, out, shape)
+        result = self._run_on_device(prepared)
+        key = signature_of_streams(arrays) if arrays and shape is None and self._reads_leaves else None
+        if key is not None:
+            if len(self._known_shapes) >= KEPT:
+                self._known_shapes.clear()
+            self._known_shapes[key] = prepared.call.shape
+        return result
+
+    def _run_known_streams(self, streams: tuple[Any, ...], out: Any) -> StreamResult | None:
+        """Run over streams of a signature with which a run went well; None where there was none."""
+        common = self._known_shapes.get(signature_of_streams(streams)) if self._known_shapes else None
+        if common is None:
+            return None
+        recorded, place = self._recorded, streams[0].place
+        if out is not None:
+            check_places([out], place, recorded.module.name)
+        params = self._params({}) if recorded.params else {}
+        return self._run_on_device(prepare_known(recorded, self._executable, params, place, streams, common, out))
+
+    def _run_on_device(self, prepared: Prepared) -> StreamResult:
         """Run over streams; raises LoopLimitExceeded as soon as a loop can have run out of iterations."""
-        result = run_prepared(self._executable, self.prepare_on_device(given, out, shape))
+        result = run_prepared(self._executable, prepared)
         if result.status is not None and self._executable.loops and result.counts.stopped:
             raise self.limit_error(result.counts.stopped, result.counts.first, result)
         return result

@@ -78,7 +78,11 @@ class Pace:
     def is_brief(self, elements: int) -> bool:
         """Return whether as many elements took less than `BRIEF` when they were timed last; now and then they are."""
         self._asked += 1
-        return self.bounded and elements <= self._brief and self._asked % AGAIN_AFTER != 0
+        return self.was_brief(elements) and self._asked % AGAIN_AFTER != 0
+
+    def was_brief(self, elements: int) -> bool:
+        """Return whether as many elements took less than `BRIEF` when they were timed last."""
+        return self.bounded and elements <= self._brief
 
     def _learn(self, elements: int, seconds: float) -> None:
         if seconds < BRIEF:

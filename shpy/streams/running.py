@@ -26,7 +26,15 @@ from shpy.lang.structure import Group, Layout, build_group, leaves
 from shpy.lang.types import Attrib1b
 from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
 
-__all__ = ["Prepared", "StreamResult", "check_places", "prepare", "run_prepared"]
+__all__ = [
+    "Prepared",
+    "StreamResult",
+    "check_places",
+    "prepare",
+    "prepare_known",
+    "run_prepared",
+    "signature_of_streams",
+]
 
 Shape = tuple[int, ...]
 
@@ -95,38 +103,73 @@ def prepare(
     out: Any,
 ) -> Prepared:
     """Bring every array among the inputs to the device, and make what the outputs are written to."""
-    space = place.space
     memories = [_memory(leaf, common, place) for leaf in inputs]
     read = {name: _table(table, dtypes) for name, table in tables.items()}
     targets, outputs = _targets(recorded.output, place, common, out)
     _check_apart(targets, tables)
-    here_already = {id(m) for m in memories}
-    direct = executable.writes_all and (
-        out is None or all(space.overwrites or id(t.memory) not in here_already for t in targets)
-    )
+    return _prepared(executable, params, place, memories, read, targets, outputs, common, fresh=out is None)
+
+
+def signature_of_streams(streams: Sequence[Any]) -> tuple[Any, ...] | None:
+    """The shapes, types and places of streams of one leaf each; None where there is anything else."""
+    found = []
+    for stream in streams:
+        if type(stream) is not Stream or len(stream._memories) != 1:
+            return None
+        found.append((stream._shape, stream._type, stream.place))
+    return tuple(found)
+
+
+def prepare_known(
+    recorded: Recorded,
+    executable: Executable,
+    params: dict[str, Array],
+    place: Place,
+    streams: Sequence[Stream],
+    common: Shape,
+    out: Any,
+) -> Prepared:
+    """Make what the outputs are written to, for streams of a signature with which a run went well, and no tables."""
+    memories = [stream._memories[0] for stream in streams]
+    targets, outputs = _targets(recorded.output, place, common, out)
+    _check_apart(targets, {})
+    return _prepared(executable, params, place, memories, {}, targets, outputs, common, fresh=out is None)
+
+
+def _prepared(
+    executable: Executable,
+    params: dict[str, Array],
+    place: Place,
+    inputs: Sequence[Memory],
+    tables: dict[str, TableData | TableMemory],
+    targets: Sequence[StreamLeaf],
+    outputs: Any,
+    common: Shape,
+    *,
+    fresh: bool,
+) -> Prepared:
+    """The call: it writes the memory of the outputs, or its own where theirs is still read or may have to stay."""
+    space, read = place.space, {id(m) for m in inputs}
+    direct = fresh or (executable.writes_all and (space.overwrites or not any(id(t.memory) in read for t in targets)))
     written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
     status = None if executable.writes_all else space.allocate(math.prod(common), vec(Base.I), np.dtype(np.int32))
-    call = DeviceCall(common, tuple(memories), written, status, params, read)
-    return Prepared(call, tuple(targets), out is None, place, outputs)
+    call = DeviceCall(common, tuple(inputs), written, status, params, tables)
+    return Prepared(call, tuple(targets), fresh, place, outputs)
 
 
 def run_prepared(executable: Executable, prepared: Prepared) -> StreamResult:
     """Start the run; what it wrote belongs to the outputs."""
-    space, call = prepared.place.space, prepared.call
+    call = prepared.call
     if math.prod(call.shape):
+        space = prepared.place.space
         space.start([executable.ready(call, once=True)])
-        take_over(prepared)
+        for target, new in zip(prepared.targets, call.outputs, strict=True):
+            kept = new
+            if call.status is not None:
+                kept = space.keep(call.status, new, None if prepared.fresh else target.memory)
+            if kept is not target.memory:
+                target.replace(kept)
     return StreamResult(prepared.outputs, call.shape, prepared.place, call.status)
-
-
-def take_over(prepared: Prepared) -> None:
-    """Give the outputs what was written to memory of the run's own."""
-    space, call = prepared.place.space, prepared.call
-    for target, new in zip(prepared.targets, call.outputs, strict=True):
-        if new is target.memory:
-            continue
-        old = None if prepared.fresh else target.memory
-        target.replace(new if call.status is None else space.keep(call.status, new, old))
 
 
 def _memory(leaf: host.InputLeaf | host.DeviceLeaf, common: Shape, place: Place) -> Memory:
@@ -170,7 +213,7 @@ def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list
             )
         if entry.shape != shape or entry.memory.type is not cls.type:
             raise ShpyTypeError(
-                f"{name} is {entry.stream!r}, not {cls.type!r} of shape {shape}",
+                f"{name} is {entry.stream!r}, not of sh.{cls.__name__} and the shape {shape}",
                 loc=here(),
                 cure=f"sh.Stream.empty({shape}, sh.{cls.__name__}, {place.backend!r})",
             )

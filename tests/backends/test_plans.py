@@ -90,3 +90,65 @@ def test_each_precision_has_plans_of_its_own(name):
             found = kernel(x.astype(dtype), 0.1)
             assert found.dtype == dtype
             assert np.array_equal(found, x.astype(dtype) * dtype(0.1) * dtype([1, 2]))
+
+
+@pytest.fixture
+def checks(monkeypatch):
+    """The runs whose inputs were checked."""
+    made, prepare = [], sh.Kernel.prepare_on_device
+    monkeypatch.setattr(sh.Kernel, "prepare_on_device", lambda *given: made.append(1) or prepare(*given))
+    return made
+
+
+@every
+def test_streams_of_a_signature_are_checked_once(name, checks):
+    kernel, x = scaled.compile(name), np.random.default_rng(3).normal(size=(40, 2)).astype(np.float32)
+    by = np.linspace(1, 2, 40, dtype=np.float32)
+    lots, factor = sh.Stream(x, sh.Attrib2f, name), sh.Stream(by, sh.Attrib1f, name)
+    gain.value = (1, 2)
+    first = kernel(lots, factor)
+    assert np.array_equal(first.numpy(), expected(x, by[:, None], (1, 2)))
+    gain.value = (4, 8)
+    second = kernel.run(lots, factor)
+    assert np.array_equal(second.outputs.numpy(), expected(x, by[:, None], (4, 8)))
+    assert second.count == (x[:, 0] >= 0).sum()
+    assert np.array_equal(first.numpy(), expected(x, by[:, None], (1, 2)))
+    gain.value = (1, 2)
+    assert len(checks) == 1
+    kernel(lots, sh.Stream(2.0, sh.Attrib1f, name))
+    kernel(lots, 3.0)
+    assert len(checks) == 3
+
+
+@every
+def test_out_of_known_streams_is_checked_each_time(name, checks):
+    kernel, x = scaled.compile(name), np.random.default_rng(4).normal(size=(33, 2)).astype(np.float32)
+    by = sh.Stream(np.full(33, 2, np.float32), sh.Attrib1f, name)
+    kernel(sh.Stream(x, sh.Attrib2f, name), by)
+    target = sh.Stream(x, sh.Attrib2f, name)
+    assert kernel.run(target, by, out=target).outputs is target
+    assert np.array_equal(target.numpy(), np.where(x[:, :1] < 0, x, expected(x, 2, (1, 2))))
+    assert len(checks) == 1
+    with pytest.raises(sh.ShpyTypeError, match=r"not of sh.Attrib2f and the shape \(33,\)"):
+        kernel.run(target, by, out=sh.Stream.empty(32, sh.Attrib2f, name))
+    with pytest.raises(sh.ShpyTypeError, match="is an array and other data of this run are streams"):
+        kernel.run(target, by, out=x)
+    with pytest.raises(sh.ShpyTypeError, match="is not there"):
+        kernel.run(target, by, out=sh.Stream.empty(33, sh.Attrib2f, "numpy", precision="f64"))
+    assert np.array_equal(target.numpy(), np.where(x[:, :1] < 0, x, expected(x, 2, (1, 2))))
+
+
+@every
+def test_streams_of_other_types_and_places_are_checked(name):
+    kernel, whole = parts.compile(name), np.arange(20, dtype=np.int32)
+    x = sh.Stream(whole, sh.Attrib1i, name)
+    for _ in range(2):
+        difference, more = kernel(x, x)
+        assert not difference.numpy().any()
+        assert not more.numpy().any()
+    with pytest.raises(sh.ShpyTypeError):
+        kernel(x, sh.Stream(whole.astype(np.float32), sh.Attrib1f, name))
+    with pytest.raises(sh.ShpyTypeError, match="is not there"):
+        kernel(x, sh.Stream(whole, sh.Attrib1i, "numpy", precision="f64"))
+    with pytest.raises(sh.ShpyTypeError, match="do not broadcast"):
+        kernel(x, x[:7])

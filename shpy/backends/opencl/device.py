@@ -192,6 +192,8 @@ class Machine:
         """Copies to the device that may be under way: they keep their arrays."""
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
         self.space = OpenCLSpace(self)
+        self.may_take_long = False
+        """Whether anything but brief runs was started over streams since the space was last waited for."""
         self.dropped: list[Any] = []
         """Buffers of memory that is gone. They are given back by whoever holds the lock next."""
 
@@ -300,6 +302,7 @@ class Machine:
             if pace.is_brief(elements) if brief else pace.fits(elements):
                 if once:
                     kernel.set_args(*args)
+                self.may_take_long |= not pace.was_brief(elements)
                 enqueue(queue, kernel, size, (group, 1))
             else:
                 self.launch(kernel, args, items, group, pace, each)

@@ -69,6 +69,8 @@ __kernel void count_statuses(__global const int *status, uint n, __global volati
 _STRIDE: Final = 4096
 _AHEAD: Final = 256
 """Runs that are started before the host waits for them."""
+_FEW: Final = 16
+"""Brief runs that a caller need not be able to interrupt."""
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -236,6 +238,7 @@ class OpenCLSpace:
                 kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, group)
+            machine.may_take_long = True
             self._count_one()
 
     def _count_one(self) -> None:
@@ -263,6 +266,11 @@ class OpenCLSpace:
         """Wait until everything that was started has ended; Ctrl-C ends the wait."""
         machine = self._machine
         with machine.lock:
-            if self._started:
-                self._started = 0
+            if not self._started:
+                return
+            brief = self._started <= _FEW and not machine.may_take_long
+            self._started, machine.may_take_long = 0, False
+            if brief:  # to wake the thread that waits would take as long as these runs
+                machine.queue.finish()
+            else:
                 machine.waiter.wait(machine.cl.enqueue_marker(machine.queue))

@@ -112,6 +112,7 @@ class Choosing:
         self._level: set[int] = set()
         self._spread = spread
         self._trying = False
+        self._other = self._next()
         self._shares: list[str] = []
         self._refusal = ""
 
@@ -125,9 +126,8 @@ class Choosing:
         """The notes of the width in use, and why it is in use."""
         return (*self._current.notes, self._remark)
 
-    @property
-    def _other(self) -> int | None:
-        """The width to try next."""
+    def _next(self) -> int | None:
+        """Return the width to try next."""
         return next_width(self._current.lanes, self._measured, self._widths, self._level)
 
     @property
@@ -219,6 +219,7 @@ class Choosing:
         try:
             other = self._build(width)
         except CompileError as error:  # the first width stays, which is no slower than before: a note says so
+            self._other = self._next()
             self._refusal = f", since {width} do not compile: {error.message}"
             return
         self._worth, self._spent = max(time.perf_counter() - start, _LEAST_SPENT), 0.0
@@ -240,6 +241,7 @@ class Choosing:
         elif its < _LEVEL * mine and width > first.lanes:
             self._level.add(width)
         self._shares.append(f"{mine / its:.2f} of the time of {width}")
+        self._other = self._next()
         # A process that ends before the width behind a level one is measured leaves both to the next process.
         open_ = self._level if self._other is not None else set()
         kept = (self._current.lanes, *sorted(self._measured - open_ - {self._current.lanes}))
