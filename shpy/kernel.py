@@ -183,7 +183,7 @@ class Kernel:
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
         made = Kernel(guarded(self._recorded, None, "where"), backend_named(self.backend), self.options)
         if self._rank is None:  # else an element has to know its place among all
-            made._executable = Listed(made._executable, self._executable)
+            made._executable = Listed(made._executable, self._executable, self.place.space)
         return made
 
     def _holds_streams(self, given: dict[str, Any], out: Any) -> bool:

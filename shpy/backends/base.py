@@ -219,6 +219,13 @@ class Space(Protocol):
     def count(self, status: Any) -> Counts:
         """Count what the statuses say, once everything that was started has ended."""
 
+    def lists(self, guarded: Executable, plain: Executable) -> Callable[[DeviceCall], Callable[[], None]] | None:
+        """Return what prepares one run of the elements that are alive, as a list of them where that takes less time.
+
+        `guarded` is the kernel whose last input says which elements are alive, `plain` the same kernel without it. None
+        where the guarded kernel saves as much by itself.
+        """
+
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start what `Executable.ready` gave, one after the other; waits for none of them."""
 

@@ -2,18 +2,19 @@
 
 Stage: run. Above every backend, since it moves only arrays of the host.
 
-    Listed(guarded, plain).run(call)     # the last input says which elements run
+    Listed(guarded, plain, space).run(call)     # the last input says which elements run
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, DeviceCall, Executable
+from shpy.backends.base import Array, Call, DeviceCall, Executable, Space
 from shpy.ir.nodes import Loc, Status
 
 __all__ = ["Listed"]
@@ -33,6 +34,12 @@ class Listed:
 
     guarded: Executable
     plain: Executable
+    space: Space
+    lists: Any = field(init=False)
+    """What prepares runs over memory of the device as lists, or None."""
+
+    def __post_init__(self) -> None:
+        self.lists = self.space.lists(self.guarded, self.plain)
 
     @property
     def source(self) -> str:
@@ -75,5 +82,8 @@ class Listed:
         return status
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
-        """Prepare a run over memory of the device, where the kernel itself discards elements."""
+        """Prepare a run over memory of the device: as a list where that is worth it, and the run is not repeated."""
+        if self.lists is not None and once and _WORTH_A_LIST <= math.prod(call.shape) == call.inputs[-1].count:
+            prepared: Callable[[], None] = self.lists(call)
+            return prepared
         return self.guarded.ready(call, once=once)

@@ -34,8 +34,10 @@ def case(share, shape=(70, 71)):
     return c, np.linspace(0, 1, 21, dtype=np.float32), mask, out
 
 
-def bits(array):
-    return np.ascontiguousarray(array).view(np.int32)
+def bits(data):
+    """The bytes of an array or a stream."""
+    array = data.numpy() if isinstance(data, sh.Stream) else data
+    return np.ascontiguousarray(array).view(np.uint8)
 
 
 @SHARES
@@ -108,6 +110,55 @@ def test_kernels_that_do_not_know_their_place(backend, share):
     again = kernel.run(1.0 * x, by, t, where=mask)
     np.testing.assert_array_equal(bits(again.outputs["total"][runs]), bits(whole["total"][runs]))
     assert not again.outputs["total"][~runs].any()
+    # The same over streams, three times: the first two runs over lists are measured.
+    types = {"total": sh.Attrib3f, "odd": sh.Attrib1b}
+    inputs = sh.Stream(x, sh.Attrib3f, backend), sh.Stream(by, sh.Attrib1i, backend)
+    table, condition = sh.Table(sh.Stream(t, sh.Attrib1f, backend)), sh.Stream(mask, sh.Attrib1b, backend)
+    for _ in range(3):
+        held = {
+            name: sh.Stream(rng.random((5000, 3)) if name == "total" else rng.random(5000) < 0.5, type_, backend)
+            for name, type_ in types.items()
+        }
+        before = {name: stream.numpy() for name, stream in held.items()}
+        streamed = kernel.run(*inputs, table, out=held, where=condition)
+        assert streamed.count == runs.sum()
+        np.testing.assert_array_equal(streamed.written.numpy(), runs)
+        for name, stream in held.items():
+            live = runs[:, None] if name == "total" else runs
+            np.testing.assert_array_equal(bits(stream), bits(np.where(live, whole[name], before[name])))
+
+
+@sh.program
+def halve(x: sh.Attrib2f, by: sh.Attrib1f):
+    n = sh.Attrib1i(0)
+    with sh.SH_WHILE(lambda: x.x > 0.5):
+        n += 1
+    return {"half": x / by, "rest": x.x > by}
+
+
+@pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
+@pytest.mark.parametrize("pays", [True, False])
+def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
+    """A list or not, whichever takes less time: with uniform inputs, results of each size, and loops that stop."""
+    from shpy.backends.opencl.lists import Lists
+
+    monkeypatch.setattr(Lists, "_pays", lambda *_: pays)
+    rng = np.random.default_rng(8)
+    kernel = halve.compile("opencl", precision=precision, loop_limit=10)
+    whole, mask = rng.random((6000, 2)) / 2, rng.random(6000) < 0.1
+    x = sh.Stream(whole, sh.Attrib2f, "opencl", precision=precision)
+    condition = sh.Stream(mask, sh.Attrib1b, "opencl", precision=precision)
+    result = kernel.run(x, 3.0, where=condition)
+    expected = kernel(x.numpy(), 3.0)
+    np.testing.assert_array_equal(result.outputs["half"].numpy(), np.where(mask[:, None], expected["half"], 0))
+    np.testing.assert_array_equal(result.outputs["rest"].numpy(), mask & expected["rest"])
+    assert kernel.run(x, 3.0, where=sh.Stream(mask & False, sh.Attrib1b, "opencl", precision=precision)).count == 0
+    stuck = np.flatnonzero(mask)[[3, 50]]
+    whole[[*stuck, np.flatnonzero(~mask)[0]]] = 0.75
+    x = sh.Stream(whole, sh.Attrib2f, "opencl", precision=precision)
+    with pytest.raises(sh.LoopLimitExceeded, match="in 2 elements") as caught:
+        kernel.run(x, 3.0, where=condition)
+    np.testing.assert_array_equal(np.flatnonzero(mask & ~caught.value.result.written.numpy()), stuck)
 
 
 @on_every_backend

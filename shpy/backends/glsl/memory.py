@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Collectives, Counts
+from shpy.backends.base import Array, Collectives, Counts, Executable
 from shpy.backends.glsl.context import VERTEX, check
 from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, write
 from shpy.errors import ShpyError, ShpyTypeError
@@ -302,6 +302,9 @@ class GlslSpace:
         vertices.render(moderngl.POINTS if points else moderngl.TRIANGLES, count)
         self._context.resting.use()
         check(gl, "move or count elements")
+
+    def lists(self, guarded: Executable, plain: Executable) -> None:
+        """Return None: the depth test discards them before the kernel runs."""
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other, all on the context's thread."""

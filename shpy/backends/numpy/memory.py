@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Collectives, Counts, DeviceCall, TableData, TableMemory
+from shpy.backends.base import Array, Call, Collectives, Counts, DeviceCall, Executable, TableData, TableMemory
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Type
@@ -99,6 +99,9 @@ class NumpySpace:
     def count(self, status: Any) -> Counts:
         """Count what the statuses say."""
         return Counts.of(status.array)
+
+    def lists(self, guarded: Executable, plain: Executable) -> None:
+        """Return None: numpy's kernels make lists themselves."""
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Run one after the other."""

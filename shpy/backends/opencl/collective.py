@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Collectives
-from shpy.backends.opencl.memory import OpenCLMemory, held
+from shpy.backends.opencl.memory import WORDS, OpenCLMemory, held
 from shpy.ir.types import Base, vec
 
 if TYPE_CHECKING:
@@ -186,7 +186,6 @@ _KEYS: Final = {
     "u1": "x != 0",
 }
 """An expression of the word x, by the kind and size of what it holds, whose unsigned order is that of the numbers."""
-_WORDS: Final = {1: "uchar", 4: "uint", 8: "ulong"}
 
 
 def collectives(space: OpenCLSpace, machine: Machine) -> Collectives:
@@ -281,13 +280,13 @@ class _OpenCLCollectives:
     def _ordering(self, keys: Any, descending: bool) -> tuple[str, int]:
         """The text that sorts such keys, and the bits of a key."""
         kept = held(keys.type, keys.dtype)
-        word = _WORDS[kept.itemsize]
+        word = WORDS[kept.itemsize]
         key = f"({word})~({_KEYS[kept.str[1:]]})" if descending else _KEYS[kept.str[1:]]
         text = _ORDER.replace("KEY", key).replace("RADIX", str(1 << self._digit)).replace("WORD", word)
         return text, 8 * kept.itemsize
 
     def _moving(self, moved: Any, index: Any) -> str:
-        text = _MOVE.replace("WORD", _WORDS[held(moved.type, moved.dtype).itemsize])
+        text = _MOVE.replace("WORD", WORDS[held(moved.type, moved.dtype).itemsize])
         return text.replace("SIZE", str(moved.type.size)).replace("INDEX", "int" if index.dtype.kind == "i" else "uint")
 
     def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Collectives, Counts
+from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
@@ -29,11 +29,11 @@ from shpy.ir.types import Base, Type
 if TYPE_CHECKING:
     from shpy.backends.opencl.device import Machine
 
-__all__ = ["MEMORY", "OpenCLMemory", "OpenCLSpace"]
+__all__ = ["MEMORY", "WORDS", "OpenCLMemory", "OpenCLSpace", "held"]
 
 MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """The dtype of a component in a buffer, by base."""
-_WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}
+WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}
 """The word that has the size of a component on the host; a component of 16 bits has 32 in a buffer."""
 _PAD: Final = """\
 __kernel void pad(__global const WORD *packed, __global WORD *padded) {
@@ -226,7 +226,7 @@ class OpenCLSpace:
 
     def _enqueue(self, name: str, memory: OpenCLMemory, *args: Any, items: int | None = None) -> None:
         """Start a kernel of `_STATUS` over the elements of a memory."""
-        text = _status_text(_WORDS[memory.dtype.itemsize])
+        text = _status_text(WORDS[memory.dtype.itemsize])
         self.enqueue(text, name, (items or memory.count,), None, args)
 
     def enqueue(self, text: str, name: str, size: tuple[int, ...], group: tuple[int, ...] | None, args: Any) -> None:
@@ -256,9 +256,15 @@ class OpenCLSpace:
                 self._count_one()
             machine.queue.flush()
 
+    def lists(self, guarded: Executable, plain: Executable) -> Callable[[DeviceCall], Callable[[], None]]:
+        """Return what prepares a run over a list of the elements that are alive."""
+        from shpy.backends.opencl.lists import Lists  # here: it needs this module
+
+        return Lists(self, guarded, plain).ready
+
     def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
         """Return what copies vectors of three to vectors of four, as the tables of packets have them."""
-        text = _PAD.replace("WORD", _WORDS[packed.dtype.itemsize])
+        text = _PAD.replace("WORD", WORDS[packed.dtype.itemsize])
         # The run holds `padded`: memory that nobody holds is used for something else.
         return lambda: self.enqueue(text, "pad", (padded.count,), None, (packed.buffer, padded.buffer))
 

@@ -117,6 +117,11 @@ class Choosing:
         self._refusal = ""
 
     @property
+    def lanes(self) -> int:
+        """The width in use."""
+        return self._current.lanes
+
+    @property
     def source(self) -> str:
         """The text of the width in use."""
         return self._current.source
