@@ -274,7 +274,7 @@ def test_errors_name_the_cure():
         stream.update(points(5))
     with refused("out is an array and other data of this run are streams"):
         scale.compile("opencl").run(stream, 1.0, out=np.zeros((4, 3), np.float32))
-    with refused("out is <Stream (5,) of Point3f on opencl>, not f3 of shape (4,)"):
+    with refused("out is <Stream (5,) of Point3f on opencl>, not of sh.Point3f and the shape (4,)"):
         scale.compile("opencl").run(stream, 1.0, out=sh.Stream.empty(5, sh.Point3f, "opencl"))
     with refused("out is the stream that the Table of reads"):
         at.compile("opencl").run(np.arange(4), sh.Table(stream, name="of"), out=stream)
