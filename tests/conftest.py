@@ -1,3 +1,4 @@
+import gc
 import os
 import sys
 from pathlib import Path
@@ -49,6 +50,13 @@ def snapshots(request):
     if update and os.environ.get("CI"):
         pytest.fail("snapshots are not updated in CI")
     return Snapshots(update)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _earlier_objects_stay():
+    """What earlier modules left is not looked at again: it grows so large that each collection takes seconds."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

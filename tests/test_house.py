@@ -21,10 +21,11 @@ _RECORDED = ["shpy.errors", "shpy.ir", "shpy.lang"]
 _RUN = [*_RECORDED, "shpy.backends", "shpy.host", "shpy.streams"]
 LAYERS = {
     "shpy.errors": [],
+    "shpy.parsing": [],
     "shpy.ir": ["shpy.errors"],
-    "shpy.lang": ["shpy.errors", "shpy.ir"],
+    "shpy.lang": ["shpy.errors", "shpy.ir", "shpy.parsing"],
     "shpy.passes": ["shpy.errors", "shpy.ir"],
-    "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.passes"],
+    "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.parsing", "shpy.passes"],
     "shpy.host": _RECORDED,
     "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host"],
     "shpy.plans": [*_RECORDED, "shpy.backends"],

@@ -1,5 +1,7 @@
 """Several threads record, compile and run at once: each gets what it would get alone, lines of errors included."""
 
+import ast
+import gc
 import threading
 import time
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ import pytest
 import shpy as sh
 from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN, kernel
 from shpy.backends.base import Device, Options
+from shpy.parsing import parse
 
 THREADS = 6
 
@@ -31,6 +34,25 @@ def at_once(*works):
     for thread in threads:
         thread.join()
     return errors
+
+
+def test_threads_parse_at_once(impatient):
+    """With a callback of the garbage collector CPython 3.11 changes threads within `ast.parse`, and loses its count."""
+    text = "\n".join(f"def f{i}(x):\n    return x * {i} + (x - 2) ** 3" for i in range(60))
+    wanted = ast.dump(ast.parse(text))
+    wrong = []
+
+    def run():
+        for _ in range(20):
+            wrong.extend(["another tree"] * (ast.dump(parse(text)) != wanted))
+
+    look = lambda phase, info: None  # noqa: E731
+    gc.callbacks.append(look)
+    try:
+        assert at_once(*[run] * 8) == []
+    finally:
+        gc.callbacks.remove(look)
+    assert wrong == []
 
 
 @sh.subroutine

@@ -232,7 +232,13 @@ import os
 import shpy as sh
 CONFINE
 [d for b in sh.backends() for d in b.devices if b.name == "opencl"]
-print([sorted(os.sched_getaffinity(int(thread))) for thread in os.listdir("/proc/self/task")])
+found = []
+for thread in os.listdir("/proc/self/task"):
+    try:
+        found.append(sorted(os.sched_getaffinity(int(thread))))
+    except ProcessLookupError:
+        pass  # it has ended
+print(found)
 """
 
 

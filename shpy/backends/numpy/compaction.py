@@ -22,6 +22,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from shpy.backends.naming import Names
+from shpy.parsing import parse
 
 __all__ = ["MARK", "Compaction", "compacted"]
 
@@ -62,7 +63,7 @@ def compacted(text: str, loops: Mapping[int, Compaction], varying: Iterable[str]
     if not loops:
         return text
     lines, names = text.split("\n"), frozenset(varying) | {c.lane for c in loops.values()}
-    function = ast.parse(text).body[0]
+    function = parse(text).body[0]
     assert isinstance(function, ast.FunctionDef)
     reader = _Reader(loops)
     reader.before(function.body, _NONE, _NONE, _NONE)

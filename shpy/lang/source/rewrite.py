@@ -11,6 +11,8 @@ import ast
 import copy
 from functools import reduce
 
+from shpy.parsing import parse
+
 _LONGEST = 96
 
 
@@ -49,7 +51,7 @@ class _Rewriter(ast.NodeTransformer):
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
         """`a if c else b` is `cond(c, a, b)`."""
         self.generic_visit(node)
-        function = ast.parse(f"{self.prefix}cond", mode="eval").body
+        function = parse(f"{self.prefix}cond", "eval").body
         return ast.Call(function, [node.test, node.body, node.orelse], [])
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:

@@ -19,6 +19,7 @@ from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
 from shpy.lang.source.tree import FunctionNode
+from shpy.parsing import parse
 
 
 class _Unresolved:
@@ -80,7 +81,7 @@ class Scope:
         """The object that an annotation means, and how it is written; annotations in strings are looked into."""
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             try:
-                node = ast.parse(node.value, mode="eval").body
+                node = parse(node.value, "eval").body
             except SyntaxError:
                 return None
         if node is None:

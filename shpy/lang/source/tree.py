@@ -14,6 +14,8 @@ import linecache
 from types import CodeType
 from typing import TypeAlias
 
+from shpy.parsing import parse
+
 FunctionNode: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef
 
 _LONGEST = 72
@@ -30,7 +32,7 @@ def parsed(file: str) -> ast.Module | None:
     tree: ast.Module | None = None
     if lines:
         try:
-            tree = ast.parse("".join(lines))
+            tree = parse("".join(lines))
         except (SyntaxError, ValueError, RecursionError, MemoryError):  # `rebinding` checks frames instead
             tree = None
     _files[file] = (lines, tree)

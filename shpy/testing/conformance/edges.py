@@ -215,10 +215,9 @@ def signed_zeros_and_infinities(x: sh.Attrib1f, y: sh.Attrib1f):
     return x + y, x - y, x * y, x / y
 
 
-@case(
-    x=f(0.0, -0.0, 1, NAN, -INF, INF),
-    expected=lambda x: (x * np.float32(0), x + np.float32(0), np.float32(0) - x, -x, x - x),
-)
+@case(x=f(0.0, -0.0, 1, NAN, -INF, INF),
+      expected=(f(0, -0.0, 0, NAN, NAN, NAN), f(0, 0, 1, NAN, -INF, INF), f(0, 0, -1, NAN, INF, -INF),
+                f(-0.0, 0, -1, NAN, INF, -INF), f(0, 0, 0, NAN, NAN, NAN)))  # fmt: skip
 def arithmetic_with_zero_is_not_folded(x: sh.Attrib1f):
     return x * 0.0, x + 0.0, 0.0 - x, -x, x - x
 
