@@ -400,8 +400,10 @@ def _element(table: Array, index: Any) -> Any:
 
 
 def _moved(index: tuple[int, ...], offsets: list[Any]) -> Any:
-    """An index that is moved on each axis, and wraps around as ints do."""
-    return np.array(index, np.int32) + np.array(offsets, np.int32)
+    """An index that is moved on each axis, and wraps around as ints do; then as the moduli say that may follow."""
+    rank = len(index)
+    moved = np.array(index, np.int32) + np.array(offsets[:rank], np.int32)
+    return moved if len(offsets) == rank else meaning.floor_mod_int(moved, np.array(offsets[rank:], np.int32))
 
 
 def _grid(extents: tuple[int, ...], type: Type, op: str) -> Any:

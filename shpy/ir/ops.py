@@ -197,7 +197,8 @@ STRUCTURAL: Final[Mapping[str, str]] = {
     "param": "a uniform; attr: its name",
     "table": "the element at an i, or at an i2 or i3 in the order of numpy's axes, clamped on each; attr: its name",
     "table_size": "the table's shape: i, i2 or i3; attr: its name",
-    "neighbour": "a table's element at grid_index moved by an i on each axis, clamped; attr: the table's name",
+    "neighbour": "a table's element at grid_index moved by an i on each axis, clamped; where as many i follow, modulo "
+    "these; attr: the table's name",
     "grid_index": "this element's index along numpy's axes: i to i4",
     "grid_shape": "the number of elements along numpy's axes: i to i4",
     "any_lane": "whether c holds for any active element that runs together with this one",

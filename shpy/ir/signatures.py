@@ -165,7 +165,8 @@ def _table(let: Let, args: Types, scope: Scope) -> Type:
 def _neighbour(let: Let, args: Types, scope: Scope) -> Type:
     table = _find_table(let, scope)
     wanted = (vec(Base.I),) * table.rank
-    _need(let, args, args == wanted, f"an i for each of the table's axes, {table.rank}")
+    told = f"an i for each of the table's axes, {table.rank}, and a modulus for each or none"
+    _need(let, args, args in (wanted, wanted * 2), told)
     return table.type
 
 

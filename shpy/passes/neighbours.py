@@ -10,6 +10,13 @@ is the same for all lanes, is no index of its own for each lane:
     %5: i2 = construct %4, %3
     %6: f = table texels[%5]         ->     %6: f = neighbour texels[%k, %zero]
 
+So is an index that is taken modulo a uniform on every axis, as that of a board that wraps around: these follow the
+offsets.
+
+    %7: i2 = grid_shape
+    %8: i2 = floormod %5, %7
+    %9: f = table texels[%8]         ->     %9: f = neighbour texels[%k, %zero, %7.x, %7.y]
+
 That is where blurs, differences and other stencils read. Loops that lanes leave one by one are left alone: those that
 stay do not lie side by side. Additions wrap around, and so do those of offsets, so that nothing changes.
 """
@@ -36,11 +43,12 @@ _RANKS = (1, 2)
 class _Moved:
     """The element's index along `axis` (None: nothing that varies) and uniform values with their signs.
 
-    Each is an id and the component, for a vector.
+    Each is an id and the component, for a vector; so is the modulus of their sum, if there is one.
     """
 
     axis: int | None
     terms: tuple[tuple[int, int, int], ...] = ()
+    modulus: tuple[int, int] | None = None
 
 
 Parts = tuple[_Moved, ...]
@@ -127,23 +135,35 @@ class _Finder:
                 made = [_sum(a, b, 1 if op == "add" else -1) for a, b in zip(*known, strict=True)]
                 if all(part is not None for part in made):
                     self.parts[value.id] = tuple(part for part in made if part is not None)
+            case "floormod", _:
+                wrapped = [_wrapped(a, b) for a, b in zip(*known, strict=True)]
+                if all(part is not None for part in wrapped):
+                    self.parts[value.id] = tuple(part for part in wrapped if part is not None)
 
     def is_neighbour(self, name: str, index: int) -> bool:
         """Whether the index is the element's own, but for what is uniform."""
         parts = self.parts.get(index, ())
+        if len({part.modulus is None for part in parts}) != 1:
+            return False
         return self.ranks.get(name) == self.axes == len(parts) and [p.axis for p in parts] == [*range(len(parts))]
 
     def neighbour(self, s: Let, index: int) -> None:
         self.found = True
         self.b.loc = s.value.loc
-        offsets = tuple(self.offset(part) for part in self.parts[index])
-        self.b.append(Let(s.value, "neighbour", offsets, s.attr))
+        parts = self.parts[index]
+        offsets = tuple(self.offset(part) for part in parts)
+        moduli = tuple(self.component(*part.modulus) for part in parts if part.modulus is not None)
+        self.b.append(Let(s.value, "neighbour", offsets + moduli, s.attr))
+
+    def component(self, value: int, component: int) -> int:
+        """A component of a uniform."""
+        return value if self.b.type_of(value).size == 1 else self.b.swizzle(value, (component,)).id
 
     def offset(self, part: _Moved) -> int:
         """The sum of the terms."""
         total: int | None = None
         for sign, value, component in part.terms:
-            term = value if self.b.type_of(value).size == 1 else self.b.swizzle(value, (component,)).id
+            term = self.component(value, component)
             if total is None:
                 total = term if sign > 0 else self.b.let("neg", term).id
             else:
@@ -152,8 +172,15 @@ class _Finder:
 
 
 def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
-    """a + b or a - b, if at most one of them varies, and that not with a minus."""
-    if b.axis is not None and (sign < 0 or a.axis is not None):
+    """a + b or a - b, if at most one of them varies, that not with a minus, and neither is taken modulo anything."""
+    if (b.axis is not None and (sign < 0 or a.axis is not None)) or a.modulus or b.modulus:
         return None
     terms = tuple((sign * s, value, component) for s, value, component in b.terms)
     return _Moved(b.axis if a.axis is None else a.axis, a.terms + terms)
+
+
+def _wrapped(a: _Moved, b: _Moved) -> _Moved | None:
+    """a modulo b, if a is the element's own index, moved, and b is one uniform value."""
+    if a.axis is None or a.modulus or b.axis is not None or b.modulus or len(b.terms) != 1 or b.terms[0][0] < 0:
+        return None
+    return replace(a, modulus=b.terms[0][1:])

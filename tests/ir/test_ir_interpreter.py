@@ -145,6 +145,22 @@ pure function twice(%0: f3) -> ($0: f3) {
     assert np.array_equal(np.signbit(np.asarray(got, float)), np.signbit(np.asarray(result, float)))
 
 
+@pytest.mark.parametrize(
+    ("by", "modulus", "place"), [(-3, 2, 0), (3, 2, 0), (0, 2, 1), (2, 0, 0), (0, -5, 0), (4, 9, 2)]
+)
+def test_a_neighbour_modulo_something(by, modulus, place):
+    got = first(
+        f"  %0: i = const {by}\n  %1: i = const {modulus}\n  %2: f = neighbour line[%0, %1]\n  store $y.0 = %2",
+        before="table line: f[?]",
+        inputs="",
+        outputs="$y.0: f",
+        tables={"line": np.array([10.0, 11, 12])},
+        index=(1,),
+        shape=(2,),
+    )
+    assert got == 10 + place
+
+
 @pytest.mark.parametrize(("index", "element"), [(-5, 1.0), (0, 1.0), (1, 2.0), (2, 3.0), (3, 3.0), (2**31 - 1, 3.0)])
 def test_reads_out_of_range_give_the_nearest(index, element):
     lines = "  %9: f = table t[%i.0]\n  %8: f3 = const (0x1p+0, 0x1p+1, 0x1.8p+1)\n  %7: f = component %8, %i.0\n"

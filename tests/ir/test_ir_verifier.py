@@ -164,7 +164,10 @@ BAD = [
     ("%4: f3 = table image[%i.3]", "table takes an index of i2, because the table's rank is 2, not (i)"),
     ("%4: f = table plane[%i.3]", "there is no table plane"),
     ("%4: f = table line[%i.3]", "table gives f4 here, not f"),
-    ("%4: f3 = neighbour image[%i.3]", "neighbour takes an i for each of the table's axes, 2, not (i)"),
+    (
+        "%4: f3 = neighbour image[%i.3]",
+        "neighbour takes an i for each of the table's axes, 2, and a modulus for each or none, not (i)",
+    ),
     ("%4: f4 = neighbour image[%i.3, %i.3]", "neighbour gives f3 here, not f4"),
     ("%4: i3 = table_size image", "table_size gives i2 here, not i3"),
     ("%4: i = table_size plane", "there is no table plane"),

@@ -1,5 +1,7 @@
 """Which reads of a table are found to lie beside the element's own place, and that they give what they gave."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import shpy as sh
 from shpy import SH_FOR, SH_IF, SH_WHILE
 from shpy.backends.base import Options
 from shpy.backends.numpy.tables import Place, TableView
+from shpy.ir.meaning import floor_mod_int
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
 from shpy.ir.verifier import verify
@@ -51,7 +54,20 @@ def line(t: sh.Table[sh.Attrib3f]):
     return t[i + 1] - t[i - 1]
 
 
-@pytest.mark.parametrize(("program", "count"), [(constants, 3), (vectors, 1), (counted, 1), (line, 2)])
+@sh.program
+def board(t: Image):
+    at = sh.grid_index(2)
+    return t[(at + (1, -1)) % sh.grid_shape(2)] + t[(at - 2) % sh.grid_shape(2)] + t[at % t.shape]
+
+
+@sh.program
+def ring(t: sh.Table[sh.Attrib3f]):
+    return t[(sh.grid_index(1) - 1) % 5]
+
+
+@pytest.mark.parametrize(
+    ("program", "count"), [(constants, 3), (vectors, 1), (counted, 1), (line, 2), (board, 3), (ring, 1)]
+)
 def test_the_own_place_moved_by_what_is_uniform_is_found(program, count):
     assert reads(program) == ["neighbour"] * count
 
@@ -89,7 +105,26 @@ def where_lanes_leave(t: Image):
     return total
 
 
-@pytest.mark.parametrize("program", [swapped, scaled, varying, of_another_rank, where_lanes_leave])
+@sh.program
+def wrapped_on_one_axis(t: Image):
+    row, column = sh.grid_index(2)
+    return t[row, (column + 1) % 7]
+
+
+@sh.program
+def moved_after(t: Image):
+    return t[(sh.grid_index(2) + 1) % sh.grid_shape(2) + 1] + t[sh.grid_index(2) % 9 % 4]
+
+
+@sh.program
+def modulo_what_varies(t: Image, by: sh.Attrib1i):
+    return t[sh.grid_index(2) % by] + t[5 % sh.grid_index(2)]
+
+
+OTHERS = [swapped, scaled, varying, of_another_rank, where_lanes_leave]
+
+
+@pytest.mark.parametrize("program", [*OTHERS, wrapped_on_one_axis, moved_after, modulo_what_varies])
 def test_any_other_index_is_left_alone(program):
     assert "neighbour" not in reads(program)
 
@@ -138,6 +173,53 @@ def test_they_give_what_they_gave(target, shape, extents):
             assert np.array_equal(found[1], at(given[0], row - np.int32(offset), column + np.int32(offset)))
 
 
+modulus = sh.Param(sh.Attrib1i, 3, name="modulus")
+
+
+@sh.program
+def torus(t: Image, u: sh.Table[sh.Attrib3f, 2], v: sh.Table[sh.Attrib1b, 2]):
+    at = sh.grid_index(2)
+    near = t[(at + (1, -1)) % sh.grid_shape(2)] - t[(at - (2, 3)) % t.shape]
+    return near, u[(at + limit) % modulus], v[(at - limit) % sh.Attrib2i(4, modulus)]
+
+
+@sh.program
+def circle(t: sh.Table[sh.Attrib2f], u: sh.Table[sh.Attrib1f]):
+    i = sh.grid_index(1)
+    return t[(i - limit) % modulus] + u[(i + 1) % sh.grid_shape(1)]
+
+
+MODULI = (64, 1, 0, -5, 17, 2**31 - 1, -(2**31))
+
+
+@pytest.mark.parametrize("target", ["numpy", "opencl-4", "opencl-16", "opencl-64", "opencl-1", "glsl"])
+@pytest.mark.parametrize(("shape", "extents"), [((64, 64), (64, 64)), ((40, 33), (7, 90)), ((3, 4), (11, 2))])
+def test_boards_that_wrap_around_give_what_they_gave(target, shape, extents):
+    rng = np.random.default_rng(7)
+    given = rng.random(extents, np.float32), rng.random((*extents, 3), np.float32), rng.random(extents) < 0.5
+    name, _, lanes = target.partition("-")
+    options = {"lanes": int(lanes)} if lanes else {}
+    kernel, around = torus.compile(name, **options), circle.compile(name, **options)
+    row, column = np.mgrid[: shape[0], : shape[1]].astype(np.int32)
+
+    def at(table, *index):
+        moduli = index[len(index) // 2 :]
+        wrapped = [floor_mod_int(i, np.int32([n])) for i, n in zip(index, moduli, strict=False)]
+        return table[tuple(np.clip(i, 0, n - 1) for i, n in zip(wrapped, table.shape, strict=False))]
+
+    for offset, n in itertools.product((0, 1, -4, 30, 2**31 - 1, -(2**31)), MODULI):
+        limit.value, modulus.value, by = offset, n, np.int32(offset)
+        near = at(given[0], row + 1, column - 1, *shape) - at(given[0], row - 2, column - 3, *extents)
+        with np.errstate(over="ignore"):
+            wanted = near, at(given[1], row + by, column + by, n, n), at(given[2], row - by, column - by, 4, n)
+            i = np.arange(shape[0] * shape[1], dtype=np.int32)
+            flat = given[1][..., :2].reshape(-1, 2)
+            once = at(flat, i - by, n) + at(given[0].ravel(), i + 1, len(i))[:, None]
+        for found, expected in zip(kernel(*given, shape=shape), wanted, strict=True):
+            assert np.array_equal(found, expected), (offset, n)
+        assert np.array_equal(around(flat, given[0].ravel(), shape=len(i)), once), (offset, n)
+
+
 @pytest.mark.parametrize("shape", [(200,), (13, 17), (1, 200), (200, 1)])
 @pytest.mark.parametrize("extents", [(5,), (300,), (6, 9), (40, 50), (13, 17)])
 def test_a_tile_anywhere_reads_its_neighbours(shape, extents):
@@ -152,3 +234,7 @@ def test_a_tile_anywhere_reads_its_neighbours(shape, extents):
                 moved = offset[-len(extents) :]
                 by = np.array(moved, np.int32).reshape(-1, *[1] * (len(moved) > 1))
                 assert np.array_equal(table.neighbour(place, *moved), table.gather(place.index + by))
+                for moduli in (extents, (4, 11)[-len(extents) :], (0, 2**31 - 1)[-len(extents) :]):
+                    divisor = np.array(moduli, np.int32).reshape(by.shape)
+                    expected = table.gather(floor_mod_int(place.index + by, divisor))
+                    assert np.array_equal(table.neighbour(place, *moved, *moduli), expected)

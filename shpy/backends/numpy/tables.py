@@ -17,9 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.ir.meaning import floor_mod_int
+
 __all__ = ["Listed", "Place", "TableView"]
 
 Array = NDArray[Any]
+Range = tuple[int, int]
 
 _FARTHEST = 2**30
 _MARGIN = 16
@@ -135,34 +138,58 @@ class TableView:
         return np.ascontiguousarray(found.transpose(found.ndim - 1, *axes))
 
     def neighbour(self, place: Place, *offsets: Any) -> Array:
-        """The elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view."""
-        down, across = (0, *(o if type(o) is int else int(o.item()) for o in offsets))[-2:]
+        """The elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view.
+
+        As many moduli may follow the offsets: what an index is taken modulo before it is clamped.
+        """
+        given, rank = [o if type(o) is int else int(o.item()) for o in offsets], len(self._extents)
+        down, across = (0, *given[:rank])[-2:]
+        moduli = (given[-2] if rank > 1 else 1, given[-1]) if len(given) > rank else None
         near = -_FARTHEST < down < _FARTHEST and -_FARTHEST < across < _FARTHEST
         if not near or isinstance(place, Listed):
-            return self.gather(place.moved(*(down, across)[-len(offsets) :]))
-        found = self._moved(place.lines, place.columns, down, across)
+            moved = place.moved(*(down, across)[-rank:])
+            return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
+        found = self._moved(place.lines, place.columns, (down, across), moduli)
         if not place.block:
             found = found.reshape(-1, *self._rows.shape[1:])[place.skipped : place.skipped + place.stop - place.start]
         return self._components_first(found) if self._vectors else found
 
-    def _moved(self, lines: tuple[int, int], columns: tuple[int, int], down: int, across: int) -> Array:
+    def _moved(self, lines: Range, columns: Range, by: tuple[int, int], moduli: tuple[int, int] | None) -> Array:
         """What lies so far from these lines and columns; a margin is kept that serves for other reads too."""
+        (down, across), (height, width) = by, self._plane.shape[:2]
+        if moduli is not None:
+            height, width = min(height, moduli[0]), min(width, moduli[1])
         begin, end = columns[0] + across, columns[1] + across
-        if 0 <= begin and end <= self._extents[-1] and 0 <= lines[0] + down and lines[1] + down <= len(self._plane):
+        if 0 <= begin and end <= width and 0 <= lines[0] + down and lines[1] + down <= height:
             return self._plane[lines[0] + down : lines[1] + down, begin:end]
         if not (-_MARGIN <= across <= _MARGIN and -_LINES <= down <= _LINES):
-            return self._clamped((lines[0] + down, lines[1] + down), (begin, end))
+            return self._around((lines[0] + down, lines[1] + down), (begin, end), moduli)
         block, wide = self._wide
-        if block != (lines, columns):
+        if block != (lines, columns, moduli):
             beyond = _LINES if len(self._extents) > 1 else 0
             around = (lines[0] - beyond, lines[1] + beyond), (columns[0] - _MARGIN, columns[1] + _MARGIN)
-            block, wide = (lines, columns), self._clamped(*around)
+            block, wide = (lines, columns, moduli), self._around(*around, moduli)
             self._wide = block, wide
         top = _LINES + down if len(self._extents) > 1 else 0
         left = _MARGIN + across
         return wide[top : top + lines[1] - lines[0], left : left + columns[1] - columns[0]]
 
-    def _clamped(self, lines: tuple[int, int], columns: tuple[int, int]) -> Array:
+    def _around(self, lines: Range, columns: Range, moduli: tuple[int, int] | None) -> Array:
+        """These lines and columns; those that lie outside as the nearest, or modulo as much as there is."""
+        if moduli is None:
+            return self._clamped(lines, columns)
+        rows, places = (
+            np.clip(floor_mod_int(np.arange(*some), np.array(modulus)), 0, extent - 1)
+            for some, modulus, extent in zip((lines, columns), moduli, self._plane.shape, strict=False)
+        )
+        taken = self._plane[rows]
+        made = np.empty((len(rows), len(places), *taken.shape[2:]), taken.dtype)
+        starts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist()]  # of those that lie side by side
+        for start, stop in zip(starts, [*starts[1:], len(places)], strict=True):
+            made[:, start:stop] = taken[:, places[start] : places[start] + stop - start]
+        return made
+
+    def _clamped(self, lines: Range, columns: Range) -> Array:
         """These lines and columns, those that lie outside as the nearest."""
         (top, bottom), (low, high), (height, width) = lines, columns, self._plane.shape[:2]
         made = np.empty((bottom - top, high - low, *self._plane.shape[2:]), self._plane.dtype)
@@ -187,3 +214,10 @@ class TableView:
         for axis, extent in zip(index[1:], self._extents[1:], strict=True):
             flat = flat * flat.dtype.type(extent) + np.clip(axis, 0, extent - 1)
         return flat
+
+
+def _modulo(index: Any, moduli: tuple[int, ...]) -> Any:
+    """An index modulo one number for each axis."""
+    if len(moduli) == 1:
+        return floor_mod_int(index, np.array(moduli[0], np.int32))
+    return [floor_mod_int(axis, np.array(n, np.int32)) for axis, n in zip(index, moduli, strict=True)]

@@ -280,32 +280,37 @@ typedef struct {{
         body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
         return "\n".join([*lines, f"    {result} v;", *(f"    {line}" for line in body), "    return v;", "}"])
 
-    def near(self, name: str, rank: int, base: Base, size: int, gather: str, flat: str) -> str:
+    def near(self, name: str, rank: int, base: Base, size: int, gather: str, flat: str, wrap: str) -> str:
         """`sh_near2_f`: a table at the packet's own place, moved by `by`; what lies side by side there is read so.
 
-        The first lane's index tells whether all are inside, because no index wraps around between them.
+        The first lane's index tells whether all are inside, because no index wraps around between them. With a function
+        to `wrap` indices, they are taken modulo `n` where they are not inside.
         """
         lanes, element = self.lanes, _element(base)
         held = {3: 4}.get(size, size)
         pointer = element if held == 1 else f"{element}{held}"
         result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
+        end = "end" if wrap else "size"
         if rank == 1:
             place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {self.columns}) + (uint)by);"]
-            inside, start = f"i.s0 >= 0 && i.s0 <= size - {lanes}", "i.s0"
-            pitch, slow = str(QUAD), f"{gather}(a, clamp(i, 0, size - 1))"
+            inside, start = f"i.s0 >= 0 && i.s0 <= {end} - {lanes}", "i.s0"
+            pitch, slow = str(QUAD), f"{gather}(a, clamp({f'{wrap}(i, n)' if wrap else 'i'}, 0, size - 1))"
         else:
             place = [
                 f"int{lanes} y = as_int{lanes}(as_uint{lanes}(p.y) + (uint)by.x);",
                 f"int{lanes} x = as_int{lanes}(as_uint{lanes}(p.x) + (uint)by.y);",
             ]
             rows = lanes // self.columns
-            inside = f"y.s0 >= 0 && y.s0 <= size.x - {rows} && x.s0 >= 0 && x.s0 <= size.y - {self.columns}"
+            inside = f"y.s0 >= 0 && y.s0 <= {end}.x - {rows} && x.s0 >= 0 && x.s0 <= {end}.y - {self.columns}"
             start, pitch = "(size_t)y.s0 * size.y + x.s0", "size.y" if rows > 1 else str(QUAD)
-            slow = f"{gather}(a, {flat}((int{lanes}x2){{y, x}}, size))"
+            moved = f"{wrap}(y, n.x), {wrap}(x, n.y)" if wrap else "y, x"
+            slow = f"{gather}(a, {flat}((int{lanes}x2){{{moved}}}, size))"
+        told, more = (", modulo n", f", {index} n") if wrap else ("", "")
         return "\n".join([
-            "// The elements of a table at the packet's own place, moved.",
-            f"{INLINE} {result} {name}(__global const {pointer} *a, {index} size, sh_packet p, {index} by) {{",
+            f"// The elements of a table at the packet's own place, moved{told}.",
+            f"{INLINE} {result} {name}(__global const {pointer} *a, {index} size, sh_packet p, {index} by{more}) {{",
             *(f"    {line}" for line in place),
+            *([f"    {index} end = clamp(n, 0, size);"] if wrap else []),
             f"    if (!({inside})) {{",
             f"        return {slow};",
             "    }",

@@ -205,12 +205,21 @@ class PacketPrologue(Prologue):
         text = {"read": self._memory.read, "write": self._memory.write, "gather": self._memory.gather}[way]
         return self._ask(name, lambda n: text(n, base, size))
 
-    def near(self, rank: int, base: Base, size: int) -> str:
-        """Ask for the function that reads a table at the packet's own place, moved; gives its name."""
+    def near(self, rank: int, base: Base, size: int, *, wraps: bool) -> str:
+        """Ask for the function that reads a table at the packet's own place, moved, and modulo something if it `wraps`.
+
+        Gives its name.
+        """
         self.packet()
         gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
-        name = f"sh_near{rank}_{base.value}{size if size > 1 else ''}"
-        return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat))
+        wrap = self._wrap() if wraps else ""
+        name = f"sh_{'around' if wraps else 'near'}{rank}_{base.value}{size if size > 1 else ''}"
+        return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat, wrap))
+
+    def _wrap(self) -> str:
+        """Ask for the function that takes indices of neighbours modulo a number."""
+        modulo = self.use("floormod", rows_of(Base.I, 1, self.lanes))
+        return self._ask("sh_wrap_lanes", lambda n: _wrap(n, modulo, self.lanes))
 
     def flat_lanes(self, rank: int) -> str:
         """Ask for the function that finds the places of elements in a table of two or three axes."""
@@ -256,6 +265,18 @@ def _flat(name: str, index: str, rank: int, lanes: int) -> str:
 // The places of elements, the nearest ones for indices that are out of range.
 int{lanes} {name}({index} at, int{rank} size) {{
     return {made};
+}}"""
+
+
+def _wrap(name: str, modulo: str, lanes: int) -> str:
+    last = lane_of(lanes - 1, lanes)
+    return f"""\
+// Indices modulo n: those that lie side by side, near 0 or n, need no division.
+int{lanes} {name}(int{lanes} i, int n) {{
+    if (n > 0 && n < 1 << 29 && i.s0 >= -n && i.s0 < n && i{last} < 2 * n) {{
+        return i + ((i < 0) & n) - ((i >= n) & n);
+    }}
+    return {modulo}(i, (int{lanes})(n));
 }}"""
 
 

@@ -153,13 +153,14 @@ class PacketSpelling(Spelling):
         return ex.call(gather, ex.name(self.table_names[name]), at)
 
     def op_neighbour(self, let: Let) -> Expr:
-        """`sh_near2_f(texels, texels_size, packet, (int2)(dy, dx))`."""
+        """`sh_near2_f(texels, texels_size, packet, (int2)(dy, dx))`, or `sh_around2_f` with the moduli after it."""
         name = str(let.attr)
-        table = self.tables[name]
-        near = self.prologue.near(table.rank, table.type.base, table.type.size)
-        offsets = self.args(let)
-        by = offsets[0] if table.rank == 1 else ex.call(f"(int{table.rank})", *offsets)
-        return ex.call(near, ex.name(self.table_names[name]), Expr(self.size_names[name]), ex.name(self.packet), by)
+        table, rank = self.tables[name], self.tables[name].rank
+        args, wraps = self.args(let), len(let.args) > rank
+        near = self.prologue.near(rank, table.type.base, table.type.size, wraps=wraps)
+        pairs = [args[:rank], *([args[rank:]] if wraps else [])]
+        by = [pair[0] if rank == 1 else ex.call(f"(int{rank})", *pair) for pair in pairs]
+        return ex.call(near, ex.name(self.table_names[name]), Expr(self.size_names[name]), ex.name(self.packet), *by)
 
     def grid(self, op: str, type: Type) -> Expr:
         """A variable of the kernel, or the lanes' own index."""

@@ -130,7 +130,7 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
                     # The rows of an image are numbered through its planes.
                     found |= Needs(grid=frozenset({"grid_shape"}))
             elif isinstance(s, Let) and s.op == "neighbour":
-                self.grid_rank = len(s.args)
+                self.grid_rank = next(t.rank for t in self.module.tables if t.name == s.attr)
                 found |= Needs(grid=frozenset({"grid_shape"}))  # packets are blocks of the grid
         return found
 
