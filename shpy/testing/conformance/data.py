@@ -132,6 +132,20 @@ def a_shape_beside_an_input(x: sh.Attrib1f) -> sh.Attrib1f:
     return x + 10 * sh.grid_index(2).x
 
 
+@case(
+    shape=(9, 21),
+    heights=np.arange(9 * 21, dtype=np.float32).reshape(9, 21),
+    expected=lambda heights: (
+        np.roll(heights, (-1, 2), (0, 1)),
+        heights[np.clip(np.arange(9) - 1, 0, 8)][:, np.clip(np.arange(21) + 2, 0, 20)],
+    ),
+)
+def reads_beside_the_own_place(heights: sh.Table[sh.Attrib1f, 2]):
+    """On a board that wraps around, and up to the border of one that does not."""
+    at = sh.grid_index(2)
+    return heights[(at + (1, -2)) % sh.grid_shape(2)], heights[at + (-1, 2)]
+
+
 @case(shape=(17, 5))
 def mandelbrot() -> sh.Attrib1i:
     at = sh.Attrib2f(sh.grid_index(2)) / sh.Attrib2f(sh.grid_shape(2))
