@@ -30,7 +30,7 @@ def check(backend, count, seed, **options):
 
 
 def test_bins_are_those_of_numpy(computed):
-    check(computed, 1000 if computed == "numpy" else 250, 1)
+    check(computed, 1000, 1)
 
 
 def test_many_elements(computed):

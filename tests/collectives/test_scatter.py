@@ -78,7 +78,7 @@ def test_many_values(moved):
 
 
 def test_values_are_folded_in_order(computed):
-    check_folds(computed, 1000 if computed == "numpy" else 250, 3)
+    check_folds(computed, 1000, 3)
 
 
 def test_many_values_are_folded_in_order(computed):
