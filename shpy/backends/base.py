@@ -116,8 +116,8 @@ class Memory(Protocol):
     def write(self, array: Array) -> None:
         """Copy a host array of `dtype` to the device."""
 
-    def read(self) -> Array:
-        """Copy the elements into a new host array, once everything that was started before has ended."""
+    def read(self, begin: int = 0, end: int | None = None) -> Array:
+        """Copy the elements, from `begin` up to `end`, into a new host array, once all that was started has ended."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -204,8 +204,15 @@ class Stream(StreamReductions):
     def __getitem__(self, key: Any) -> Any:
         """The elements of an index, a slice or a mask, on the host."""
         entry = np.asarray(key) if isinstance(key, Stream) else key
-        arrays = (m.read().reshape(self._shape + _tail(m))[entry] for m in self._memories)
-        return build_arrays(self._layout, arrays)
+        rows = _rows_of(entry, self._shape[0]) if self._shape else None
+        if rows is None:
+            arrays = [memory.read().reshape(self._shape + _tail(memory))[entry] for memory in self._memories]
+        else:  # other rows stay on the device
+            each = math.prod(self._shape[1:])
+            shape = (len(rows), *self._shape[1:]) if isinstance(entry, slice) else self._shape[1:]
+            read = (m.read(rows.start * each, rows.stop * each).reshape(shape + _tail(m)) for m in self._memories)
+            arrays = [array if array.ndim else array[()] for array in read]
+        return build_arrays(self._layout, iter(arrays))
 
     def update(self, array: Any) -> None:
         """Copy new elements to the device; the shape stays. Raises ShpyTypeError for another shape."""
@@ -444,6 +451,17 @@ def _extents(native: Any, type_: Any) -> tuple[Shape, Any]:
             cure="a type of as many components, or sh.Stream(array, type), which copies",
         )
     return shape, found
+
+
+def _rows_of(key: Any, count: int) -> range | None:
+    """The rows that an index or a slice of the first axis names, in order; None for any other key."""
+    if isinstance(key, int | np.integer) and not isinstance(key, bool) and -count <= key < count:
+        at = int(key) % count
+        return range(at, at + 1)
+    if isinstance(key, slice) and key.step in (None, 1):
+        rows = range(count)[key]
+        return range(rows.start, rows.start + len(rows))
+    return None
 
 
 def streams_in(values: Iterator[Any]) -> Iterator[Stream]:

@@ -322,3 +322,34 @@ def pooled(space):
     if hasattr(space, "_runtime"):
         return sum(map(len, space._runtime.store._free.values())) + len(space._dropped)
     return 0
+
+
+@every
+@pytest.mark.parametrize("type_", [sh.Attrib1f, sh.Point3f, sh.Attrib1b, sh.Attrib2i])
+def test_an_index_or_a_slice_reads_its_rows_alone(name, type_, monkeypatch):
+    size = type_.size
+    tail = (size,) if size > 1 else ()
+    dtype = {"f": np.float32, "i": np.int32, "b": np.bool_}[type_.base.value]
+    lots = np.random.default_rng(3).integers(0, 2, (5, 3001, *tail)).astype(dtype)
+    for array in (lots, lots.reshape(-1, *tail), lots[:, :1], lots[:0], lots[0, 0]):
+        stream = sh.Stream(array, type_, backend=name)
+        extents = stream.shape
+        keys = [..., (), None]
+        if extents:
+            n = extents[0]
+            keys += [slice(None), slice(1, 3), slice(-2, None), slice(3, 1), slice(n - 1, n + 9), slice(0, n, 2)]
+            keys += [0, -1, n // 2, np.int64(n // 3)] if n else []
+        for key in keys:
+            wanted, found = array[key], stream[key]
+            assert type(found) is type(wanted), key
+            assert found.shape == wanted.shape, key
+            assert found.dtype == wanted.dtype, key
+            assert np.array_equal(found, wanted), key
+    stream = sh.Stream(lots, type_, backend=name)
+    memory = type(stream.leaf_entries()[0].memory)
+    read, asked = memory.read, []
+    monkeypatch.setattr(memory, "read", lambda self, *rows: asked.append(rows) or read(self, *rows))
+    assert np.array_equal(stream[2:4], lots[2:4])
+    assert asked == [(2 * 3001, 4 * 3001)]
+    with pytest.raises(IndexError):
+        stream[5]

@@ -121,14 +121,15 @@ class GlslMemory:
                 texels = np.pad(texels, ((0, 0), (0, 1)))
             self.space.call(lambda: write(self.texture, texels, self.width))
 
-    def read(self) -> Array:
-        """Copy the elements to the host."""
+    def read(self, begin: int = 0, end: int | None = None) -> Array:
+        """Copy the elements to the host: from the row in which the first of them lies."""
         kept = {Base.B: np.uint8, Base.I: np.int32, Base.U: np.uint32}.get(self.type.base, np.float32)
-        found = np.empty((self.count, self.type.size), kept)
-        if self.count:
-            self.space.call(lambda: read(self.target, 0, self.type, found, self.width))
-        shape = (self.count, self.type.size) if self.type.size > 1 else (self.count,)
-        return found.reshape(shape).astype(self.dtype, copy=False)
+        row, skipped = divmod(begin, self.width)
+        found = np.empty(((self.count if end is None else end) - row * self.width, self.type.size), kept)
+        if len(found) > skipped:
+            self.space.call(lambda: read(self.target, 0, self.type, found, self.width, row))
+        numbers = found[skipped:] if self.type.size > 1 else found[skipped:, 0]
+        return numbers.astype(self.dtype, copy=False)
 
 
 class GlslSpace:

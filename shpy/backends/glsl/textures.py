@@ -203,14 +203,14 @@ def write(texture: Any, texels: Array, width: int) -> None:
         texture.write(texels[rows * width :], viewport=(0, rows, rest, 1))
 
 
-def read(target: Target, attachment: int, type: Type, out: Array, width: int) -> None:
-    """Fill `out`, (count, size) contiguous texels, with the first elements of an output, bools as bytes."""
+def read(target: Target, attachment: int, type: Type, out: Array, width: int, row: int = 0) -> None:
+    """Fill `out`, (count, size) contiguous texels, with the elements of an output from a row on, bools as bytes."""
     rows, rest = divmod(len(out), width)
     for first, height, across in ((0, rows, width), (rows, min(rest, 1), rest)):
         if height:
             target.framebuffer.read_into(
                 out[first * width : first * width + height * across],
-                viewport=(0, first, across, height),
+                viewport=(0, row + first, across, height),
                 components=type.size,
                 attachment=attachment,
                 alignment=1,

@@ -48,9 +48,9 @@ class NumpyMemory:
         """Copy an array into this one."""
         self.array[...] = array
 
-    def read(self) -> Array:
+    def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Return a copy."""
-        return self.array.copy()
+        return self.array[begin:end].copy()
 
 
 class NumpySpace:

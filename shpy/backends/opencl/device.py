@@ -367,9 +367,9 @@ class Machine:
         self._uploads.append(self.cl.enqueue_copy(self.queue, buffer, array, is_blocking=False))
         return buffer
 
-    def download(self, array: Array, buffer: Any) -> None:
-        """Read the buffer into the array."""
-        self.cl.enqueue_copy(self.queue, array, buffer)
+    def download(self, array: Array, buffer: Any, offset: int = 0) -> None:
+        """Read the buffer, from a byte on, into the array."""
+        self.cl.enqueue_copy(self.queue, array, buffer, src_offset=offset)
 
     def table(self, data: TableData, dtype: Any, size: int = 1, *, padded: bool = False) -> Any:
         """A table on the device: its own memory, or a copy, made when there is none or the data has changed since.

@@ -107,13 +107,14 @@ class OpenCLMemory:
                 given = np.ascontiguousarray(array, self._held)
                 self.machine.cl.enqueue_copy(self.machine.queue, self.buffer, given)
 
-    def read(self) -> Array:
+    def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Copy the elements to the host."""
-        found = np.empty(self._shape, self._held)
-        if self.count:
+        count = (self.count if end is None else end) - begin
+        found = np.empty((count, *self._shape[1:]), self._held)
+        if count:
             with self.machine.lock:
                 self.machine.space.finish()
-                self.machine.download(found, self.buffer)
+                self.machine.download(found, self.buffer, begin * self.type.size * self._held.itemsize)
         return found.astype(self.dtype, copy=False)
 
 
