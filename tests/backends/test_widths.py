@@ -245,6 +245,14 @@ def test_short_runs_say_nothing_about_a_width(clock):
     assert kernels[16].shapes == []
 
 
+def test_short_runs_that_are_disturbed_say_nothing_either(clock):
+    choice, kernels = choosing(clock, (0.9e-6, 1e-7))
+    disturb(kernels[8], clock, (0.0, 0.01, 0.02))
+    for _ in range(999):
+        choice.run(call(1000))
+    assert kernels[16].shapes == []
+
+
 def test_long_runs_of_few_elements_do(clock):
     choice, _ = choosing(clock, (1e-5, 0.7e-5))
     for _ in range(19):

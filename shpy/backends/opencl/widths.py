@@ -31,6 +31,8 @@ __all__ = ["Choosing", "measured_widths", "next_width"]
 
 _ENOUGH, _LONG_ENOUGH = 1 << 14, 1e-3
 """Elements of a run that says something about a width, and seconds of one with fewer: shorter runs are all overhead."""
+_COUNTS: Final = 64
+"""Numbers of elements whose least times are kept."""
 _LEAST_SPENT: Final = 0.05
 """Seconds of running before a trial pays, however fast the compiler was."""
 _MOST_SPENT: Final = 0.5
@@ -108,6 +110,9 @@ class Choosing:
         self._key = key
         self._space = space
         self._timed = (0, 0.0)
+        """The elements of a run over memory of the device, and its seconds."""
+        self._least: dict[int, float] = {}
+        """The least seconds of runs of few elements, by their number."""
         self._measured = {first.lanes, *measured}
         self._level: set[int] = set()
         self._spread = spread
@@ -202,8 +207,14 @@ class Choosing:
     def _spend(self, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
         """Count the seconds of a run; make a trial on a sample of it once they amount to those of compiling."""
         other = self._other
-        if self._trying or other is None or (count < _ENOUGH and taken < _LONG_ENOUGH):
+        if self._trying or other is None:
             return
+        if count < _ENOUGH:  # one that other programs delayed is not long
+            if len(self._least) >= _COUNTS:
+                self._least.clear()
+            taken = self._least[count] = min(taken, self._least.get(count, taken))
+            if taken < _LONG_ENOUGH:
+                return
         self._spent += taken
         if self._spent >= self._worth:
             self._trying = True  # before the trial: another thread goes on with the first width
