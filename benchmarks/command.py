@@ -35,7 +35,7 @@ from benchmarks import (
     trades,
     widths,
 )
-from benchmarks.chains import calls, collectives, gray_scott
+from benchmarks.chains import calls, collectives, gray_scott, jacobi, life, particles
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
@@ -47,7 +47,7 @@ from shpy.errors import ShpyError
 from shpy.files import replacing
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
-CHAINS = {w.name: w for w in (gray_scott.WORK, *collectives.WORKS)}
+CHAINS = {w.name: w for w in (*(m.WORK for m in (gray_scott, jacobi, life, particles)), *collectives.WORKS)}
 WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES)
 """The names of what is run side by side."""
 STUDIES = (
