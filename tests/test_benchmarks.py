@@ -32,6 +32,24 @@ def test_every_backend_gives_the_answer_of_numpy(name):
     assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
 
 
+@pytest.mark.parametrize("name", command.CHAINS)
+def test_chains_and_collectives_give_the_answer_of_numpy(name):
+    work = command.CHAINS[name]
+    contenders = [*TARGETS, *BY_HAND]
+    measured = rounds.run(work, work.quick, contenders, rounds=0)
+    assert measured.failed == {}
+    assert list(measured.agreement) == [c for c in contenders if c in work.versions]
+    assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
+
+
+@pytest.mark.parametrize("size", [32, 37])
+@pytest.mark.parametrize("name", ["jacobi", "life", "particles"])
+def test_kernels_that_pyopencl_has_by_hand_give_the_answer_of_numpy(name, size):
+    measured = rounds.run(command.CHAINS[name], size, ["pyopencl"], rounds=0)
+    assert measured.failed == {}
+    assert measured.agreement["pyopencl"].text == "0.0e+00"
+
+
 @pytest.mark.parametrize("name", ["primary", "secondary-any"])
 def test_rays_find_the_same_on_every_backend(name, mesh):
     (work,) = command.works([name], mesh)

@@ -1,9 +1,15 @@
 """Between the first upload and the last download nothing goes over to the host and back."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
 import shpy as sh
+from benchmarks.chains import jacobi, life, particles
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 on_every_backend = pytest.mark.parametrize("backend", BACKENDS)
@@ -19,6 +25,11 @@ def smooth(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
 def cool(u: sh.Attrib1f, rate: sh.Attrib1f):
     sh.SH_DISCARD(u < 0.25)
     return {"u": u * rate}
+
+
+@sh.program
+def add(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    return a + b
 
 
 @pytest.fixture
@@ -84,3 +95,35 @@ def test_each_assignment_of_memories_is_made_ready_once(backend, kernel, monkeyp
     result = sh.repeat(kernel, 1000).run(u=u, **rate)
     assert result.executions == {kernel.name: 1000}
     assert len(ready) <= 3
+
+
+@pytest.mark.parametrize("work", [m.WORK for m in (jacobi, life)], ids=lambda work: work.name)
+@on_every_backend
+def test_a_grid_goes_to_the_device_once_and_comes_back_once(backend, work, transfers):
+    """As the benchmarks time it, from an array on the host to an array on the host."""
+    run = work.versions[backend](*work.inputs(16))
+    seen = transfers(backend)
+    run()
+    assert seen == {"read": 1, "write": 1}
+
+
+@on_every_backend
+def test_sorts_and_counts_of_particles_read_nothing(backend, transfers):
+    """Positions and velocities go to the device and come back; a sort by merging uploads a number for each merge."""
+    count = 50
+    run = particles.WORK.versions[backend](*particles.WORK.inputs(count))
+    seen = transfers(backend)
+    run()
+    merges = count.bit_length() if backend == "glsl" else 0
+    assert seen == {"read": 2, "write": 2 + particles.STEPS * merges}
+
+
+@on_every_backend
+def test_a_scatter_that_combines_reads_a_count_and_no_elements(backend, transfers):
+    """It asks how many places a run wrote, because a place may have more values than one run combines."""
+    cells = sh.Stream(np.arange(50) % 7, sh.Attrib1i, backend=backend)
+    ones = sh.Stream(np.ones(50, np.int32), sh.Attrib1i, backend=backend)
+    seen = transfers(backend)
+    counts = sh.scatter(ones, cells, 7, combine=add)
+    assert seen["read"] == 0
+    assert np.array_equal(counts.numpy(), sh.histogram(cells, 7).numpy())
