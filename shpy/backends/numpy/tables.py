@@ -146,6 +146,8 @@ class TableView:
         down, across = (0, *given[:rank])[-2:]
         moduli = (given[-2] if rank > 1 else 1, given[-1]) if len(given) > rank else None
         near = -_FARTHEST < down < _FARTHEST and -_FARTHEST < across < _FARTHEST
+        if near and moduli is not None:
+            down, across = map(_least_offset, (down, across), moduli)
         if not near or isinstance(place, Listed):
             moved = place.moved(*(down, across)[-rank:])
             return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
@@ -214,6 +216,11 @@ class TableView:
         for axis, extent in zip(index[1:], self._extents[1:], strict=True):
             flat = flat * flat.dtype.type(extent) + np.clip(axis, 0, extent - 1)
         return flat
+
+
+def _least_offset(offset: int, modulus: int) -> int:
+    """The least offset, in size, that leads to the same place modulo a number: -1 for n - 1 modulo n."""
+    return offset if modulus <= 0 else (offset + modulus // 2) % modulus - modulus // 2
 
 
 def _modulo(index: Any, moduli: tuple[int, ...]) -> Any:

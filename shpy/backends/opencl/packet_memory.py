@@ -290,31 +290,38 @@ typedef struct {{
         held = {3: 4}.get(size, size)
         pointer = element if held == 1 else f"{element}{held}"
         result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
-        end = "end" if wrap else "size"
         if rank == 1:
             place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {self.columns}) + (uint)by);"]
-            inside, start = f"i.s0 >= 0 && i.s0 <= {end} - {lanes}", "i.s0"
-            pitch, slow = str(QUAD), f"{gather}(a, clamp({f'{wrap}(i, n)' if wrap else 'i'}, 0, size - 1))"
+            first, at, end = "i.s0", ["i.s0"], ["size"]
+            sides, pitch = [lanes], str(QUAD)
+            slow = f"{gather}(a, clamp({f'{wrap}(i, n)' if wrap else 'i'}, 0, size - 1))"
         else:
             place = [
                 f"int{lanes} y = as_int{lanes}(as_uint{lanes}(p.y) + (uint)by.x);",
                 f"int{lanes} x = as_int{lanes}(as_uint{lanes}(p.x) + (uint)by.y);",
             ]
-            rows = lanes // self.columns
-            inside = f"y.s0 >= 0 && y.s0 <= {end}.x - {rows} && x.s0 >= 0 && x.s0 <= {end}.y - {self.columns}"
-            start, pitch = "(size_t)y.s0 * size.y + x.s0", "size.y" if rows > 1 else str(QUAD)
+            first, at, end = "(int2)(y.s0, x.s0)", ["y.s0", "x.s0"], ["size.x", "size.y"]
+            sides = [lanes // self.columns, self.columns]
+            pitch = "size.y" if sides[0] > 1 else str(QUAD)
             moved = f"{wrap}(y, n.x), {wrap}(x, n.y)" if wrap else "y, x"
             slow = f"{gather}(a, {flat}((int{lanes}x2){{{moved}}}, size))"
+        if wrap:
+            # A packet beyond the border lies inside after one period. So far from 2^31 no index wraps around within it.
+            place += [
+                f"{index} end = clamp(n, 0, size), period = n < 1 << 29 ? max(n, 0) : ({index})(0), at = {first};",
+                f"at += (at < 0 ? period : ({index})(0)) - (at >= period ? period : ({index})(0));",
+            ]
+            at, end = (["at"], ["end"]) if rank == 1 else (["at.x", "at.y"], ["end.x", "end.y"])
+        inside = " && ".join(f"{i} >= 0 && {i} <= {n} - {side}" for i, n, side in zip(at, end, sides, strict=True))
         told, more = (", modulo n", f", {index} n") if wrap else ("", "")
         return "\n".join([
             f"// The elements of a table at the packet's own place, moved{told}.",
             f"{INLINE} {result} {name}(__global const {pointer} *a, {index} size, sh_packet p, {index} by{more}) {{",
             *(f"    {line}" for line in place),
-            *([f"    {index} end = clamp(n, 0, size);"] if wrap else []),
             f"    if (!({inside})) {{",
             f"        return {slow};",
             "    }",
-            f"    a += {start};",
+            f"    a += {at[0] if rank == 1 else f'(size_t){at[0]} * size.y + {at[1]}'};",
             *(f"    {line}" for line in self._near_loads(base, size, pitch)),
             "}",
         ])  # fmt: skip

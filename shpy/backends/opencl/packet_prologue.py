@@ -273,7 +273,7 @@ def _wrap(name: str, modulo: str, lanes: int) -> str:
     return f"""\
 // Indices modulo n: those that lie side by side, near 0 or n, need no division.
 int{lanes} {name}(int{lanes} i, int n) {{
-    if (n > 0 && n < 1 << 29 && i.s0 >= -n && i.s0 < n && i{last} < 2 * n) {{
+    if (n > 0 && n < 1 << 29 && i.s0 >= -n && i.s0 < 2 * n && i{last} < 2 * n) {{
         return i + ((i < 0) & n) - ((i >= n) & n);
     }}
     return {modulo}(i, (int{lanes})(n));
