@@ -6,7 +6,7 @@ but to put one together is a copy, and what depends on the column alone is still
 - a kernel that knows its place in a grid runs on blocks (rows, columns), where numpy broadcasts a row (1, columns) and
   a column (rows, 1) only when they meet;
 - a loop that makes vectors from numbers does not copy them;
-- several turns of a loop can be the rows of one array (`turns`).
+- several iterations of a loop can be the rows of one array (module `iterations`).
 
     z = vector(z[0] * z[0] - z[1] * z[1], 2.0 * z[0] * z[1]) + c      ->      t = z_x * z_x - z_y * z_y + c[0]
                                                                               z_y = 2.0 * z_x * z_y + c[1]
@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from shpy.backends.numpy.turns import counted
+from shpy.backends.numpy.iterations import counted
 from shpy.ir.nodes import Let, Loop, Module, Region, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import regions_of, walk
@@ -50,10 +50,10 @@ def lay_out(module: Module) -> Layout:
     grid = _knows_its_place(module) and not leaving and not _holds(module, lambda slot: slot.length is not None)
     if not made + used:
         return Layout(whole, apart=False, grid=grid and not _holds(module, lambda slot: slot.type.size > 1))
-    turns = _turns(module)
-    in_loops, used_in_loops = _vectors(turns)
+    regions = _iterated(module)
+    in_loops, used_in_loops = _vectors(regions)
     pays = (grid and (made > 0 or _only_places(module))) or used_in_loops < _WORTH_MAKING * in_loops
-    if not pays and not turns:
+    if not pays and not regions:
         return Layout(whole, apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
     if pays or any(counted(f, scalars.facts[f.name]) for f in scalars.module.functions if not f.pure):
@@ -78,8 +78,8 @@ def _holds(module: Module, kind: Callable[[Variable], bool]) -> bool:
     return any(kind(slot) for f in module.functions for slot in (*f.variables, *f.outputs))
 
 
-def _turns(module: Module) -> list[Region]:
-    """What runs once a turn of some loop."""
+def _iterated(module: Module) -> list[Region]:
+    """Return the regions that run once in each iteration of some loop."""
     return [r for f in module.functions for s in walk(f.body) if isinstance(s, Loop) for r in regions_of(s)]
 
 

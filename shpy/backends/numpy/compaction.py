@@ -1,7 +1,7 @@
 """Writes into a printed function how a loop goes on with the lanes that are still in it, once many have left.
 
 Stage: emit. Part of the numpy printer, which leaves a mark at the head of each loop that lanes leave one by one. Which
-names a turn needs, and which are needed after the loop, is read off the text.
+names an iteration needs, and which are needed after the loop, is read off the text.
 
     while True:                            all_c = c
         compact(1)                         lane = np.arange(lanes)
@@ -47,7 +47,7 @@ class Compaction:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """A marked loop in the text: the names it has, stores, needs when a turn begins, and leaves behind."""
+    """A marked loop in the text: the names it stores, needs when an iteration begins, and leaves behind."""
 
     loop: ast.While
     stored: frozenset[str]
@@ -78,7 +78,7 @@ def compacted(text: str, loops: Mapping[int, Compaction], varying: Iterable[str]
         before = [f"{pad}{keep[n]} = {n}" for n in saved] + [f"{pad}{c.lane} = np.arange({c.lanes})"]
         head = [f"{pad}    if few({c.live}):", f"{pad}        {every} = compact({c.live}, {every})"]
         if found.stored & found.after & names - c.exits:
-            head, saved, before = [], [], before[-1:]  # what a turn changes has no way out yet
+            head, saved, before = [], [], before[-1:]  # what an iteration changes has no way out yet
         added.append((found.loop.lineno - 1, 1, found.loop.lineno - 1, before))
         added.append((mark.lineno - 1, 1, mark.lineno, head))
         end = found.loop.end_lineno or 0
@@ -103,20 +103,20 @@ class _Reader:
         self.found: dict[int, _Found] = {}
 
     def before(
-        self, statements: Sequence[ast.stmt], after: frozenset[str], leave: frozenset[str], turn: frozenset[str]
+        self, statements: Sequence[ast.stmt], after: frozenset[str], leave: frozenset[str], again: frozenset[str]
     ) -> frozenset[str]:
-        """What is needed before statements; `leave` where a break leads to, `turn` where a continue does."""
+        """Find the names needed before statements; a break needs those of `leave`, a continue those of `again`."""
         for s in reversed(statements):
             match s:
                 case ast.If():
-                    sides = self.before(s.body, after, leave, turn) | self.before(s.orelse, after, leave, turn)
+                    sides = self.before(s.body, after, leave, again) | self.before(s.orelse, after, leave, again)
                     after = sides | _names([s.test])
                 case ast.While():
                     after = self.loop(s, after)
                 case ast.Break():
                     after = leave
                 case ast.Continue():
-                    after = turn
+                    after = again
                 case ast.Return():
                     after = _names([s])
                 case ast.AugAssign():  # its target is read, although it counts as stored alone

@@ -28,6 +28,7 @@ __all__ = [
     "few",
     "fold",
     "half",
+    "iterations_of",
     "joined",
     "lane_count",
     "maximum",
@@ -41,7 +42,6 @@ __all__ = [
     "select",
     "splat",
     "spread",
-    "turns_of",
     "vector",
 ]
 
@@ -54,7 +54,7 @@ MANY = 16_384
 MANY_ROWS = 4
 """From here on a reduction is quicker than an operation for each row."""
 TOGETHER = 65_536
-"""Lanes, times turns of a loop, that are computed together: numpy reuses temporaries that are so large."""
+"""Lanes times iterations of a loop that are computed together: numpy reuses temporaries of this size."""
 
 
 def vector(*scalars: Array) -> Array:
@@ -172,8 +172,8 @@ def normalize(v: Array) -> Array:
     return v / np.sqrt(squares) if meaning.in_range(squares) else meaning.normalize(v)
 
 
-def turns_of(start: Any, stop: Any, step: int, lanes: int | tuple[int, int]) -> Iterator[Array]:
-    """The numbers of a loop's turns, (turns, 1) or (turns, 1, 1): as many at a time as make the lanes many."""
+def iterations_of(start: Any, stop: Any, step: int, lanes: int | tuple[int, int]) -> Iterator[Array]:
+    """Give the counter's values, shaped (iterations, 1) or (iterations, 1, 1), as many at a time as fill TOGETHER."""
     every, dtype = range(int(start), int(stop), step), np.asarray(start).dtype
     each, axes = max(1, TOGETHER // max(1, int(np.prod(lanes)))), np.size(lanes)
     for first in range(0, len(every), each):
@@ -181,7 +181,7 @@ def turns_of(start: Any, stop: Any, step: int, lanes: int | tuple[int, int]) -> 
 
 
 def fold(operation: np.ufunc, total: Array, terms: Array) -> Array:
-    """The total after an operation with each row of `terms`, in order: what a loop of single turns gives.
+    """Return the total after an operation with each row of `terms`, in order, as a loop over the rows would give it.
 
     numpy reduces the first of several axes in order, row by row; along a single one it would sum in pairs.
     """

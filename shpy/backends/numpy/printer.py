@@ -24,9 +24,9 @@ from shpy.backends.numpy import lanes as lane_functions
 from shpy.backends.numpy.compaction import MARK, Compaction, compacted
 from shpy.backends.numpy.expressions import Expr, call, condition, method, name, negation
 from shpy.backends.numpy.heading import asked_by, components_of, imports_of
+from shpy.backends.numpy.iterations import Iterations, counted
 from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
 from shpy.backends.numpy.operations import Imports, dtype, zeros
-from shpy.backends.numpy.turns import Turns, counted
 from shpy.backends.numpy.updates import Updates
 from shpy.backends.numpy.values import MAX_LENGTH, Around, ValuePrinter, is_partial
 from shpy.ir import meaning
@@ -102,8 +102,8 @@ class _Printer(ValuePrinter):
     def __init__(self, function: Function, facts: LaneFacts, around: Around) -> None:
         super().__init__(function, facts, around)
         self.plans = plans(function, facts.live, facts.slots)
-        self.turns = counted(function, facts)
-        self.varying |= frozenset(value for turns in self.turns.values() for value in turns.rows)
+        self.iterations = counted(function, facts)
+        self.varying |= frozenset(value for iterations in self.iterations.values() for value in iterations.rows)
         self.in_place |= frozenset(slot for plan in self.plans.values() for slot in plan.slots)
         self.compactions: dict[int, Compaction] = {}
         self.within: list[tuple[Plan, str]] = []
@@ -180,8 +180,8 @@ class _Printer(ValuePrinter):
                     self.store_part(s)
                 case If():
                     self.branch(s)
-                case Loop() if turns := self.turns.get(id(s)):
-                    self.together(s, turns)
+                case Loop() if iterations := self.iterations.get(id(s)):
+                    self.together(s, iterations)
                 case Loop():
                     self.loop(s)
                 case Call():
@@ -366,19 +366,19 @@ class _Printer(ValuePrinter):
         self.within.pop()
         self.lanes = outside
 
-    def together(self, s: Loop, turns: Turns) -> None:
-        """A loop of which several turns are computed at once."""
-        for let in turns.first:
+    def together(self, s: Loop, iterations: Iterations) -> None:
+        """Print a loop of which several iterations are computed at once."""
+        for let in iterations.first:
             self.let(let)
-        stop, counter = self.take(turns.stop), self.slot_names[turns.counter]
+        stop, counter = self.take(iterations.stop), self.slot_names[iterations.counter]
         self.prepare(s)
-        head = f"{self.use.from_lanes('turns_of')}({counter}, {stop.text}, {turns.step}, {self.lanes})"
+        head = f"{self.use.from_lanes('iterations_of')}({counter}, {stop.text}, {iterations.step}, {self.lanes})"
         self.line(f"for {counter} in {head}:", s.loc)
         self.indent += 1
         updates, self.updates = self.updates, None  # what is new has several rows, what was there before may have one
-        for let in turns.body:
+        for let in iterations.body:
             self.let(let)
-        for total in turns.sums:
+        for total in iterations.sums:
             term, slot = self.take(total.term), self.slot_names[total.slot]
             self.settle([total.slot])
             folded = call(self.use.from_lanes("fold"), total.fold, slot, term.own())
@@ -402,7 +402,7 @@ class _Printer(ValuePrinter):
         return plan, lane
 
     def step(self, s: Loop) -> None:
-        """The end of a turn: what continues, and the test."""
+        """Print the end of an iteration: the `continuing` region and the test."""
         self.region(s.continuing)
         if s.until is not None:
             self.line(f"if {condition(self.take(s.until))}:", s.loc)
@@ -411,7 +411,7 @@ class _Printer(ValuePrinter):
             self.indent -= 1
 
     def again(self, s: Continue) -> None:
-        """Python has no way to go on with the end of a turn, so it is written here too."""
+        """Print the end of an iteration at a `continue` as well: in Python, `continue` would skip it."""
         left, values, waiting = Counter(self.left), dict(self.values), set(self.waiting)
         readers = {slot: set(found) for slot, found in self.readers.items()}
         loop = self.loops[-1]

@@ -1,10 +1,11 @@
-"""Finds the counted loops of which several turns may be computed at once.
+"""Find the counted loops of which several iterations may be computed at once.
 
-Stage: emit. Part of the numpy printer. Where a tile has few lanes, numpy spends its time on starting functions. A turn
-of a loop that leaves nothing behind but sums is computed for many values of the counter, each a row of (turns, lanes);
-the rows are then added in the order of the turns, so that not a bit changes:
+Stage: emit. Part of the numpy printer. Where a tile has few lanes, numpy spends most of its time on starting functions.
+If a loop leaves nothing behind but sums, its body is computed for many values of the counter at once, in arrays
+(iterations, lanes) with a row for each value. The rows are then added in the order of the iterations, so the result has
+the same bits:
 
-    while j < 4096:                                  for j in turns_of(j, 4096, 1, lanes):
+    while j < 4096:                                  for j in iterations_of(j, 4096, 1, lanes):
         away = bodies.at(j)[0] - x           ->          away = bodies.gather(j)[0] - x
         total = total + away * away                      total = fold(np.add, total, away * away)
         j = j + 1
@@ -22,7 +23,7 @@ from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
 from shpy.passes.liveness import Note, annotate, loops
 
-__all__ = ["Sum", "Turns", "counted"]
+__all__ = ["Iterations", "Sum", "counted"]
 
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
@@ -32,7 +33,7 @@ _NOT_IN_ROWS = frozenset({"neighbour", "lane_any", "load", "component"})
 
 @dataclass(frozen=True, slots=True)
 class Sum:
-    """`slot = slot op term`, once a turn: `fold` is numpy's function."""
+    """`slot = slot op term`, once in each iteration: `fold` is numpy's function."""
 
     slot: int
     term: int
@@ -40,10 +41,10 @@ class Sum:
 
 
 @dataclass(frozen=True, slots=True)
-class Turns:
+class Iterations:
     """A loop that counts a slot up or down to the value `stop`, by `step`; `first` are constants in front of its test.
 
-    `body` is what a turn does besides its `sums`, and `rows` are the values that the counter decides.
+    `body` holds the statements of an iteration besides its `sums`; `rows` are the values that depend on the counter.
     """
 
     counter: int
@@ -55,20 +56,20 @@ class Turns:
     rows: frozenset[int]
 
 
-def counted(function: Function, facts: LaneFacts) -> dict[int, Turns]:
-    """Such loops of a function, by `id` of the loop."""
+def counted(function: Function, facts: LaneFacts) -> dict[int, Iterations]:
+    """Find such loops of a function, by `id` of the loop."""
     if not any(isinstance(s, Loop) for s in walk(function.body)):
         return {}
     made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
     used = Counter(v for s in walk(function.body) for v in uses(s))
     sizes = {v.id: v.type.size for v in defined(function)}
-    found = ((loop, _turns(loop, note, made)) for loop, note in loops(function.body, annotate(function)))
-    every = {id(loop): _summed(*turns, facts, made, used, sizes) for loop, turns in found if turns}
-    return {loop: turns for loop, turns in every.items() if turns}
+    found = ((loop, _iterations(loop, note, made)) for loop, note in loops(function.body, annotate(function)))
+    every = {id(loop): _summed(*iterations, facts, made, used, sizes) for loop, iterations in found if iterations}
+    return {loop: iterations for loop, iterations in every.items() if iterations}
 
 
-def _turns(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Turns, Region] | None:
-    """The loop, with its statements, if it begins with a test of a counter that it steps at its end."""
+def _iterations(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Iterations, Region] | None:
+    """Return the loop with its statements if it begins with a test of a counter that it steps at its end."""
     at = next((k for k, s in enumerate(loop.body) if isinstance(s, If)), len(loop.body))
     match loop.body[:at], loop.body[at:], loop.continuing:
         case (
@@ -86,7 +87,7 @@ def _turns(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Turns, Region]
     one = {now, before} <= {s.value.id for s in loads}
     if not (straight and one and _ends(test, step, loop.turns)) or counter in note.after:
         return None
-    return Turns(counter, stop, step, consts, (), (), frozenset()), (*loads, *body)
+    return Iterations(counter, stop, step, consts, (), (), frozenset()), (*loads, *body)
 
 
 def _constant(made: dict[int, Let], value: int) -> int:
@@ -94,15 +95,20 @@ def _constant(made: dict[int, Let], value: int) -> int:
     return int(to_array(let.value.type, let.attr).item()) if let and isinstance(let.attr, tuple) else 0
 
 
-def _ends(test: str, step: int, turns: int | None) -> bool:
-    """Whether the counter reaches its bound, without a step past the largest number."""
-    return step * (1 if test == "ge" else -1) > 0 and (abs(step) == 1 or turns is not None)
+def _ends(test: str, step: int, most: int | None) -> bool:
+    """Return whether the counter reaches its bound without a step past the largest number."""
+    return step * (1 if test == "ge" else -1) > 0 and (abs(step) == 1 or most is not None)
 
 
 def _summed(
-    turns: Turns, region: Region, facts: LaneFacts, made: dict[int, Let], used: Counter[int], sizes: dict[int, int]
-) -> Turns | None:
-    """The loop with its sums, if all else depends on the counter and on what is there before the loop."""
+    iterations: Iterations,
+    region: Region,
+    facts: LaneFacts,
+    made: dict[int, Let],
+    used: Counter[int],
+    sizes: dict[int, int],
+) -> Iterations | None:
+    """Return the loop with its sums if all else depends on the counter and on values from before the loop."""
     stores = [s for s in region if isinstance(s, Store)]
     sums = [_sum(s, made, used) for s in stores]
     found = tuple(total for total in sums if total)
@@ -116,7 +122,7 @@ def _summed(
     for s in body:
         if s.op == "load" and s.attr in slots:
             return None
-        if s.op == "load" and s.attr == turns.counter:
+        if s.op == "load" and s.attr == iterations.counter:
             rows.add(s.value.id)
         elif rows.intersection(s.args):
             wide = max(sizes[v] for v in (s.value.id, *s.args)) > 1
@@ -125,11 +131,11 @@ def _summed(
             rows.add(s.value.id)
     if not all(total.term in rows for total in found):
         return None
-    return replace(turns, body=tuple(body), sums=found, rows=frozenset(rows))
+    return replace(iterations, body=tuple(body), sums=found, rows=frozenset(rows))
 
 
 def _sum(s: Store, made: dict[int, Let], used: Counter[int]) -> Sum | None:
-    """What a store adds to its slot; None if it does something else."""
+    """Return the sum that a store makes in its slot; None if the store does something else."""
     let = made.get(s.value)
     if s.components is not None or s.index is not None or let is None or let.op not in _FOLDS or used[s.value] > 1:
         return None

@@ -1,4 +1,4 @@
-"""Loops that leave nothing but sums: numpy computes several turns at once, and not a bit changes."""
+"""Loops that leave nothing but sums: numpy computes several iterations at once, and not a bit changes."""
 
 import numpy as np
 import pytest
@@ -74,26 +74,26 @@ def given(function):
 
 
 @pytest.mark.parametrize("function", TOGETHER, ids=lambda f: f.__name__)
-def test_the_sums_are_those_of_single_turns(function):
+def test_the_sums_are_those_of_single_iterations(function):
     program = sh.program(function)
-    assert " in turns_of(" in program.compile("numpy").source
+    assert " in iterations_of(" in program.compile("numpy").source
     sh.testing.assert_equivalent(program, **given(function), backends=["numpy", "interpreter", "opencl"])
 
 
-def test_turns_are_as_many_as_keep_the_lanes_many(monkeypatch):
+def test_as_many_iterations_at_once_as_fill_an_array(monkeypatch):
     from shpy.backends.numpy import lanes
 
     program, x = sh.program(pull), RNG.normal(size=(40, 3)).astype(np.float32)
     found = program.compile("numpy")(x)
     for together in (1, 79, 80, 400, 10**6):
         monkeypatch.setattr(lanes, "TOGETHER", together)
-        assert len(list(lanes.turns_of(np.int32(0), 37, 1, 40))) == -(-37 // max(1, together // 40))
+        assert len(list(lanes.iterations_of(np.int32(0), 37, 1, 40))) == -(-37 // max(1, together // 40))
         assert all(map(np.array_equal, program.compile("numpy")(x), found))
 
 
 def as_many_as_given(x: sh.Attrib1f) -> sh.Attrib1f:
     total = sh.Attrib1f(0)
-    with SH_FOR(N) as j:  # its turns are limited, and therefore counted
+    with SH_FOR(N) as j:  # its iterations are limited, and therefore counted
         total += x * j
     return total
 
@@ -128,7 +128,7 @@ def constant(x: sh.Attrib1f) -> sh.Attrib1f:
 
 
 @pytest.mark.parametrize("function", [as_many_as_given, scan, masked, last, constant], ids=lambda f: f.__name__)
-def test_loops_that_do_more_than_sum_run_turn_by_turn(function):
+def test_loops_that_do_more_than_sum_run_one_iteration_at_a_time(function):
     program = sh.program(function)
-    assert " in turns_of(" not in program.compile("numpy").source
+    assert " in iterations_of(" not in program.compile("numpy").source
     sh.testing.assert_equivalent(program, **given(function), backends=["numpy", "interpreter"])
