@@ -40,7 +40,7 @@ class CLike(Statements):
     def step(self, condition: Expr | None, statement: str) -> str:
         """The last part of a `for`, from the statement that makes the step.
 
-        `condition` is what held when the turn began; None if the turn may change it.
+        `condition` held when the iteration began; it is None if the iteration may change its value.
         """
         return statement
 
@@ -111,7 +111,7 @@ class CLike(Statements):
             test = f" {condition.text}" if condition else ""
             changed = {self.slots[v].text for v in stored_variables(s.body, self.callees) if v in self.slots}
             holds = None if condition is None or changed & condition.reads else condition
-            self._turns(f"for ({start_text};{test}; {self.step(holds, step)})", s, inner, start)
+            self._iterations(f"for ({start_text};{test}; {self.step(holds, step)})", s, inner, start)
         else:
             for v, name in counters.items():
                 outer.reserve(name)
@@ -120,7 +120,7 @@ class CLike(Statements):
             skips = continues(s) and (s.continuing or s.until is not None)
             until = self._until_of_continues(s, inner[1]) if skips and not condition else None
             if until is not None:
-                self._turns("do", s, inner, start, f"}} while ({self.again(until).text});")
+                self._iterations("do", s, inner, start, f"}} while ({self.again(until).text});")
             elif skips:
                 self.restore(saved)
                 self._gated(s, inner, outer)
@@ -175,7 +175,7 @@ class CLike(Statements):
             found.append(self.take(s.until))
         return found[0] if found else None
 
-    def _turns(self, head: str, s: Loop, inner: tuple[int, ...], start: int, foot: str = "}") -> None:
+    def _iterations(self, head: str, s: Loop, inner: tuple[int, ...], start: int, foot: str = "}") -> None:
         self.emit(f"{head} {{", s.loc)
         with self.block():
             self.region(s.body, inner[0], start=start)
@@ -209,7 +209,7 @@ class CLike(Statements):
             self.emit("}")
 
     def _gated(self, s: Loop, inner: tuple[int, ...], outer: Names) -> None:
-        """`continue` comes to the top: there stands, but in the first turn, what ends a turn."""
+        """Print a loop whose step and test are at its top, skipped in the first iteration: `continue` goes there."""
         again = outer.take("again")
         self.names.reserve(again)
         self.emit(f"{self.declaration(vec('b'), again)} = false;", s.loc)

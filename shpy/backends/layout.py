@@ -3,9 +3,9 @@
 Stage: emit, before the first line is printed. Takes a function, gives a `Layout`. A region is known by its number,
 counted in program order: the body is 0.
 
-    $n is stored and loaded in a loop's body only, stored first in each turn   ->  declared inside the loop
-    $n is loaded before it is stored in a turn                                 ->  declared, zero, before the loop
-    %p = mul %a, %b has no name and one use, in its own region                 ->  printed where it is used
+    $n is only used in a loop's body, stored first in each iteration   ->  declared inside the loop
+    $n is loaded before it is stored in an iteration                   ->  declared, zero, before the loop
+    %p = mul %a, %b has no name and one use, in its own region         ->  printed where it is used
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class _Survey:
                 inner.append(len(self.regions))
                 self.region(nested, inner[-1], (number, index, statement))
             if isinstance(statement, Loop) and statement.until is not None:
-                # The test stands at the end of the turn: its region is the one that made the value, if that is inside.
+                # The test is at the end of the iteration: its region is the one that made the value, if it is inside.
                 self.layout.uses[statement.until] += 1
                 made = self.made_in.get(statement.until, number)
                 self.used_in[statement.until] = made if made in inner else inner[0]

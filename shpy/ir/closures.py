@@ -178,7 +178,7 @@ class Compiler:
         return lambda frame: then(frame) if frame[condition] else orelse(frame)
 
     def loop(self, loop: Loop) -> Step:
-        """A Loop, counting its turns if it is limited."""
+        """Compile a Loop, which counts its iterations if it is limited."""
         limit = self.limit if loop.turns is None else None
         status = Status.FIRST_LOOP + self.limited
         self.limited += loop.turns is None
@@ -188,13 +188,13 @@ class Compiler:
         until = 0 if loop.until is None else self.places[loop.until]
 
         def run(frame: Frame) -> int:
-            turns = 0
+            iterations = 0
             while True:
                 if head and test(frame) == _BREAK:
                     return _NEXT
-                if turns == limit:
+                if iterations == limit:
                     raise Ended(status)
-                turns += 1
+                iterations += 1
                 left = body(frame)
                 if left == _BREAK:
                     return _NEXT

@@ -2,7 +2,8 @@
 
 Stage: represent. It takes a verified module, as recorded or lowered, and the data of one element; it gives the outputs
 and the status. Operations are those of the op table, executed with numpy scalars and (size,) arrays of the working
-precision. The tree is compiled into closures once, so that ten thousand turns of a loop take a fraction of a second.
+precision. The tree is compiled into closures once, so that ten thousand iterations of a loop take a fraction of a
+second.
 
     Interpreter(double).run_element([3.0])      # ([np.float32(6.0)], Status.WRITTEN), where double gives 2 * x
 """
@@ -28,9 +29,9 @@ _WORKING: Final[Mapping[str, Any]] = {"f16": np.float16, "f32": np.float32, "f64
 class Interpreter:
     """A module, ready to run at a precision.
 
-    `loop_limit` is how many turns a loop without a known bound may take each time it is entered; to begin one more
-    ends the element with status FIRST_LOOP + k, k counting as in `traverse.limited_loops`. None lets it run on. A
-    module that gives its own status as a last output counts for itself.
+    `loop_limit` is how many iterations a loop without a known bound may take each time it is entered; an element that
+    begins another iteration ends with status FIRST_LOOP + k, k counting as in `traverse.limited_loops`. None sets no
+    limit. A module that gives its own status as a last output counts its iterations itself.
     """
 
     def __init__(

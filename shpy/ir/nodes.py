@@ -122,7 +122,7 @@ class Loop:
     """`while true: body; continuing; if until: break`.
 
     `Continue` goes to `continuing`, in which no exit may stand. `until` None never ends the loop.
-    `turns` is the number of turns that it takes at most, if that is known when it is recorded.
+    `turns` is the number of iterations that it takes at most, if that is known when it is recorded.
     """
 
     body: Region
@@ -166,7 +166,7 @@ class Status:
 
     DISCARDED = 0
     WRITTEN = 1
-    FIRST_LOOP = 2  # 2 + k: the k-th limited loop ran out of turns
+    FIRST_LOOP = 2  # 2 + k: the k-th limited loop ran out of iterations
     DEVICE_STOPPED = -1  # the device stopped a loop of its own accord
 
 

@@ -166,7 +166,7 @@ def is_straight(body: Iterable[Stmt]) -> bool:
 def test_length(body: Region) -> int:
     """How many statements at the start of a loop's body are its test, `while (c)`; 0 if it has none there.
 
-    A turn begins, for the count of turns, once its test has passed.
+    An iteration is counted once its test has passed.
     """
     for count, statement in enumerate(body, 1):
         if isinstance(statement, If):

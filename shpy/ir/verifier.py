@@ -334,7 +334,7 @@ class _Function:
         if self.loops == MAX_LOOP_DEPTH:
             self.fail(f"loops are nested more than {MAX_LOOP_DEPTH} deep", cure="put the inner loops into a subroutine")
         if loop.turns is not None and loop.turns < 0:
-            self.fail("a loop cannot take fewer than 0 turns")
+            self.fail("a loop cannot take fewer than 0 iterations")
         self.loops += 1
         self.targets += 1
         self.open()

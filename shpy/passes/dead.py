@@ -1,8 +1,8 @@
 """Remove what has no effect: values nobody uses, variables nobody reads, and control flow around nothing.
 
 Stage: improve. Effects are stores to outputs and to inputs by reference, calls of functions that are not pure, exits,
-and loops without a known bound, which may run out of turns. Everything that an effect needs is marked from there on;
-the rest goes:
+and loops without a known bound, which may run out of iterations. Everything that an effect needs is marked from there
+on; the rest goes:
 
     %1 = mul %0, %0          |
     store $y = %1            |   (nothing: $y is never loaded)

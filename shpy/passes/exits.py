@@ -2,10 +2,10 @@
 
 Stage: improve, once subroutines are where they will stay. Afterwards there is no Discard: a backend sees only Return.
 
-    loop {                         |   store $turns = 0
+    loop {                         |   store $iterations = 0
       ...                          |   loop {
-    }                              |     %1 = add $turns, 1
-                                   |     store $turns = %1
+    }                              |     %1 = add $iterations, 1
+                                   |     store $iterations = %1
                                    |     if gt %1, 1048576 { store $status = 2; return }
                               ->   |     ...
                                    |   }
@@ -49,7 +49,7 @@ from shpy.passes.continuing import without_continuing
 __all__ = ["DEVICE_TURNS", "few_turns", "make_exits_explicit"]
 
 DEVICE_TURNS = 65_535
-"""Turns in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
+"""Iterations in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 
@@ -59,7 +59,7 @@ def make_exits_explicit(
 ) -> tuple[Module, bool, tuple[Loc | None, ...]]:
     """The module, whether it gives a status, and the line of every limited loop: FIRST_LOOP + k is the k-th.
 
-    A loop without a known bound may take `loop_limit` turns each time it is entered; None sets no limit.
+    A loop without a known bound may take `loop_limit` iterations each time it is entered; None sets no limit.
     """
     limited = limited_loops(module) if loop_limit is not None else ()
     flags = loop_flags and not few_turns(module)
@@ -70,20 +70,20 @@ def make_exits_explicit(
 
 
 def few_turns(module: Module) -> bool:
-    """Whether no element can take as many turns in all as a device may stop at."""
+    """Return whether every element takes fewer iterations in all than DEVICE_TURNS."""
     totals: dict[str, float] = {}
 
     def total(region: Region) -> float:
-        turns = 0.0
+        iterations = 0.0
         for s in region:
             if isinstance(s, If):
-                turns += max(total(s.then), total(s.orelse))
+                iterations += max(total(s.then), total(s.orelse))
             elif isinstance(s, Loop):
                 inside = 1 + total(s.body) + total(s.continuing)
-                turns += float("inf") if s.turns is None else s.turns * inside
+                iterations += float("inf") if s.turns is None else s.turns * inside
             elif isinstance(s, Call):
-                turns += totals[s.function]
-        return turns
+                iterations += totals[s.function]
+        return iterations
 
     for function in module.functions:
         totals[function.name] = total(function.body)
@@ -106,7 +106,7 @@ class _Plan:
                 self.ending.add(function.name)
 
     def flagged(self, loop: Loop) -> bool:
-        """Whether the loop says when it is left: one that takes a turn or none is no loop any more later."""
+        """Return whether the loop has a flag; a loop of at most one iteration needs none."""
         return self.flags and loop.turns not in (0, 1)
 
     def ends(self, s: Stmt) -> bool:
@@ -192,9 +192,9 @@ class _Ending:
             self._flag(ended, False)
         budget: Region = ()
         if number is not None:
-            turns = b.variable(_INT, name="turns")
-            b.store(turns, self._number(0))
-            budget = self._budget(turns, Status.FIRST_LOOP + number, flagged=ended is not None)
+            iterations = b.variable(_INT, name="iterations")
+            b.store(iterations, self._number(0))
+            budget = self._budget(iterations, Status.FIRST_LOOP + number, flagged=ended is not None)
         head = test_length(loop.body)
         body = self._region(loop.body[:head], ended) + budget + self._region(loop.body[head:], ended)
         continuing = self._region(loop.continuing, ended)
@@ -213,16 +213,17 @@ class _Ending:
                     self._set_status(Status.DEVICE_STOPPED)
             b.exit(Return)
 
-    def _budget(self, turns: Variable, status: int, *, flagged: bool) -> Region:
-        """Counts a turn; the one too many ends the element, where there is a flag by leaving the loop without it.
+    def _budget(self, iterations: Variable, status: int, *, flagged: bool) -> Region:
+        """Count an iteration; the first one past the limit ends the element.
 
-        That is cheaper than a return on the devices with flags, and an end of the loop that their compilers see: they
-        must not conclude that what follows is reached through `ended = true` alone.
+        A loop that has a flag is left without setting it. That is cheaper than a return on the devices with flags, and
+        an end of the loop that their compilers see: they must not conclude that the statements after the loop are
+        reached through `ended = true` alone.
         """
         b = self.b
         b.push()
-        b.store(turns, b.let("add", b.load(turns), self._number(1)))
-        with b.when(b.let("gt", b.load(turns), self._number(self.plan.limit))):
+        b.store(iterations, b.let("add", b.load(iterations), self._number(1)))
+        with b.when(b.let("gt", b.load(iterations), self._number(self.plan.limit))):
             self._set_status(status)
             b.exit(Break if flagged else Return)
         return b.pop()

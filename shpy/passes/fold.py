@@ -9,7 +9,7 @@ value has the bits that running it would give:
     loop { ...; until %true }  ->   ...                   (when nothing in it breaks or continues)
     store $array[%9] = %x      ->                         (nothing: %9 is beyond the array; a load takes the nearest)
 
-A loop that takes no turns goes, and so does what stands behind a branch that always leaves. The rules for operations
+A loop of no iterations goes, and so do the statements behind a branch that always leaves. The rules for operations
 are in `identities` and `vectors`.
 """
 
@@ -158,7 +158,7 @@ class _Fold(Rewriter):
             self.emit(Loop(body, continuing, None if never else until, loop.turns, loop.loc))
 
     def _leaving(self, loop: Loop, body: Region) -> None:
-        """A loop whose body leaves at its end, so that it takes one turn: what is behind the body is never reached."""
+        """Emit a loop of one iteration, whose body leaves at its end: `continuing` is never reached."""
         inside = body[:-1] if isinstance(body[-1], Break) else body
         if _targets(inside, Break):
             self.emit(Loop(body, (), None, loop.turns, loop.loc))

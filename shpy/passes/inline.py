@@ -6,9 +6,9 @@ Stage: improve, before `vectorize`, for functions that take arrays: those cannot
     ...                                                        ->   ...
     call f(%c, $v)                                                  if %c { } else { store $v = 1.0 }
 
-A Return in a branch puts what follows it into the other branch; where that is not possible, the body stands in a loop
-of one turn that Break leaves. Variables of the callee become the caller's; inside a loop they are set to zero first,
-as they are whenever a function starts.
+A Return in a branch puts the statements behind it into the other branch; where that is not possible, the body stands in
+a loop of one iteration that Break leaves. Variables of the callee become the caller's; inside a loop they are set to
+zero first, as they are whenever a function starts.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ def _without_returns(region: Region, guards: int) -> Region | None:
 
 
 def _breaking(region: Region, *, last: bool) -> Region:
-    """The body of a loop of one turn: Return leaves it, and so does its end."""
+    """Return the body of a loop of one iteration: Return leaves the loop, and so does the end of the body."""
     made: list[Stmt] = []
     for s in region:
         if isinstance(s, Return):

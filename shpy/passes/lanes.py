@@ -25,8 +25,8 @@ BOOL = vec(Base.B)
 class Here:
     """The region at hand.
 
-    `mask`: the lanes that are active (None: all); `whole`: they are all that are left of the turn; `kept`: what lanes
-    that are masked off by an If still need; `thinned`: lanes have left since the region began.
+    `mask`: the lanes that are active (None: all); `whole`: they are all that are left in the iteration; `kept`: the
+    variables that lanes masked off by an If still need; `thinned`: lanes have left since the region began.
     """
 
     mask: int | None
@@ -39,13 +39,14 @@ class Here:
 class Scope:
     """The loop, or the function (without a note), at hand.
 
-    `live`, `turn`: the slots of the lanes still in it, and still in this turn; `inner`: variables with a slot of its
-    own; `kept`: what lanes that skip the rest still need; `continued`: some may be skipping it.
+    `live`, `iterating`: slots with the mask of the lanes still in the loop, and of those still in this iteration;
+    `inner`: variables that have a slot of their own in it; `kept`: the variables that lanes which skip the rest of the
+    iteration still need; `continued`: some lanes may be skipping it.
     """
 
     facts: LoopFacts
     live: Variable
-    turn: Variable
+    iterating: Variable
     note: Note | None = None
     outer: Scope | None = None
     inner: frozenset[int] = frozenset()

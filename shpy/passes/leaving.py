@@ -1,7 +1,7 @@
-"""What becomes of Break, Continue, Return and Discard when only some of the lanes leave.
+"""Translate Break, Continue, Return and Discard where only some of the lanes leave.
 
-Stage: improve. Part of `vectorize`. Where all lanes of a turn leave together an exit stays what it is. Otherwise the
-lanes are taken out of a mask, and a real exit follows for the case that none is left:
+Stage: improve. Part of `vectorize`. Where all lanes of an iteration leave together an exit stays as it is. Otherwise
+the lanes are taken out of a mask, and a real exit follows for the case that no lane is left:
 
     if %c {            |   if lane_any(%leaving) {
       break            |     $n_out = cond(%leaving, $n, $n_out)      (what is needed after the loop)
@@ -64,10 +64,10 @@ class ExitBuilder(LaneBuilder):
         scope.facts.varying = True
         self.remove(scope.live, mask)
         self.b.append(If(self.none(self.load(scope.live)), (s,), (), s.loc))
-        return self.leave_turn(mask, here, s)
+        return self.leave_iteration(mask, here, s)
 
-    def skip_turn(self, s: Continue, here: Here) -> bool:
-        """A Continue."""
+    def skip_iteration(self, s: Continue, here: Here) -> bool:
+        """Translate a Continue."""
         scope = self.scope
         assert scope.note is not None
         if here.whole:
@@ -76,25 +76,25 @@ class ExitBuilder(LaneBuilder):
         scope.facts.continues = True
         scope.continued = True
         scope.kept |= scope.note.inner[1]
-        return self.leave_turn(self.mask(here), here, s)
+        return self.leave_iteration(self.mask(here), here, s)
 
-    def leave_turn(self, mask: int, here: Here, s: Break | Continue) -> bool:
-        """Take lanes out of this turn, where that is not the same as taking them out of the loop."""
+    def leave_iteration(self, mask: int, here: Here, s: Break | Continue) -> bool:
+        """Take lanes out of this iteration, where that is not the same as taking them out of the loop."""
         scope = self.scope
-        if scope.turn is scope.live and not here.whole:
+        if scope.iterating is scope.live and not here.whole:
             return False
         if here.whole:
             self.jump(s)
             return True
-        self.remove(scope.turn, mask)
-        none = self.none(self.load(scope.turn))
+        self.remove(scope.iterating, mask)
+        none = self.none(self.load(scope.iterating))
         self.b.push()
         self.jump(s)
         self.b.append(If(none, self.b.pop(), (), s.loc))
         return False
 
     def jump(self, s: Break | Continue) -> None:
-        """Go to the loop's `continuing`, with all lanes of the turn."""
+        """Go to the loop's `continuing`, with all lanes of the iteration."""
         note = self.scope.note
         assert note is not None
         self.scope.facts.jumps = True

@@ -8,7 +8,7 @@ A variable is live at a point if some way from there loads it before it is store
 of a loop if some way from the loop's entry to that point stores it. Both are about one element on its own, whatever
 runs beside it: that is why `vectorize` can ask them about lanes that have left.
 
-    n = n + 1            before {n, z}   after {n, z}     dirty {n, z}  (z was stored in the turn before)
+    n = n + 1            before {n, z}   after {n, z}     dirty {n, z}  (z: stored an iteration before)
     if n > 9: break      before {n, z}   after {n, z}
     z = n                before {n}      after {n, z}
 """
@@ -89,10 +89,10 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class _Targets:
-    """What is live where exits lead to."""
+    """The variables that are live where exits lead to."""
 
     leave: Bits
-    turn: Bits
+    again: Bits
     end: Bits
     discard: Bits
 
@@ -121,7 +121,7 @@ def _before(statement: Stmt, after: Bits, targets: _Targets) -> Bits:
         case Break():
             return targets.leave
         case Continue():
-            return targets.turn
+            return targets.again
         case Return():
             return targets.end
         case Discard():
@@ -136,7 +136,7 @@ def _live(region: Region, after: Bits, targets: _Targets) -> Bits:
 
 
 def _loop_heads(loop: Loop, after: Bits, targets: _Targets, head: Bits) -> tuple[Bits, Bits]:
-    """What is live where a turn begins and where `continuing` begins, if `head` is where the next turn begins."""
+    """Return what is live where an iteration and its `continuing` begin; `head` is live where the next one begins."""
     test = head if loop.until is None else head | after
     step = _live(loop.continuing, test, targets)
     return _live(loop.body, step, _Targets(after, step, targets.end, targets.discard)), step
@@ -191,10 +191,10 @@ def stored_in(region: Region) -> Set:
 
 @dataclass(slots=True)
 class _Leaving:
-    """What is dirty along the ways out of a loop's body."""
+    """The variables that are dirty where exits and Continues leave a loop's body."""
 
     exits: Bits = 0
-    turns: Bits = 0
+    continues: Bits = 0
 
 
 def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leaving) -> Bits | None:
@@ -221,7 +221,7 @@ def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leav
                 leaving.exits |= dirty
                 return None
             case Continue():
-                leaving.turns |= dirty
+                leaving.continues |= dirty
                 return None
             case Return():
                 return None
@@ -229,22 +229,22 @@ def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leav
 
 
 def _dirty_loop(loop: Loop, note: Note | None) -> Bits:
-    """What is dirty where the loop is left.
+    """Return the variables that are dirty where the loop is left.
 
-    What is dirty only ever grows along a way, so what one turn adds is what all turns add.
+    Along a way, variables only ever become dirty, so one iteration adds the same variables as all iterations.
     """
     leaving = _Leaving()
-    one_turn = _turn(loop, None, 0, leaving)
+    once = _iteration(loop, None, 0, leaving)
     if note is not None:
-        note.dirt_at_until = _turn(loop, note, one_turn, _Leaving())
-    return leaving.exits | one_turn
+        note.dirt_at_until = _iteration(loop, note, once, _Leaving())
+    return leaving.exits | once
 
 
-def _turn(loop: Loop, note: Note | None, dirty: Bits, leaving: _Leaving) -> Bits:
-    """What is dirty after one turn that begins with `dirty`."""
+def _iteration(loop: Loop, note: Note | None, dirty: Bits, leaving: _Leaving) -> Bits:
+    """Return the variables that are dirty after one iteration that begins with `dirty`."""
     body, continuing = note.regions if note is not None else (None, None)
     end = _dirty(loop.body, body, dirty, leaving)
-    at_step = leaving.turns if end is None else leaving.turns | end
+    at_step = leaving.continues if end is None else leaving.continues | end
     at_until = _dirty(loop.continuing, continuing, at_step, leaving)
     return at_step if at_until is None else at_until
 

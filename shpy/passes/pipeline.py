@@ -79,7 +79,7 @@ class Options(Protocol):
 
     @property
     def loop_limit(self) -> int | None:
-        """Turns that a loop without a known bound may take."""
+        """How many iterations a loop without a known bound may take."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,12 +52,12 @@ WORTH_SHARING = 20_000
 """Statements of a whole program, all calls inlined, from which on calls share code."""
 _LARGE = 60
 """A function of fewer statements is copied."""
-_FEWEST_TURNS = 10
+_FEWEST_ITERATIONS = 10
 """A loop of fewer iterations saves too little code."""
-_MOST_TURNS = 32
+_MOST_ITERATIONS = 32
 """Each iteration compares its number once for every part of its loop: with more, that takes longer than the calls."""
 _MOST_CALLS = 8
-"""Calls of a turn."""
+"""Calls of an iteration, at most."""
 
 _INDEX = vec(Base.I)
 
@@ -71,8 +71,8 @@ def share_calls(module: Module) -> Module:
         total = sizes[module.entry.name]
         if total < WORTH_SHARING:
             break
-        turns = min(_MOST_TURNS, max(_FEWEST_TURNS, 1 + total // WORTH_SHARING))
-        work = _Sharing(function, module, sizes, depths, turns)
+        iterations = min(_MOST_ITERATIONS, max(_FEWEST_ITERATIONS, 1 + total // WORTH_SHARING))
+        work = _Sharing(function, module, sizes, depths, iterations)
         made = work.run()
         if function.pure or not work.shared:
             continue
@@ -90,7 +90,7 @@ class _Run:
     period: int
 
     @property
-    def turns(self) -> int:
+    def iterations(self) -> int:
         return len(self.calls) // self.period
 
 
@@ -98,12 +98,12 @@ class _Sharing(Rewriter):
     """Rewrites one function; notes in `depths` how many loops stand around each call."""
 
     def __init__(
-        self, function: Function, module: Module, sizes: dict[str, int], depths: dict[str, int], turns: int
+        self, function: Function, module: Module, sizes: dict[str, int], depths: dict[str, int], iterations: int
     ) -> None:
         super().__init__(function, {f.name: f for f in module.functions})
         self.sizes = sizes
         self.depths = depths
-        self.turns = turns
+        self.iterations = iterations
         self.depth = depths.get(function.name, 0)
         self.inner = _inner_depths(module)
         self.shared = False
@@ -170,7 +170,7 @@ class _Sharing(Rewriter):
             if not best:
                 first += 1
                 continue
-            step = self.turns * period
+            step = self.iterations * period
             for start in range(first, first + best, step):
                 calls = tuple(places[start : min(start + step, first + best)])
                 if len(calls) > period:
@@ -189,12 +189,12 @@ class _Sharing(Rewriter):
     def _share(self, region: Region, run: _Run) -> None:
         self.shared = True
         self.depth += 1
-        shared = _Turns(self, region, run)
+        shared = _Iterations(self, region, run)
         k = self.slot(_INDEX, "k")
         self.emit(Store(k, self.const(_INDEX, 0), loc=self.loc))
         self._open.append([])
         at = self.make("load", type=_INDEX, attr=k)
-        done = self.make("ge", at, self.const(_INDEX, run.turns), type=vec(Base.B))
+        done = self.make("ge", at, self.const(_INDEX, run.iterations), type=vec(Base.B))
         self.emit(If(done, (Break(self.loc),), (), self.loc))
         for part in range(run.period):
             shared.part(part, at)
@@ -203,7 +203,7 @@ class _Sharing(Rewriter):
         more = self.make("add", self.make("load", type=_INDEX, attr=k), self.const(_INDEX, 1), type=_INDEX)
         self.emit(Store(k, more, loc=self.loc))
         continuing = tuple(self._open.pop())
-        self.emit(Loop(body, continuing, None, run.turns, self.loc))
+        self.emit(Loop(body, continuing, None, run.iterations, self.loc))
         shared.after()
         self.depth -= 1
 
@@ -224,7 +224,7 @@ class _Sharing(Rewriter):
         return self.make("load", type=value.type, attr=variable)
 
 
-class _Turns:
+class _Iterations:
     """The iterations of one run: the parts between its calls, and the variables that connect them."""
 
     def __init__(self, work: _Sharing, region: Region, run: _Run) -> None:
@@ -281,14 +281,14 @@ class _Turns:
                     users.setdefault(v, set()).add(n)
         return users
 
-    def part(self, number: int, turn: int) -> None:
+    def part(self, number: int, iteration: int) -> None:
         """Emit the statements before this place's call, one branch for each iteration, and the call."""
         work = self.work
         for n in range(number, len(self.calls), self.run.period):
-            is_turn = work.make("eq", turn, work.const(_INDEX, n // self.run.period), type=vec(Base.B))
+            here = work.make("eq", iteration, work.const(_INDEX, n // self.run.period), type=vec(Base.B))
             work._open.append([])
             self._one(n)
-            work.emit(If(is_turn, tuple(work._open.pop()), (), work.loc))
+            work.emit(If(here, tuple(work._open.pop()), (), work.loc))
         self._call(number)
 
     def _one(self, n: int) -> None:

@@ -3,8 +3,8 @@
 Stage: improve. Part of `vectorize`, which asks `varies` for every operation and keeps `LoopFacts` with every loop.
 
 A value is uniform at a point if all lanes that are active there hold the same. Constants, params and what is computed
-from uniform values are; the program's inputs and the element's index are not. A loop's lanes entered it together and
-turn together, so a counter that each of them counts is one counter, whenever they leave.
+from uniform values are; the program's inputs and the element's index are not. A loop's lanes enter it together and
+iterate together, so a counter that each of them counts is one counter, whenever they leave.
 
 >>> varies("add", [False, False]), varies("table", [True]), varies("lane_any", [True])
 (False, True, False)
@@ -31,15 +31,15 @@ class LoopFacts:
     """What was found out about a loop so far. Everything here only grows, so that it comes to rest."""
 
     varying: bool = False
-    """Lanes leave it at different turns."""
+    """Lanes leave it in different iterations."""
     continues: bool = False
-    """Lanes skip the rest of a turn while others go on."""
+    """Lanes skip the rest of an iteration while others go on."""
     jumps: bool = False
     """A real Continue stands in what was made of it."""
     copied: set[int] = field(default_factory=set)
     """Variables that leaving lanes must put aside."""
     head: set[int] = field(default_factory=set)
-    """Variables that vary where a turn begins, ..."""
+    """Variables that vary where an iteration begins, ..."""
     step: set[int] = field(default_factory=set)
     """... where `continuing` begins, ..."""
     exit: set[int] = field(default_factory=set)

@@ -21,8 +21,8 @@ How it works, for one variable at a time:
 - Lanes that are masked off will resume somewhere: at the other side or the join of an If, at a loop's `continuing`, at
   the function's end. A variable live there is *kept*: a store to it becomes a select and it varies. Any other store is
   plain, since the lanes that are off cannot read the variable before they store it themselves (`liveness.py`).
-- Inside a loop that lanes leave at different turns, or that does not run for all lanes, a variable that others still
-  need is another slot. Lanes that leave put their value aside, with one select, into the outer slot.
+- Inside a loop that lanes leave in different iterations, or that does not run for all lanes, a variable that other
+  lanes still need has a slot of its own. Lanes that leave put their value aside, with one select, into the outer slot.
 
 What is not known when a loop is entered (does it vary, which variables do) is first taken to be the best case; if the
 loop's end disagrees, the loop is done again (`LoopFacts`).
@@ -197,7 +197,7 @@ class _Vectorizer(CallBuilder):
             case Break():
                 return self.leave_loop(s, note, here)
             case Continue():
-                return self.skip_turn(s, here)
+                return self.skip_iteration(s, here)
             case Discard() if self.scope.note is not None:
                 return self.leave_loop(Break(s.loc), note, here, needed=self.outputs[-1:])
             case Return() | Discard():
@@ -345,11 +345,11 @@ class _Vectorizer(CallBuilder):
         self.b.append(If(self.let("lane_any", mask, type=BOOL), inside, skipped))
 
     def thin(self, here: Here) -> None:
-        """Lanes may have left: go on with those that are still in this turn."""
+        """Go on with the lanes that are still in this iteration, where some may have left."""
         scope = self.scope
         if not (scope.facts.varying or scope.facts.continues):
             return
-        left = self.load(scope.turn)
+        left = self.load(scope.iterating)
         here.mask = left if here.whole else self.both(here.mask, left)
         here.thinned = True
 
@@ -361,14 +361,14 @@ class _Vectorizer(CallBuilder):
             found = note.facts.size()
             self.state = set(before)
             self.b.push()
-            self.turns(s, note, here)
+            self.attempt(s, note, here)
             made = self.b.pop()
             if note.facts.size() == found:
                 self.b.extend(made)
                 return
 
-    def turns(self, s: Loop, note: Note, here: Here) -> None:
-        """Append what a loop becomes, as far as its facts are known."""
+    def attempt(self, s: Loop, note: Note, here: Here) -> None:
+        """Append a loop's translation, as far as its facts are known."""
         facts, outer, kept = note.facts, self.scope, self.kept(here)
         stored = note.stored - self.arrays
         inner = frozenset(v for v in stored if v in kept or (facts.varying and v in facts.copied))
@@ -384,7 +384,7 @@ class _Vectorizer(CallBuilder):
         if facts.varying and start is not None:
             self.b.store(scope.live, start)
         still_kept = (kept | note.after if facts.varying else kept) & self.arrays
-        made = self.turn(s, note, Here(start, whole=True, kept=still_kept))
+        made = self.iteration(s, note, Here(start, whole=True, kept=still_kept))
         self.scope = outer
         self.b.append(made)
         self.state = self.always | inner | (entry if facts.varying else (entry - stored) | facts.exit)
@@ -393,8 +393,8 @@ class _Vectorizer(CallBuilder):
 
     def enter(self, note: Note, inner: frozenset[int]) -> Scope:
         live = self.slots.mask("live", id(note))
-        turn = self.slots.mask("turn", id(note)) if note.facts.continues else live
-        self.scope = Scope(note.facts, live, turn, note, self.scope, inner)
+        iterating = self.slots.mask("iterating", id(note)) if note.facts.continues else live
+        self.scope = Scope(note.facts, live, iterating, note, self.scope, inner)
         return self.scope
 
     def fill(self, variables: set[int], entry: frozenset[int], scope: Scope) -> None:
@@ -412,8 +412,8 @@ class _Vectorizer(CallBuilder):
             outside = self.lanes(variable)
             self.b.store(outside, self.select(self.mask(here), self.load(slot), self.load(outside)))
 
-    def turn(self, s: Loop, note: Note, here: Here) -> Loop:
-        """The loop itself: its body, the step and the test."""
+    def iteration(self, s: Loop, note: Note, here: Here) -> Loop:
+        """Make the loop itself: its body, the step and the test."""
         scope, facts = self.scope, note.facts
         start = here.mask
         self.b.push()
@@ -425,7 +425,7 @@ class _Vectorizer(CallBuilder):
             self.meet(facts.step, note.stored - self.arrays, note.inner[1])
         body = self.b.pop()
         if facts.continues and begin is not None:
-            body = _before_use(scope.turn.id, Store(scope.turn.id, begin), body)
+            body = _before_use(scope.iterating.id, Store(scope.iterating.id, begin), body)
         if not continues(s) and (ended or any(n.ends for n in note.regions[0])):
             return Loop(body, (), None, s.turns, s.loc)
         self.state = (self.state - note.stored) | facts.step | self.always
@@ -442,7 +442,7 @@ class _Vectorizer(CallBuilder):
         return Loop(body, continuing, until, s.turns, s.loc)
 
     def test(self, s: Loop, note: Note, here: Here) -> int | None:
-        """Append the test at the end of a turn; what to test, or None if that is done."""
+        """Append the test at the end of an iteration; return the value to test, or None if the test is done."""
         if s.until is None:
             return None
         until = self.same.get(s.until, s.until)

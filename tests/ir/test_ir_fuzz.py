@@ -1,6 +1,6 @@
 """Texts of the IR, broken at random: the parser and the verifier refuse them with an error of their own, or take them.
 
-What they take runs, within its budget of turns, alike on the interpreter and on numpy.
+A text that they take runs, within its budget of iterations, alike on the interpreter and on numpy.
 """
 
 from __future__ import annotations

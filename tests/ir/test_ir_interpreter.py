@@ -235,7 +235,7 @@ COUNT = """\
     %2: i = const 1
     %3: i = add %1, %2
     store $i.2 = %3
-    %4: i = const {turns}
+    %4: i = const {most}
     %5: b = gt %3, %4
     if %5 {{
       break
@@ -263,7 +263,7 @@ COUNT = """\
 
 
 def test_continue_runs_the_continuing_part_and_break_does_not():
-    lines = COUNT.format(turns=10).replace("$i.2", "$i.3").replace("$n.1", "$n.2")
+    lines = COUNT.format(most=10).replace("$i.2", "$i.3").replace("$n.1", "$n.2")
     results, status = run(lines, 2.0, outputs="$y.0: f, $z.1: f")
     assert (results, status) == ([10.0, 10.0], Status.WRITTEN)
     results, status = run(lines.replace("const 10", "const 100"), 2.0, outputs="$y.0: f, $z.1: f")
@@ -338,7 +338,7 @@ function inner(%0: b) -> () {
 }"""
 
 
-def test_loops_count_their_turns_each_time_they_are_entered():
+def test_loops_count_their_iterations_each_time_they_are_entered():
     lines = """\
   var $n.1: i
   loop turns 5 {
@@ -462,7 +462,7 @@ def test_mistakes_of_the_caller_are_named():
         run("  %1: i2 = grid_index", 1.0, index=(1,), shape=(4,))
 
 
-def test_ten_thousand_turns_take_about_a_second():
+def test_ten_thousand_iterations_take_about_a_second():
     lines = ["  var $v.1: f", "  var $n.2: i", "  loop {", "    %1: f = load $v.1"]
     lines += [f"    %{n}: f = add %{n - 1}, %x.0" for n in range(2, 9)]
     lines += ["    store $v.1 = %8", "    %9: i = load $n.2", "    %10: i = const 1", "    %11: i = add %9, %10"]

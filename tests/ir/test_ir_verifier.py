@@ -219,7 +219,7 @@ BAD = [
     # Control flow
     ("if %x.0 {\n}", "a condition is a b, not f"),
     ("loop {\n} until %x.0", "a condition is a b, not f"),
-    ("loop turns -1 {\n}", "a loop cannot take fewer than 0 turns"),
+    ("loop turns -1 {\n}", "a loop cannot take fewer than 0 iterations"),
     ("break", "break stands outside of any loop"),
     ("if %c.2 {\n  continue\n}", "continue stands outside of any loop"),
     ("return\nstore $y.0 = %x.0", "this is never reached: return is the last of its region"),

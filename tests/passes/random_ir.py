@@ -200,12 +200,12 @@ class Generator:
                 self.statements()
 
     def loop(self) -> None:
-        turns = self.random.choice((None, 1, 2, 3, 3))
+        most = self.random.choice((None, 1, 2, 3, 3))
         counter = self.b.variable(I, name="i")
         self.b.store(counter, self.b.const(I, [0]))
         known = len(self.values)
         may_continue = self.random.random() < 0.5
-        with self.b.loop(turns) as loop:
+        with self.b.loop(most) as loop:
             self.depth += 1
             self.loops.append(may_continue)
             self.inner_loops += self.no_exit
@@ -225,8 +225,8 @@ class Generator:
             self.b.store(counter, count)
             self.no_exit, self.inner_loops = outer
             self.loops = loops
-            if turns is not None:
-                ends = self.b.let("ge", count, self.b.const(I, [turns]))
+            if most is not None:
+                ends = self.b.let("ge", count, self.b.const(I, [most]))
                 loop.until(ends if self.random.random() < 0.6 else self.b.let("or", ends, self.of(B)))
             elif self.random.random() < 0.9:
                 loop.until(self.of(B))

@@ -51,7 +51,7 @@ store $o.0 = %a.0
 
 
 @pytest.mark.parametrize("flags", [False, True])
-def test_a_loop_takes_its_limit_and_no_turn_more(flags):
+def test_a_loop_takes_its_limit_and_no_iteration_more(flags):
     changed, has_status, loops = make_exits_explicit(module(LOOP), 10, loop_flags=flags)
     verify(changed)
     assert has_status

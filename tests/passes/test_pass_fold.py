@@ -134,7 +134,7 @@ def test_branches_of_constants_are_taken_and_what_follows_an_exit_goes():
     )
 
 
-def test_loops_of_no_turns_go_and_loops_of_one_are_their_body():
+def test_loops_of_no_iterations_go_and_loops_of_one_are_their_body():
     check(
         lambda m: remove_dead(fold(m)),
         """
@@ -151,7 +151,7 @@ def test_loops_of_no_turns_go_and_loops_of_one_are_their_body():
     )
 
 
-def test_loop_of_one_turn_that_may_break_stays():
+def test_loop_of_one_iteration_that_may_break_stays():
     before = """
         %4: b = const true
         loop turns 1 {

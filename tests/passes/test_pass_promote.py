@@ -44,7 +44,7 @@ def test_each_value_of_a_straight_line_is_forwarded():
     )
 
 
-def test_load_at_a_loops_head_sees_the_turn_before():
+def test_load_at_a_loops_head_sees_the_iteration_before():
     before = """
         var $x.2: f
         store $x.2 = %a.0
@@ -61,7 +61,7 @@ def test_load_at_a_loops_head_sees_the_turn_before():
     check(promote, before, before)
 
 
-def test_store_at_a_loops_head_is_seen_in_the_same_turn_only():
+def test_store_at_a_loops_head_is_seen_in_the_same_iteration_only():
     check(
         promote,
         """

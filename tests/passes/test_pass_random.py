@@ -48,7 +48,7 @@ GROUP = 20
 
 
 def results(module, precision, inputs, loops):
-    """Outputs and status for each input; a loop that ran out of turns is named by its line."""
+    """Return outputs and status for each input; a loop that ran out of iterations is named by its line."""
     interpreter = Interpreter(module, precision, loop_limit=LOOP_LIMIT)
     found = []
     for given, tables in inputs:

@@ -238,7 +238,7 @@ def test_what_only_feeds_itself_is_dead():
     )
 
 
-def test_loops_that_may_run_out_of_turns_and_exits_are_effects():
+def test_loops_that_may_run_out_of_iterations_and_exits_are_effects():
     before = """
         var $n.2: f
         loop {

@@ -9,10 +9,10 @@ void fractal_element(float2 c, float *result, int *status) {  // test_opencl_tex
     *status = 1;
     float2 z = (float2)(0.0f);  // test_opencl_text.py:33
     float n = 0.0f;  // test_opencl_text.py:34
-    int turns = 0;  // test_opencl_text.py:35
+    int iterations = 0;  // test_opencl_text.py:35
     do {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             *status = 2;
             return;
         }

@@ -23,10 +23,10 @@ void mandelbrot(precise vec2 c, precise out float result, out int status) {  // 
     precise vec2 z = vec2(zero);  // test_glsl_text.py:26
     precise float n = zero;  // test_glsl_text.py:27
     precise bool ended = false;  // test_glsl_text.py:28
-    int turns = 0;
+    int iterations = 0;
     while (true) {
-        turns += 1;
-        if (turns > 1048576) {
+        iterations += 1;
+        if (iterations > 1048576) {
             status = 2;
             break;
         }

@@ -30,14 +30,14 @@ void positive(precise float x, int n, precise out float result, out int status) 
         return;
     } else {
         precise bool ended = false;  // test_glsl_text.py:63
-        int turns = 0;
+        int iterations = 0;
         while (true) {
             if (n <= 0) {
                 ended = true;
                 break;
             }
-            turns += 1;
-            if (turns > 1048576) {
+            iterations += 1;
+            if (iterations > 1048576) {
                 status = 2;
                 break;
             }

@@ -13,7 +13,7 @@ def positive(x, n, lanes):
         status_out = select(t, 0, status_out)  # test_numpy_text.py:59
     t2 = ~t
     if t2.any():
-        turns = np.int32(0)  # test_numpy_text.py:61
+        iterations = np.int32(0)  # test_numpy_text.py:61
         total_in = total.copy()
         live = t2
         lane = np.arange(lanes)
@@ -26,8 +26,8 @@ def positive(x, n, lanes):
                 live = live & ~leaving
                 if not live.any():
                     break
-            turns = turns + 1
-            if turns > 1048576:
+            iterations = iterations + 1
+            if iterations > 1048576:
                 status = np.int32(2)
                 put_aside(status_out, lane, live, status)
                 break

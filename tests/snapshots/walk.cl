@@ -13,10 +13,10 @@ void walk_element(float x, int n, float *result, int *status) {  // test_opencl_
         *status = 0;  // test_opencl_text.py:87
         return;
     }
-    int turns = 0;  // test_opencl_text.py:88
+    int iterations = 0;  // test_opencl_text.py:88
     while (n > 0) {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             *status = 2;
             return;
         }

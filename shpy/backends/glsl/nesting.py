@@ -8,7 +8,7 @@ counted in, and loses track of any more without a word. To it, what follows an e
     ...
 
 Inside a loop it does not, for there a return is a break. So a function with too many returns is put into a loop of
-one turn: that is its shelter.
+one iteration: that is its shelter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MANY: Final = 24
 
 
 def sheltered_functions(module: Module) -> frozenset[str]:
-    """The functions to put into a loop of one turn; CompileError where even that nests too deep."""
+    """Find the functions to put into a loop of one iteration; CompileError where even that nests too deep."""
     depths: dict[str, int] = {}
     sheltered = set()
     for function in module.functions:

@@ -243,7 +243,7 @@ class Printer(Spelling):
         if function.name not in self.sheltered:
             self._statements(function, returns=returns)
             return
-        self.emit(f"while ({RUNNING}) {{  // one turn: so that returns do not nest what follows them")
+        self.emit(f"while ({RUNNING}) {{  // one iteration: so that returns do not nest what follows them")
         with self.block():
             self._statements(function, returns=returns, condition=RUNNING)
         self.emit("}")

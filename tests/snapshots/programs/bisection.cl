@@ -10,10 +10,10 @@ void bisection_element(float x, float *result, int *status) {  // snapshot_progr
     *status = 1;
     float low = 0.0f;  // snapshot_programs.py:187
     float high = sh_max(x, 1.0f);
-    int turns = 0;  // snapshot_programs.py:188
+    int iterations = 0;  // snapshot_programs.py:188
     do {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             *status = 2;
             return;
         }

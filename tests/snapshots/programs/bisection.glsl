@@ -23,10 +23,10 @@ void bisection(precise float x, precise out float result, out int status) {  // 
     precise float low = zero;  // snapshot_programs.py:187
     precise float high = sh_max(x, 1.0) - zero;
     precise bool ended = false;  // snapshot_programs.py:188
-    int turns = 0;
+    int iterations = 0;
     while (true) {
-        turns += 1;
-        if (turns > 1048576) {
+        iterations += 1;
+        if (iterations > 1048576) {
             status = 2;
             break;
         }

@@ -16,13 +16,13 @@ __kernel void bisection(  // snapshot_programs.py:185
     int status = 1;
     float8 low = (float8)(0.0f);  // snapshot_programs.py:187
     float8 high = sh_max8(x, (float8)(1.0f));
-    int turns = 0;  // snapshot_programs.py:188
+    int iterations = 0;  // snapshot_programs.py:188
     int8 status_out_2 = (int8)(status);
     float8 low_in = low;
     int8 live = active;
     while (true) {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             status = 2;
             status_out_2 = live ? (int8)(status) : status_out_2;
             break;

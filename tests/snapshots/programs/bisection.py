@@ -7,7 +7,7 @@ def bisection(x, lanes):
     status = np.int32(1)  # snapshot_programs.py:185
     low = np.zeros(lanes, np.float32)  # snapshot_programs.py:187
     high = maximum(x, 1.0)
-    turns = np.int32(0)  # snapshot_programs.py:188
+    iterations = np.int32(0)  # snapshot_programs.py:188
     status_out = spread(status, lanes)
     low_in = low.copy()
     live = np.ones(lanes, np.bool_)
@@ -15,8 +15,8 @@ def bisection(x, lanes):
     while True:
         if few(live):
             high, lane, live, low_in, x = compact(live, high, lane, live, low_in, x)
-        turns = turns + 1
-        if turns > 1048576:
+        iterations = iterations + 1
+        if iterations > 1048576:
             status = np.int32(2)
             put_aside(status_out, lane, live, status)
             break

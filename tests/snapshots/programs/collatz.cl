@@ -22,10 +22,10 @@ void collatz_element(int n, int *result, int *status) {  // snapshot_programs.py
     *result = 0;
     *status = 1;
     int steps = 0;  // snapshot_programs.py:63
-    int turns = 0;  // snapshot_programs.py:64
+    int iterations = 0;  // snapshot_programs.py:64
     while (n > 1) {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             *status = 2;
             return;
         }

@@ -32,14 +32,14 @@ void collatz(int n, out int result, out int status) {  // snapshot_programs.py:6
     status = 1;
     int steps = 0;  // snapshot_programs.py:63
     precise bool ended = false;  // snapshot_programs.py:64
-    int turns = 0;
+    int iterations = 0;
     while (true) {
         if (n <= 1) {
             ended = true;
             break;
         }
-        turns += 1;
-        if (turns > 1048576) {
+        iterations += 1;
+        if (iterations > 1048576) {
             status = 2;
             break;
         }

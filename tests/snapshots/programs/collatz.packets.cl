@@ -15,7 +15,7 @@ __kernel void collatz(  // snapshot_programs.py:61
     int8 active = packet.active;
     int status = 1;
     int steps = 0;  // snapshot_programs.py:63
-    int turns = 0;  // snapshot_programs.py:64
+    int iterations = 0;  // snapshot_programs.py:64
     int8 steps_out = (int8)(steps);
     int8 status_out_2 = (int8)(status);
     int8 live = active;
@@ -28,8 +28,8 @@ __kernel void collatz(  // snapshot_programs.py:61
                 break;
             }
         }
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             status = 2;
             status_out_2 = live ? (int8)(status) : status_out_2;
             break;

@@ -7,7 +7,7 @@ def collatz(n, lanes):
     status = np.int32(1)  # snapshot_programs.py:61
     n_2 = n
     steps = np.int32(0)  # snapshot_programs.py:63
-    turns = np.int32(0)  # snapshot_programs.py:64
+    iterations = np.int32(0)  # snapshot_programs.py:64
     steps_out = spread(steps, lanes)
     status_out = spread(status, lanes)
     live = np.ones(lanes, np.bool_)
@@ -21,8 +21,8 @@ def collatz(n, lanes):
             live = live & ~leaving
             if not live.any():
                 break
-        turns = turns + 1
-        if turns > 1048576:
+        iterations = iterations + 1
+        if iterations > 1048576:
             status = np.int32(2)
             put_aside(status_out, lane, live, status)
             break

@@ -13,10 +13,10 @@ void counting_element(float x, int n, float *result, int *status) {  // snapshot
     *result = 0.0f;
     *status = 1;
     float total = 0.0f;  // snapshot_programs.py:72
-    int turns = 0;  // snapshot_programs.py:73
+    int iterations = 0;  // snapshot_programs.py:73
     for (int i = 0; i < n; i += 1) {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             *status = 2;
             return;
         }

@@ -28,14 +28,14 @@ void counting(precise float x, int n, precise out float result, out int status) 
     precise float total = zero;  // snapshot_programs.py:72
     int i = 0;  // snapshot_programs.py:73
     precise bool ended = false;
-    int turns = 0;
+    int iterations = 0;
     for (;; i += 1) {
         if (i >= n) {
             ended = true;
             break;
         }
-        turns += 1;
-        if (turns > 1048576) {
+        iterations += 1;
+        if (iterations > 1048576) {
             status = 2;
             break;
         }

@@ -6,7 +6,7 @@ void counting_packet(float8 x, int8 n, float8 *result, int8 *status_out, int2 co
     int status = 1;
     float8 total = (float8)(0.0f);  // snapshot_programs.py:72
     int i = 0;  // snapshot_programs.py:73
-    int turns = 0;
+    int iterations = 0;
     *status_out = (int8)(status);
     float8 total_in = total;
     int8 live = active;
@@ -19,8 +19,8 @@ void counting_packet(float8 x, int8 n, float8 *result, int8 *status_out, int2 co
                 break;
             }
         }
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             status = 2;
             *status_out = live ? (int8)(status) : *status_out;
             break;

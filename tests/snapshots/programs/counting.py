@@ -9,7 +9,7 @@ def counting(x, n, lanes):
     status = np.int32(1)  # snapshot_programs.py:70
     total = np.zeros(lanes, np.float32)  # snapshot_programs.py:72
     i = np.int32(0)  # snapshot_programs.py:73
-    turns = np.int32(0)
+    iterations = np.int32(0)
     status_out = spread(status, lanes)
     total_in = total.copy()
     live = np.ones(lanes, np.bool_)
@@ -23,8 +23,8 @@ def counting(x, n, lanes):
             live = live & ~leaving
             if not live.any():
                 break
-        turns = turns + 1
-        if turns > 1048576:
+        iterations = iterations + 1
+        if iterations > 1048576:
             status = np.int32(2)
             put_aside(status_out, lane, live, status)
             break

@@ -9,10 +9,10 @@ void leaving_element(float x, int *result0, int *result1, int *status) {  // sna
         return;
     }
     for (int i = 0; i < 4; i += 1) {  // snapshot_programs.py:85
-        int turns = 0;  // snapshot_programs.py:86
+        int iterations = 0;  // snapshot_programs.py:86
         for (int j = 0; j < i; j += 1) {
-            turns += 1u;
-            if (turns > 1048576) {
+            iterations += 1u;
+            if (iterations > 1048576) {
                 *status = 2;
                 return;
             }

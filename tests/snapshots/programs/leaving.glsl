@@ -35,14 +35,14 @@ void leaving(precise float x, out int result0, out int result1, out int status) 
         }
         int j = 0;  // snapshot_programs.py:86
         precise bool ended_2 = false;
-        int turns = 0;
+        int iterations = 0;
         while (true) {
             if (j >= i) {
                 ended_2 = true;
                 break;
             }
-            turns += 1;
-            if (turns > 1048576) {
+            iterations += 1;
+            if (iterations > 1048576) {
                 status = 2;
                 break;
             }

@@ -37,14 +37,14 @@ void leaving_packet(  // snapshot_programs.py:82
             break;
         }
         int j = 0;  // snapshot_programs.py:86
-        int turns = 0;
+        int iterations = 0;
         int8 result0_in_2 = result0_in;
         int8 result1_in_2 = result1_in;
         int8 returned_in_2 = returned_in;
         int8 live_2 = live;
         while (j < i) {
-            turns += 1u;
-            if (turns > 1048576) {
+            iterations += 1u;
+            if (iterations > 1048576) {
                 status = 2;
                 status_in = live_2 ? (int8)(status) : status_in;
                 break;

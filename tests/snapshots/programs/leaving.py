@@ -33,7 +33,7 @@ def leaving(x, lanes):
             put_aside(returned, lane, live, returned_in_2)
             break
         j = np.int32(0)  # snapshot_programs.py:86
-        turns = np.int32(0)
+        iterations = np.int32(0)
         result0_in = result0_in_2.copy()
         result1_in = result1_in_2.copy()
         returned_in = returned_in_2.copy()
@@ -43,8 +43,8 @@ def leaving(x, lanes):
         while j < i:
             if few(live_2):
                 lane_2, live_2, result0_in, result1_in, returned_in, x = compact(live_2, lane_2, live_2, result0_in, result1_in, returned_in, x)
-            turns = turns + 1
-            if turns > 1048576:
+            iterations = iterations + 1
+            if iterations > 1048576:
                 status = np.int32(2)
                 put_aside(status_in, lane_2, live_2, status)
                 break

@@ -9,10 +9,10 @@ void mandelbrot_element(float2 c, float *result, int *status) {  // snapshot_pro
     *status = 1;
     float2 z = (float2)(0.0f);  // snapshot_programs.py:38
     float n = 0.0f;  // snapshot_programs.py:39
-    int turns = 0;  // snapshot_programs.py:40
+    int iterations = 0;  // snapshot_programs.py:40
     do {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             *status = 2;
             return;
         }

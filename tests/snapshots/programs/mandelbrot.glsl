@@ -23,10 +23,10 @@ void mandelbrot(precise vec2 c, precise out float result, out int status) {  // 
     precise vec2 z = vec2(zero);  // snapshot_programs.py:38
     precise float n = zero;  // snapshot_programs.py:39
     precise bool ended = false;  // snapshot_programs.py:40
-    int turns = 0;
+    int iterations = 0;
     while (true) {
-        turns += 1;
-        if (turns > 1048576) {
+        iterations += 1;
+        if (iterations > 1048576) {
             status = 2;
             break;
         }

@@ -169,13 +169,13 @@ __kernel void mandelbrot(  // snapshot_programs.py:36
     float8 z_x = (float8)(0.0f);  // snapshot_programs.py:38
     float8 z_y = (float8)(0.0f);
     float n = 0.0f;  // snapshot_programs.py:39
-    int turns = 0;  // snapshot_programs.py:40
+    int iterations = 0;  // snapshot_programs.py:40
     float8 n_out = (float8)(n);
     int8 status_out_2 = (int8)(status);
     int8 live = active;
     while (true) {
-        turns += 1u;
-        if (turns > 1048576) {
+        iterations += 1u;
+        if (iterations > 1048576) {
             status = 2;
             status_out_2 = live ? (int8)(status) : status_out_2;
             break;

@@ -12,7 +12,7 @@ def mandelbrot(c, lanes):
     z_x = np.zeros(lanes, np.float32)  # snapshot_programs.py:38
     z_y = np.zeros(lanes, np.float32)
     n = np.float32(0.0)  # snapshot_programs.py:39
-    turns = np.int32(0)  # snapshot_programs.py:40
+    iterations = np.int32(0)  # snapshot_programs.py:40
     n_out = spread(n, lanes)
     status_out = spread(status, lanes)
     live = np.ones(lanes, np.bool_)
@@ -20,8 +20,8 @@ def mandelbrot(c, lanes):
     while True:
         if few(live):
             c, lane, live, z_x, z_y = compact(live, c, lane, live, z_x, z_y)
-        turns = turns + 1
-        if turns > 1048576:
+        iterations = iterations + 1
+        if iterations > 1048576:
             status = np.int32(2)
             put_aside(status_out, lane, live, status)
             break
