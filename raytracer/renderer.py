@@ -89,7 +89,7 @@ class Renderer:
         self.program = eye_rays(unified, rays)
         self.params = self.program.params
         recorded = time.perf_counter()
-        # No budget of turns: each turn of the walk leaves a triangle or a cell behind, each of the tracer's a ray.
+        # No budget of iterations: each one of the walk finishes a triangle or a cell, each one of the tracer a ray.
         self.kernel = self.program.compile(self.backend, precision=precision, math=math, loop_limit=None)
         self.record_seconds = recorded - started
         self.compile_seconds = time.perf_counter() - recorded

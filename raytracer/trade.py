@@ -309,7 +309,7 @@ def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
 
 
 def _times(made: Sequence[tuple[Variant, Renderer]]) -> list[list[float]]:
-    """Seconds of each renderer, in turns, in each of which a picture that is not counted comes first."""
+    """Measure the seconds of each renderer, all in turn; in each round an untimed picture comes first."""
     taken: list[list[float]] = [[] for _ in made]
     for _ in range(ROUNDS):
         for seconds, (_, renderer) in zip(taken, made, strict=True):

@@ -1,6 +1,6 @@
 """What a ray meets first: the boxes of a hierarchy, nearer child first, each with a link past what it holds.
 
-Stage: kernel. A turn looks into one node: a ray that meets its box goes on inside, one that misses it goes past.
+Stage: kernel. An iteration looks into one node: a ray that meets its box goes on inside, another ray goes past.
 
 Rays that run side by side may walk together: they go into a box if any of them meets it, so the number of the node is
 one number for all of them, its box and triangles are read once, and each ray takes part where it meets the box itself.
@@ -79,7 +79,7 @@ class BvhIntersector:
                         leaf[:] = -1 - link
                         SH_BREAK()
                     node[:] = link
-            # Met once more: a mask that lives on from the loop costs each turn of it more.
+            # The box is tested once more: a mask that is kept from the loop would cost more in each iteration.
             with SH_IF((leaf > 0) & self.meets(box, there, reach)):
                 self.try_leaf(leaf, near, test, hit)
                 reach[:] = farther(hit.l)

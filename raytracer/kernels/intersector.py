@@ -1,6 +1,6 @@
 """What a ray meets first: the scene box, then the uniform grid cell by cell.
 
-Stage: kernel. The `intersector` of Moreno-Fortuny and McCool with its two loops in one: a turn either tries one
+Stage: kernel. The `intersector` of Moreno-Fortuny and McCool with its two loops in one: an iteration either tries one
 triangle or goes on to the next cell (3D-DDA, Amanatides and Woo 1987), so that rays that run side by side wait for
 each other once a ray and not once a cell. As printed, the intersector writes `hit = 1 < INF` for `l < INF`; a hit is
 taken here when no cell follows that is entered before it or with it. A triangle outside of the grid may be met at the

@@ -287,8 +287,8 @@ def _seconds(candidate: Candidate, drawn: Samples, calls: int) -> float:
 def _time(candidates: list[Candidate], drawn: Samples, rounds: int, tell: Callable[[int], None]) -> None:
     """Set each candidate's time: all in turn, the median of the rounds and their quartiles.
 
-    In each turn a candidate runs once more than it is timed: the first call finds the caches and the threads as another
-    candidate has left them. Short calls are timed several at once.
+    In each round a candidate runs once more than it is timed: the first call finds the caches and the threads as
+    another candidate has left them. Short calls are timed several at once.
     """
     taken: list[list[float]] = [[] for _ in candidates]
     for done in range(rounds):

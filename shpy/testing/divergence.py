@@ -5,7 +5,7 @@ and searches by halves for the first event of which they hold different views. G
 distance is allowed, it goes on from there event by event to the first one that is beyond it.
 
     found = first_divergence(program, x, backends=("numpy", "opencl-16"))
-    print(found)          # line, variable, both values, the turns of the loops, the statements before it
+    print(found)          # line, variable, both values, the iterations of the loops, the statements before it
 
 Times: about log2(events) + 12 runs of the program on each of the two backends, and two for each event gone on by.
 """
@@ -54,18 +54,19 @@ class Row:
     same: bool
 
     def __str__(self) -> str:
-        turn = f" [turn {', '.join(map(str, reversed(self.turns)))}]" if self.turns else ""
+        iteration = f" [iteration {', '.join(map(str, reversed(self.turns)))}]" if self.turns else ""
         what = f"{self.name} = {self.text}" if self.name and not self.text.startswith("store ") else self.text
         values = (_spoken(self.first), _spoken(self.second))
-        return f"{_place(self.loc)}{turn}  {what:<34}  {values[0]:<24} {values[1]}"
+        return f"{_place(self.loc)}{iteration}  {what:<34}  {values[0]:<24} {values[1]}"
 
 
 @dataclass(frozen=True)
 class Divergence:
     """Where two backends part: `loc`, the variable's `name`, the statement as `text`, the `turns` of the loops around.
 
-    `turns` counts from 1, the innermost loop first. `first` and `second` are what the backends named in `backends`
-    computed there; where they are at different statements, what each is at is told by `rows`, and `path` is true.
+    `turns` are the numbers of the iterations, counted from 1, the innermost loop first. `first` and `second` are the
+    values that the backends named in `backends` computed there; where the backends are at different statements, `rows`
+    shows the statement of each, and `path` is true.
     `operands` are the first backend's, by name, which agree on both. `denormal`: one of these numbers is a denormal
     and the two differ by flushing it to zero, or there is one `within` the statement: a step of an operation such as
     `reflect` that one of the devices flushes. `rows` are both traces side by side around the place.
@@ -102,8 +103,8 @@ class Divergence:
         yield f"{self.program}: {one} and {two} part at {_place(self.loc)}, element {_index(self.element)}"
         if self.source:
             yield f"    {self.source}"
-        for turn, loop in zip(self.turns, self.loops, strict=False):
-            yield f"  in turn {turn} of the loop at {_place(loop)}"
+        for iteration, loop in zip(self.turns, self.loops, strict=False):
+            yield f"  in iteration {iteration} of the loop at {_place(loop)}"
         if self.path:
             yield f"  {one} goes on with {self.text}, {two} elsewhere: a condition before it, or an exit, differs"
         else:

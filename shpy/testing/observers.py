@@ -4,7 +4,7 @@ Stage: test. Takes a program, its inputs and one element; gives what was seen of
 
     one = observer(setting, "opencl-4", element=3)
     one.count, one.trail(17), one.site(17)       # events in all; the hash up to event 17; which statement it was
-    one.look({12, 13}).seen(17)                  # its value, operands and turns, for the sites that are looked at
+    one.look({12, 13}).seen(17)                  # its value, operands and iterations, for the sites looked at
 """
 
 from __future__ import annotations
@@ -137,8 +137,8 @@ def _seen(watched: Watched, found: Mapping[str, Any]) -> Seen:
         return Seen(None)
     site = watched.sites[int(found["site"]) - 1]
     kept = [_kept(found, f"operand{n}", type) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
-    turns = tuple(int(t) for t in found["turns"][: len(site.loops)])
-    return Seen(site, turns, _kept(found, "value", site.type), tuple(kept))
+    iterations = tuple(int(n) for n in found["iterations"][: len(site.loops)])
+    return Seen(site, iterations, _kept(found, "value", site.type), tuple(kept))
 
 
 def _kept(found: Mapping[str, Any], place: str, type: Type) -> Any:

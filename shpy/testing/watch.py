@@ -9,7 +9,8 @@ way so far, and a search by halves finds the first event at which they part. Not
                                       $site  = cond($count == target, site, $site)
                                       $count = $count + 1
 
-For the sites that are `looked` at, the value, the operands and the turns of the loops around them are outputs as well.
+For the sites that are `looked` at, the value, the operands and the iterations of the loops around them are outputs as
+well.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ _U, _F, _D = vec(Base.U), vec(Base.F), vec(Base.D)
 _FAMILY = {Base.F: Base.F, Base.H: Base.F, Base.D: Base.D, Base.I: Base.U, Base.U: Base.U, Base.B: Base.U}
 """The base in which values of a base are kept, exactly."""
 
-_TURNS = 4
-"""Loops around an event whose turns are kept, from the innermost outwards."""
+_LOOPS = 4
+"""How many loops around an event have their iterations kept, from the innermost outwards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +67,8 @@ class Watched:
 def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), *, wide: bool = False) -> Watched:
     """Watch every statement of the module; those of the sites in `looked` in full. `wide`: f is binary64.
 
-    Discards and loops that run out of turns become plain exits, so that what was seen until then is written: the
-    module is to be compiled without a limit of its own.
+    Discards and loops that run out of iterations become plain exits, so that the outputs seen until then are written:
+    the module is to be compiled without a limit of its own.
     """
     plan = _Plan(module, frozenset(looked), wide)
     functions = tuple(f if f.pure else _Watcher(f, plan).run() for f in module.functions)
@@ -102,7 +103,7 @@ class _Plan:
     def __post_init__(self) -> None:
         self.slots = {"count": _U, "trail": _U, "site": _U}
         if self.looked:
-            self.slots["turns"] = vec(Base.U, _TURNS)
+            self.slots["iterations"] = vec(Base.U, _LOOPS)
             bases = sorted({_FAMILY[v.type.base] for f in self.module.functions for v in defined(f)})
             places = ["value", *(f"operand{n}" for n in range(OPERANDS))]
             self.slots |= {f"{place}_{base.value}": vec(base, 4) for place in places for base in bases}
@@ -117,7 +118,7 @@ class _Watcher:
         self.b = Builder(function=function)
         self.values = {v.id: v for v in defined(function)}
         self.stored_as = _stored_names(function)
-        self.turns: list[tuple[Variable, Loc | None]] = []
+        self.loops: list[tuple[Variable, Loc | None]] = []
 
     def run(self) -> Function:
         b = self.b
@@ -163,16 +164,16 @@ class _Watcher:
 
     def loop(self, s: Loop) -> None:
         b = self.b
-        turn = b.variable(_U, name="turn")
-        b.store(turn, b.const(_U, [0]))
-        self.turns.insert(0, (turn, s.loc))
+        iteration = b.variable(_U, name="iteration")
+        b.store(iteration, b.const(_U, [0]))
+        self.loops.insert(0, (iteration, s.loc))
         b.push()
-        b.store(turn, b.let("add", b.load(turn), self.one))
+        b.store(iteration, b.let("add", b.load(iteration), self.one))
         self.region(s.body)
         body = b.pop()
         continuing = self.nested(s.continuing)
         b.append(replace(s, body=body, continuing=continuing))
-        self.turns.pop(0)
+        self.loops.pop(0)
 
     # Events
 
@@ -196,7 +197,7 @@ class _Watcher:
     def site(
         self, loc: Loc | None, name: str | None, text: str, type: Type, operands: tuple[tuple[str, int, Type], ...] = ()
     ) -> Site:
-        around = tuple(loop for _, loop in self.turns)
+        around = tuple(loop for _, loop in self.loops)
         made = Site(len(self.plan.sites) + 1, loc, name, text, type, operands[:OPERANDS], around)
         self.plan.sites.append(made)
         return made
@@ -263,14 +264,14 @@ class _Watcher:
         b.store(variable, b.let("cond", where, value, b.load(variable)))
 
     def look(self, hit: Value, site: Site, value: Value) -> None:
-        """Keep the value, the operands and the turns."""
+        """Keep the value, the operands and the iterations."""
         b = self.b
         self.keep_padded(hit, "value", value)
         for n, (_, id, _) in enumerate(site.operands):
             self.keep_padded(hit, f"operand{n}", self.values[id])
-        if self.turns:
-            turns = [b.load(turn) for turn, _ in self.turns[:_TURNS]]
-            self.keep(hit, "turns", self.padded(turns, _U))
+        if self.loops:
+            iterations = [b.load(iteration) for iteration, _ in self.loops[:_LOOPS]]
+            self.keep(hit, "iterations", self.padded(iterations, _U))
 
     def keep_padded(self, hit: Value, place: str, value: Value) -> None:
         base = _FAMILY[value.type.base]

@@ -1,4 +1,4 @@
-"""The first statement at which backends part: its line, variable, values, turns; ways that part; denormals."""
+"""The first statement at which backends part: its line, variable, values, iterations; ways that part; denormals."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_agreement_is_none():
 
 
 @pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
-def test_the_statement_is_named_with_line_values_and_turn(monkeypatch, faulty):
+def test_the_statement_is_named_with_line_values_and_iteration(monkeypatch, faulty):
     with_fault(monkeypatch, faulty, op("floor", "ceil"))
     program = sh.Program(turning._recorded)
     found = sh.testing.first_divergence(program, X, 6, backends=("interpreter", faulty))
@@ -86,7 +86,7 @@ def test_both_traces_stand_side_by_side(monkeypatch):
     assert (found.rows[parting].first, found.rows[parting].second) == (found.first, found.second)
     said = str(found)
     assert f"turning: interpreter and numpy part at {__file__}:{line_of('the floor')}, element " in said
-    assert f"in turn 4 of the loop at {__file__}:" in said
+    assert f"in iteration 4 of the loop at {__file__}:" in said
     assert "low = sh.floor(z.x)  # the floor" in said
     assert "→" in said
 

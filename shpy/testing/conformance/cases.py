@@ -38,7 +38,7 @@ THIN = 11
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run gave: the leaves of its outputs, which elements were written, how many ran out of turns."""
+    """The results of a run: the leaves of its outputs, which elements were written, how many ran out of iterations."""
 
     outputs: list[Array]
     written: Array

@@ -87,9 +87,9 @@ def form_else(body: Block, depth: int) -> Block:
     return (If(((bit(depth), (plus("x", 3.0),)),), body), plus("x", 0.25))
 
 
-def _counter(depth: int, turns: int) -> tuple[Stmt, Stmt, Expr]:
+def _counter(depth: int, most: int) -> tuple[Stmt, Stmt, Expr]:
     name = f"k{depth}"
-    return Declare(name, number(0)), Assign(name, number(1), None, "add"), compare("lt", Name(I, name), turns)
+    return Declare(name, number(0)), Assign(name, number(1), None, "add"), compare("lt", Name(I, name), most)
 
 
 def form_while(body: Block, depth: int) -> Block:
@@ -139,7 +139,7 @@ def form_for_down(body: Block, depth: int) -> Block:
 
 
 def form_for_symbolic(body: Block, depth: int) -> Block:
-    """Bounds that each element has its own of: some take no turn."""
+    """The block in a `for` with bounds of each element's own: some elements take no iteration."""
     return _for((Apply(I, "and", (N, number(1))), Apply(I, "and", (N, number(3)))), body, depth)
 
 
@@ -183,14 +183,14 @@ def evaluated(program: Tree, a: Any, n: Any) -> tuple[Any, ...]:
 
 def pairs() -> Iterator[tuple[str, str]]:
     """Every form in every form. Of the many SH_FORs each pair takes another one, and each meets itself."""
-    turn = 0
+    count = 0
     general = [*BRANCHES, "while", "do", "do_late", "for"]
     for outer in general:
         for inner in general:
-            turn += 1
+            count += 1
             yield (
-                (FORS[turn % len(FORS)] if outer == "for" else outer),
-                (FORS[turn % len(FORS)] if inner == "for" else inner),
+                (FORS[count % len(FORS)] if outer == "for" else outer),
+                (FORS[count % len(FORS)] if inner == "for" else inner),
             )
     for name in FORS:
         yield name, name
@@ -322,7 +322,7 @@ def array_cases() -> Iterator[Case]:
     leave = Exit("break", compare("gt", X, 9.0))
     yield case("array-written-before-a-break", (*FORMS["while"]((write, leave, read), 0),))
     again = (*FORMS["for"]((Declare("t", X), read, Assign("x", Name(F, "t"), None, "add"), write), 0),)
-    yield case("array-and-a-variable-of-the-turn", again)
+    yield case("array-and-a-variable-of-the-iteration", again)
 
 
 def lane_cases() -> Iterator[Case]:
@@ -350,11 +350,11 @@ def survivor_cases() -> Iterator[Case]:
         yield case(f"survivors-of-{kind}-with-an-array", held)
         unread = (plus("x", 4.0), Write("own", number(1), X), Exit("discard"))
         none = For("i2", (Apply(I, "and", (N, number(1))),), (away, *unread))
-        yield case(f"survivors-that-take-no-turn-before-{kind}", FORMS["for"]((plus("x", 1.0), none), 0))
+        yield case(f"survivors-that-take-no-iteration-before-{kind}", FORMS["for"]((plus("x", 1.0), none), 0))
 
 
 def limit_cases() -> Iterator[Case]:
-    """Loops that take too many turns: which elements, and what the others give."""
+    """Loops that take too many iterations: which elements do, and the results of the others."""
     forever = compare("lt", X, 1e9)
     grows = Assign("x", number(2.0), None, "mul")
     yield case("limit-of-while", (While(forever, (plus("x", 1.0), Exit("break", bit(0)))), plus("x", 0.5)), limit=5)
@@ -368,7 +368,7 @@ def limit_cases() -> Iterator[Case]:
     yield case("limit-in-a-subroutine", (Call("climbs", (X,)), inner), functions=(deep_loop,), limit=15)
     exact = (For("i", (number(0), Apply(I, "and", (N, number(7)))), (plus("x", 1.0),)),)
     yield case("limit-just-enough", exact, limit=8)
-    yield case("known-turns-have-no-limit", (For("i", (number(20),), (plus("x", 1.0),)),), limit=2)
+    yield case("known-bounds-have-no-limit", (For("i", (number(20),), (plus("x", 1.0),)),), limit=2)
 
 
 def cases() -> list[Case]:

@@ -55,7 +55,7 @@ DISCARDED, WRITTEN, STOPPED = 0, 1, 2
 
 
 class Leave(Exception):
-    """Control leaves a block: break, continue, return, discard, or a loop that took too many turns."""
+    """Control leaves a block: break, continue, return, discard, or a loop that took too many iterations."""
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)
@@ -211,15 +211,15 @@ class Evaluator:
             scope[s.result] = self.value(function.results[0], inner)
 
     def loop(self, s: While | Do | For, scope: dict[str, Any]) -> None:
-        """A turn begins, for the count of turns, when the loop's test has passed."""
+        """Run a loop; an iteration is counted once the loop's test has passed."""
         bounds = [int(self.value(b, scope)) for b in s.bounds] if isinstance(s, For) else []
-        turns = iter(range(*bounds)) if isinstance(s, For) else None
+        indices = iter(range(*bounds)) if isinstance(s, For) else None
         known = isinstance(s, For) and all(isinstance(b, Const) for b in s.bounds)
         limit = self.program.loop_limit
         count = 0
         while True:
-            if turns is not None:
-                index = next(turns, None)
+            if indices is not None:
+                index = next(indices, None)
                 if index is None:
                     return
                 scope[s.index] = np.int32(index)  # type: ignore[union-attr]

@@ -1,6 +1,7 @@
 """Draws statements and blocks: nested loops and branches that end, with every exit.
 
-Stage: test. Loops have counters, or few turns; programs shrink to few statements, few turns and plain numbers.
+Stage: test. Loops have counters, or few iterations; programs shrink to few statements, few iterations and plain
+numbers.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from shpy.testing.generated.syntax import (
 
 __all__ = ["Statements", "flat"]
 
-MAX_TURNS = 4
+MAX_ITERATIONS = 4
 
 
 class Statements(Expressions):
@@ -194,15 +195,15 @@ class Statements(Expressions):
         return body, self.loops.pop()
 
     def counter(self) -> tuple[Stmt, Stmt, Expr]:
-        """What keeps a loop from running on: a counter, its step, whether it has room."""
+        """Make the statements that keep a loop finite: a counter, its step, and the test whether it has room."""
         name = self.fresh("k")
         self.names[name] = I
         counter = Name(I, name)
-        turns = Const(I, (self.draw(st.integers(1, MAX_TURNS)),))
+        most = Const(I, (self.draw(st.integers(1, MAX_ITERATIONS)),))
         return (
             Declare(name, Const(I, (0,))),
             Assign(name, Const(I, (1,)), None, "add"),
-            Apply(B, "lt", (counter, turns)),
+            Apply(B, "lt", (counter, most)),
         )
 
     def while_loop(self) -> Stmt:
@@ -216,7 +217,7 @@ class Statements(Expressions):
         """A loop that tests last."""
         start, step, room = self.counter()
         if self.endless:
-            # A break among the first statements would be the loop's test, behind which its turns are counted.
+            # A break among the first statements would be the loop's test, behind which its iterations are counted.
             step = If(((room, (step,)),))
         body, continues = self.looped((step,), goes_on=True)
         full = Apply(B, "not", (room,))
@@ -226,7 +227,7 @@ class Statements(Expressions):
     def count_loop(self) -> Stmt:
         """A counted loop, upwards or downwards."""
         index = self.fresh("i")
-        stop: Expr = Const(I, (self.draw(st.integers(0, MAX_TURNS)),))
+        stop: Expr = Const(I, (self.draw(st.integers(0, MAX_ITERATIONS)),))
         if self.chance(40):
             stop = Apply(I, "and", (self.expr(I), Const(I, (3,))))
         bounds: tuple[Expr, ...] = (stop,)

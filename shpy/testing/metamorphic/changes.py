@@ -54,8 +54,8 @@ def dead_code(surgeon: Surgeon) -> Function | None:
     return surgeon.replaced(place, b.pop())
 
 
-def one_turn(surgeon: Surgeon) -> Function | None:
-    """Statements inside a loop that takes one turn."""
+def one_iteration(surgeon: Surgeon) -> Function | None:
+    """Put statements into a loop of one iteration."""
     place = surgeon.place(6, lambda statements: not leaves_a_loop(statements))
     if place is None:
         return None
@@ -204,7 +204,7 @@ def _reads(surgeon: Surgeon, region: Region) -> set[int]:
 
 CHANGES: dict[str, Change] = {
     "dead code": dead_code,
-    "one turn": one_turn,
+    "one iteration": one_iteration,
     "opaque true": opaque_true,
     "split vectors": split_vector,
     "merged vectors": merged_vectors,

@@ -69,7 +69,7 @@ class Surgeon:
     # Places
 
     def spots(self) -> list[_Spot]:
-        """Every region but empty ones; what comes before a loop's test stays, for it decides what counts as a turn."""
+        """Find every region that is not empty; the statements before a loop's test stay: iterations count from it."""
         inputs = tuple(p for p in self.function.inputs if isinstance(p, Value))
         return [spot for spot in self._spots(self.function.body, inputs, 0) if spot.region]
 

@@ -1,7 +1,7 @@
 """Variants of a program, which must give what it gives.
 
-Stage: test. Takes a program, gives others: with dead code, with statements in a loop of one turn or under a condition
-that always holds, with vectors split and scalars merged.
+Stage: test. Takes a program, gives others: with dead code, with statements in a loop of one iteration or under a
+condition that always holds, with vectors split and scalars merged.
 
     for variant in variants(program, 10):
         assert np.array_equal(variant(x), program(x))
