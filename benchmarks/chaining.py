@@ -72,20 +72,20 @@ def finished(stream: sh.Stream) -> None:
 def chaining(mesh: Mesh, quick: bool) -> Table:
     """A kernel within a chain over few elements; three kernels against the fused one; 500 steps of Jacobi."""
     del mesh
-    count, steps, side, turns = (1 << 10, 20, 16, 20) if quick else (1 << 20, 500, 1024, 2000)
+    count, steps, side, repeats = (1 << 10, 20, 16, 20) if quick else (1 << 20, 500, 1024, 2000)
     note = (
-        f"Microseconds of each of {turns} kernels over {SMALL} elements in sh.repeat. Milliseconds of three programs "
+        f"Microseconds of each of {repeats} kernels over {SMALL} elements in sh.repeat. Milliseconds of three programs "
         f"over {count:,} elements, in sh.sequence and fused by <<, and of {steps} steps of Jacobi over {side} x {side}."
     )
     head = ["backend", "µs a kernel", "in sequence, ms", "fused, ms", "Jacobi, ms"]
     rows = []
     for backend in available():
-        seconds = _times_on(backend, count, steps, side, turns)
+        seconds = _times_on(backend, count, steps, side, repeats)
         rows.append([backend, *(f"{1e3 * s:.2f}" for s in seconds)])
     return Table("chaining", note, head, rows)
 
 
-def _times_on(backend: str, count: int, steps: int, side: int, turns: int) -> tuple[float, ...]:
+def _times_on(backend: str, count: int, steps: int, side: int, repeats: int) -> tuple[float, ...]:
     """The seconds of each column; the first in milliseconds."""
     x, y = (np.random.default_rng(k).normal(size=count).astype(np.float32) for k in (1, 2))
     apart = sh.sequence(polar, twist, cartesian)
@@ -94,7 +94,7 @@ def _times_on(backend: str, count: int, steps: int, side: int, turns: int) -> tu
     few = sh.Stream(x[:SMALL], sh.Attrib1f, backend=backend)
     plate = sh.Stream(np.resize(x, (side, side)), sh.Attrib1f, backend=backend)
     return (
-        best(lambda: finished(sh.repeat(drift, turns).run(u=few).streams["u"]))[0] / turns * 1e3,
+        best(lambda: finished(sh.repeat(drift, repeats).run(u=few).streams["u"]))[0] / repeats * 1e3,
         best(lambda: finished(apart.run(**given).streams["x"]))[0],
         best(lambda: finished(fused(given["x"], given["y"])["x"]))[0],
         best(lambda: finished(sh.repeat(relax, steps).run(u=plate).streams["u"]), 2)[0],

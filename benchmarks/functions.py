@@ -138,11 +138,11 @@ def of_kernel(work: Work, target: str, size: int) -> list[float]:
     inputs = work.inputs(size)
     runs = [version.func(partial(version.args[0], math=mode), *inputs) for mode in MODES]
     least = [float("inf")] * len(runs)
-    for turn in range(ROUNDS):
+    for done in range(ROUNDS):
         for k, run in enumerate(runs):
             start = time.process_time()
             run()
-            if turn:  # the first compiles
+            if done:  # the first round compiles
                 least[k] = min(least[k], time.process_time() - start)
     return least
 

@@ -130,7 +130,7 @@ def _kept(found: Any, exact: Any, budget: Any) -> float:
 
 
 def _in_turns(runs: Sequence[Callable[[], Any]], rounds: int) -> list[float]:
-    """The median seconds of each; in each turn it runs once more than it is timed, and short ones several times."""
+    """Return the median seconds of each; in each round a run comes first that is not timed; short runs are repeated."""
     taken: list[list[float]] = [[] for _ in runs]
     for _ in range(rounds):
         for run, seconds in zip(runs, taken, strict=True):

@@ -1,4 +1,4 @@
-"""The Mandelbrot set: a loop in every element, and colours that are smooth from one turn to the next.
+"""The Mandelbrot set: a loop in every element, and colours that are smooth from one iteration to the next.
 
 python examples/mandelbrot.py [numpy|opencl|glsl]
 """
@@ -11,19 +11,19 @@ from pictures import save
 import shpy as sh
 from shpy import SH_DO, SH_IF, SH_UNTIL
 
-TURNS = 400
+ITERATIONS = 400
 
 
 @sh.program
 def mandelbrot(c: sh.Point2f) -> sh.Attrib1f:
-    """How many turns c takes to leave, with a fraction; TURNS if it stays."""
+    """How many iterations c takes to leave, with a fraction; ITERATIONS if it stays."""
     z = sh.Attrib2f(0, 0)
     n = sh.Attrib1f(0)
     with SH_DO():
         z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
         n += 1
-        SH_UNTIL((sh.dot(z, z) > 256) | (n >= TURNS))
-    with SH_IF(n < TURNS):
+        SH_UNTIL((sh.dot(z, z) > 256) | (n >= ITERATIONS))
+    with SH_IF(n < ITERATIONS):
         n -= sh.log2(0.5 * sh.log2(sh.dot(z, z))) - 2
     return n
 
@@ -33,7 +33,7 @@ def palette(n: sh.Attrib1f) -> sh.Color3f:
     """Blue, white and gold in turn; black for what stays."""
     phase = 0.35 * sh.sqrt(sh.max(n, 0)) + sh.Attrib3f(0.55, 0.45, 0.3)
     color = 0.5 - 0.5 * sh.cos(6.2832 * phase)
-    return sh.cond(n >= TURNS, sh.Color3f(0), color)
+    return sh.cond(n >= ITERATIONS, sh.Color3f(0), color)
 
 
 def points(width, height, center=(-0.6, 0.0), size=2.6):

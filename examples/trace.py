@@ -31,6 +31,6 @@ if __name__ == "__main__":
         largest, count = jump(steps)
         print(f"from {start}: {count} steps, cube root of 2 = {steps[-1].value}, the largest value on the way:")
         print(f"  {largest}")
-    print("\nthe first turns from 1.0:")
+    print("\nthe first iterations from 1.0:")
     for step in cube_root.trace(a=2.0, start=1.0)[:8]:
         print(f"  {step}")

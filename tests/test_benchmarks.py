@@ -122,7 +122,7 @@ def test_the_command_prints_and_writes(tmp_path, capsys):
     files = ["--json", str(tmp_path / "a.json"), "--markdown", str(tmp_path / "a.md")]
     assert command.main([*given, "--size", "16", *files]) == 0
     printed = capsys.readouterr().out
-    assert "mandelbrot: Mandelbrot set, 16 x 16, at most 256 turns" in printed
+    assert "mandelbrot: Mandelbrot set, 16 x 16, at most 256 iterations" in printed
     work = json.loads((tmp_path / "a.json").read_text())["works"][0]
     assert list(work["seconds"]) == ["numpy", "masks", "compacted"]
     assert work["ratios"]["numpy"] == [1, 1, 1]

@@ -235,7 +235,7 @@ LYING_LOOP = text(
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
-def test_a_loop_that_promises_too_few_turns_takes_those_it_needs(backend):
+def test_a_loop_that_promises_too_few_iterations_takes_those_it_needs(backend):
     program = sh.Program.from_ir(sh.parse(LYING_LOOP))
     assert program.compile(backend)(np.float32([1, 30])).y.tolist() == [65, 90]
     with pytest.raises(sh.LoopLimitExceeded, match="in 1 element"):

@@ -88,7 +88,7 @@ def in_packets(program):
 
 
 def lines_of(work):
-    """How many lines of Python the work runs, each turn of a comprehension counted."""
+    """Count the lines of Python that the work runs, each iteration of a comprehension included."""
     count = 0
 
     def trace(frame, event, argument):

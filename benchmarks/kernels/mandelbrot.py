@@ -1,6 +1,6 @@
 """Mandelbrot: a loop of another length in every element, a handful of operations in it.
 
-Every version takes points (n, n, 2) and gives the turns that each takes to leave, as floats (n, n).
+Every version takes points (n, n, 2) and gives the iterations that each takes to leave, as floats (n, n).
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import shpy as sh
 from benchmarks.work import Work
 from shpy import SH_DO, SH_UNTIL
 
-TURNS = 256
+ITERATIONS = 256
 
 
 def points(size):
@@ -19,13 +19,13 @@ def points(size):
 
 WORK = Work(
     "mandelbrot",
-    f"Mandelbrot set, {{size}} x {{size}}, at most {TURNS} turns",
+    f"Mandelbrot set, {{size}} x {{size}}, at most {ITERATIONS} iterations",
     inputs=points,
     size=1024,
     quick=64,
     within=0.0,
     share=0.01,
-    note="Points on the border leave some turns earlier or later where products and sums are fused.",
+    note="Points on the border leave some iterations earlier or later where products and sums are fused.",
 )
 
 
@@ -36,7 +36,7 @@ def mandelbrot(c: sh.Point2f) -> sh.Attrib1f:
     with SH_DO():
         z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
         n += 1
-        SH_UNTIL((sh.dot(z, z) > 4) | (n >= TURNS))
+        SH_UNTIL((sh.dot(z, z) > 4) | (n >= ITERATIONS))
     return n
 
 
@@ -53,7 +53,7 @@ def masks(c):
         zx, zy, n = np.zeros_like(cx), np.zeros_like(cx), np.zeros_like(cx)
         live = np.ones(cx.shape, bool)
         with np.errstate(all="ignore"):  # who has left goes on to infinity
-            for _ in range(TURNS):
+            for _ in range(ITERATIONS):
                 zx, zy = zx * zx - zy * zy + cx, 2 * zx * zy + cy
                 n += live
                 live &= zx * zx + zy * zy <= 4
@@ -69,13 +69,13 @@ def compacted(c):
     def run():
         cx, cy = c[..., 0].ravel(), c[..., 1].ravel()
         zx, zy = np.zeros_like(cx), np.zeros_like(cx)
-        n = np.full(cx.shape, TURNS, np.float32)
+        n = np.full(cx.shape, ITERATIONS, np.float32)
         who = np.arange(len(cx))
-        for turn in range(1, TURNS + 1):
+        for iteration in range(1, ITERATIONS + 1):
             zx, zy = zx * zx - zy * zy + cx, 2 * zx * zy + cy
             stays = zx * zx + zy * zy <= 4
             if not stays.all():
-                n[who[~stays]] = turn
+                n[who[~stays]] = iteration
                 who, cx, cy, zx, zy = who[stays], cx[stays], cy[stays], zx[stays], zy[stays]
         return n.reshape(c.shape[:-1])
 
@@ -87,16 +87,16 @@ def drjit(c):
     import drjit as dr
     from drjit.llvm import Array2f, Float
 
-    def turn(zx, zy, n, c):
+    def iterate(zx, zy, n, c):
         return dr.fma(zx, zx, dr.fma(-zy, zy, c.x)), dr.fma(2 * zx, zy, c.y), n + 1, c
 
     def goes_on(zx, zy, n, c):
-        return (zx * zx + zy * zy <= 4) & (n < TURNS)
+        return (zx * zx + zy * zy <= 4) & (n < ITERATIONS)
 
     def run():
         x, y = np.moveaxis(c.reshape(-1, 2), 1, 0)
         start = Float(0), Float(0), Float(0), Array2f(Float(x), Float(y))
-        return np.asarray(dr.while_loop(start, goes_on, turn)[2]).reshape(c.shape[:-1])
+        return np.asarray(dr.while_loop(start, goes_on, iterate)[2]).reshape(c.shape[:-1])
 
     return run
 
@@ -110,7 +110,7 @@ def taichi(c):
         for i, j in out:
             z = ti.Vector([0.0, 0.0])
             n = 0.0
-            while z.dot(z) <= 4 and n < TURNS:
+            while z.dot(z) <= 4 and n < ITERATIONS:
                 z = ti.Vector([z[0] * z[0] - z[1] * z[1], 2 * z[0] * z[1]]) + c[i, j]
                 n += 1
             out[i, j] = n
@@ -159,7 +159,7 @@ def numba(c):
                 cx, cy = c[i, j, 0], c[i, j, 1]
                 zx = zy = np.float32(0)
                 n = 0
-                while zx * zx + zy * zy <= np.float32(4) and n < TURNS:
+                while zx * zx + zy * zy <= np.float32(4) and n < ITERATIONS:
                     zx, zy = zx * zx - zy * zy + cx, np.float32(2) * zx * zy + cy
                     n += 1
                 out[i, j] = n
@@ -174,13 +174,13 @@ def jax(c):
     import jax.numpy as jnp
 
     def escape(c):
-        def turn(state):
+        def iterate(state):
             x, y, n = state
             return x * x - y * y + c[0], 2 * x * y + c[1], n + 1
 
         zero = jnp.float32(0)
-        goes_on = lambda s: (s[0] * s[0] + s[1] * s[1] <= 4) & (s[2] < TURNS)  # noqa: E731
-        return jax.lax.while_loop(goes_on, turn, (zero, zero, zero))[2]
+        goes_on = lambda s: (s[0] * s[0] + s[1] * s[1] <= 4) & (s[2] < ITERATIONS)  # noqa: E731
+        return jax.lax.while_loop(goes_on, iterate, (zero, zero, zero))[2]
 
     kernel = jax.jit(jax.vmap(jax.vmap(escape)))
     return lambda: np.asarray(kernel(c))

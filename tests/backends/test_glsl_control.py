@@ -184,7 +184,7 @@ def _llvmpipe() -> bool:
 @pytest.mark.parametrize("limit", [1 << 20, None])
 @pytest.mark.parametrize("shape", ["while", "do", "for", "nested"])
 def test_a_loop_that_the_device_stops_is_told_or_right(shape: str, limit: int | None) -> None:
-    """llvmpipe stops after 65,535 turns in all, in silence; other devices go on."""
+    """llvmpipe stops after 65,535 iterations in all, in silence; other devices go on."""
 
     @sh.program
     def count(n: sh.Attrib1i) -> sh.Attrib1i:

@@ -122,11 +122,11 @@ def test_neighbours_are_summed_in_one_block():
 
 
 @pytest.mark.parametrize("lanes", [(), (1,), (2,), (3,), (70,), (2, 1), (1, 3), (4, 5)])
-@pytest.mark.parametrize("turns", [1, MANY_ROWS - 1, MANY_ROWS, 9, 40])
-def test_turns_are_summed_in_order(turns, lanes):
-    rng = np.random.default_rng(turns)
+@pytest.mark.parametrize("rows", [1, MANY_ROWS - 1, MANY_ROWS, 9, 40])
+def test_rows_are_summed_in_order(rows, lanes):
+    rng = np.random.default_rng(rows)
     total = np.asarray(rng.normal(size=lanes), np.float32)
-    terms = (rng.normal(size=(turns, *lanes)) * 10.0 ** rng.integers(-5, 5, (turns, *lanes))).astype(np.float32)
+    terms = (rng.normal(size=(rows, *lanes)) * 10.0 ** rng.integers(-5, 5, (rows, *lanes))).astype(np.float32)
     given = terms.copy()
     wanted = total
     for term in terms:

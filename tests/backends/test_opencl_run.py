@@ -165,7 +165,7 @@ def test_a_loop_without_an_end_is_stopped_and_named() -> None:
 
 def test_loops_that_a_device_could_unroll_wrongly() -> None:
     @sh.program
-    def turns(n: sh.Attrib1i, x: sh.Attrib1i) -> sh.Attrib1i:
+    def counted(n: sh.Attrib1i, x: sh.Attrib1i) -> sh.Attrib1i:
         total = sh.Attrib1i(0)
         with SH_FOR(0, n) as i:
             start = sh.Attrib1i(x)
@@ -180,7 +180,7 @@ def test_loops_that_a_device_could_unroll_wrongly() -> None:
         return sum(max(i, x) + 1 for i in range(n) if i % 2 == 1)
 
     n, x = np.meshgrid(np.arange(6, dtype=np.int32), np.arange(-2, 5, dtype=np.int32))
-    found = turns.compile("opencl")(n, x)
+    found = counted.compile("opencl")(n, x)
     assert found.tolist() == np.vectorize(expected)(n, x).tolist()
 
 

@@ -164,7 +164,7 @@ def test_loops_branches_and_exits_that_differ(lanes: int) -> None:
 
 
 @each_width
-def test_a_loop_that_runs_out_of_turns_names_its_elements(lanes: int) -> None:
+def test_a_loop_that_runs_out_of_iterations_names_its_elements(lanes: int) -> None:
     @sh.program
     def count(k: sh.Attrib1i) -> sh.Attrib1i:
         n = sh.Attrib1i(0)
@@ -485,9 +485,9 @@ def test_the_status_is_known_behind_a_loop_when_every_way_ends_in_a_call(lanes: 
 
     @sh.program
     def ends_in_a_call(a: sh.Attrib1f, limit: sh.Attrib1f) -> sh.Attrib1f:
-        turns = sh.Attrib1i(0)
-        with SH_WHILE(lambda: (turns < 1) & (a < limit)):
-            turns += 1
+        count = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (count < 1) & (a < limit)):
+            count += 1
             a[:] = bounded(a)
         bounded(a)
         return a

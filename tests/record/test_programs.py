@@ -381,8 +381,8 @@ def test_for_counts_like_range(bounds):
             last[:] = i
         return n, last
 
-    turns = list(range(*bounds))
-    expected = [len(turns), turns[-1] if turns else -1]
+    indices = list(range(*bounds))
+    expected = [len(indices), indices[-1] if indices else -1]
     assert [int(v) for v in constant()] == expected
     start, stop, step = (0, *bounds, 1) if len(bounds) == 1 else (*bounds, 1)[:3]
     assert [int(v) for v in symbolic(start, stop, step)] == expected

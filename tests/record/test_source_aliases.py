@@ -48,7 +48,7 @@ ALIASES = {
         "2: `a = b = sh.Attrib3f(0)` gives one value two names: `a[0] = x[0]` (line 3) changes both, and `b` is read "
         "after it (line 4)\n  write instead: b = sh.Attrib3f(0); a = b.copy()",
     ),
-    "on the next turn": (
+    "in the next iteration": (
         """
         def f(x: sh.Attrib3f):
             p = x * 2

@@ -41,7 +41,7 @@ REBOUND = {
         """,
         f"4: `y` is rebound inside `with SH_IF(…)` and used after it (line 6): {AFTER}y[:] = x * 3",
     ),
-    "on the next turn": (
+    "in the next iteration": (
         """
         def f(x: sh.Attrib1f):
             y = x * 2
@@ -63,7 +63,7 @@ REBOUND = {
         """,
         f"4: `t` is rebound inside `with SH_WHILE(…)` and used in its next iteration (line 3): {AFTER}t[:] = t + 1",
     ),
-    "on the next turn of an outer loop": (
+    "in the next iteration of an outer loop": (
         """
         def f(x: sh.Attrib1f):
             y = x * 2
@@ -139,7 +139,7 @@ REBOUND = {
         f"4: `count` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}"
         "`count = sh.Attrib1i(0)` before the block, `count += 1` inside it",
     ),
-    "a host number that counts turns": (
+    "a host number that counts iterations": (
         """
         def f(x: sh.Attrib1f):
             count = 0

@@ -54,7 +54,7 @@ def test_arrays_of_values_and_structs():
     assert out[7].tolist() == [3, 13, 3]
 
 
-def test_an_array_in_a_loop_is_fresh_each_turn():
+def test_an_array_in_a_loop_is_fresh_in_each_iteration():
     @sh.program
     def f(x: sh.Attrib1f):
         total = sh.Attrib1f(0)
@@ -67,7 +67,7 @@ def test_an_array_in_a_loop_is_fresh_each_turn():
     assert f(5) == 0
 
 
-def test_a_value_in_a_loop_is_fresh_each_turn():
+def test_a_value_in_a_loop_is_fresh_in_each_iteration():
     @sh.program
     def f(x: sh.Attrib1f):
         total = sh.Attrib1f(0)
