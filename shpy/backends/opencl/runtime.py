@@ -15,6 +15,7 @@ import math
 import re
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -172,6 +173,8 @@ class OpenCLExecutable:
     pace: Pace
     remarks: tuple[str, ...] = ()
     stages: Stages = field(default_factory=Stages)
+    spare: list[Any] = field(default_factory=list)
+    """Kernels whose arguments nobody needs any longer."""
 
     @property
     def source(self) -> str:
@@ -306,11 +309,14 @@ class OpenCLExecutable:
         args += self._params(call.params)
         results = (*call.outputs, *(() if call.status is None else (call.status,)))
         args += [_own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
-        # A kernel holds its arguments, so each run that is to be repeated has one of its own, which takes long to make.
-        compiled = self.compiled if once else machine.cl.Kernel(self.program, kernel.name)
+        # A kernel holds its arguments, so each run that is to be repeated has one of its own. To make one takes longer
+        # than a small run, so those of runs that are gone are used again.
+        compiled = self.compiled if once else self._spare_kernel()
         run = machine.starter(
             compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes, brief=False, once=once
         )
+        if not once:
+            weakref.finalize(run, self.spare.append, compiled).atexit = False
         copies = [copy for _, _, copy in tables if copy is not None]
         if not copies:
             return run
@@ -321,6 +327,12 @@ class OpenCLExecutable:
             run()
 
         return start
+
+    def _spare_kernel(self) -> Any:
+        try:
+            return self.spare.pop()  # at once: another thread may take the last one
+        except IndexError:
+            return self.machine.cl.Kernel(self.program, self.kernel.name)
 
     def _table(self, data: TableData | TableMemory, table: Table) -> tuple[Any, Any, Callable[[], None] | None]:
         """The buffer and the shape of a table, and what brings it up to date before each run if that is needed."""
