@@ -22,6 +22,7 @@ from shpy.backends.listed import Listed
 from shpy.backends.registry import backend as backend_named
 from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
+from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Let, Status
 from shpy.ir.text import print_module
@@ -96,7 +97,7 @@ class Kernel:
         dump("ir", recorded.module.name, lambda: str(recorded.module))
         found = _executables.get(key)
         if found is None:
-            with uncollected(), announced(recorded.module, backend.name):
+            with ieee_arithmetic(), uncollected(), announced(recorded.module, backend.name):
                 found = backend.compile(recorded.module, options)
             _executables[key] = found
             # Other threads compile meanwhile: the names are listed at once, and each may be gone already.
@@ -130,6 +131,7 @@ class Kernel:
         """Facts about this target and about the way that was chosen."""
         return self._executable.notes
 
+    @in_ieee_arithmetic
     def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
         """Run on arrays; gives the outputs, zeros where elements were discarded.
 
@@ -151,6 +153,7 @@ class Kernel:
         self._plan(arrays, common, named, shape)
         return outputs if status is None else self._result(common, outputs, status).outputs
 
+    @in_ieee_arithmetic
     def run(self, *arrays: Any, out: Any = None, shape: Any = None, where: Any = None, **named: Any) -> Result:
         """Run on arrays; gives a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 

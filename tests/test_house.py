@@ -18,16 +18,17 @@ TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 
 # A layer, and what else of shpy its modules may import. The first that a module's name begins with counts.
 _RECORDED = ["shpy.errors", "shpy.ir", "shpy.lang"]
-_RUN = [*_RECORDED, "shpy.backends", "shpy.host", "shpy.streams"]
+_RUN = [*_RECORDED, "shpy.ieee", "shpy.backends", "shpy.host", "shpy.streams"]
 LAYERS = {
     "shpy.errors": [],
     "shpy.parsing": [],
+    "shpy.ieee": ["shpy.errors"],
     "shpy.ir": ["shpy.errors"],
-    "shpy.lang": ["shpy.errors", "shpy.ir", "shpy.parsing"],
+    "shpy.lang": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.parsing"],
     "shpy.passes": ["shpy.errors", "shpy.ir"],
-    "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.parsing", "shpy.passes"],
+    "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.parsing", "shpy.passes"],
     "shpy.host": _RECORDED,
-    "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host"],
+    "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host", "shpy.ieee"],
     "shpy.plans": [*_RECORDED, "shpy.backends"],
     "shpy.kernel": [*_RUN, "shpy.plans"],
     "shpy.uniforms": [*_RECORDED, "shpy.backends", "shpy.kernel"],

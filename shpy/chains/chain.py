@@ -20,6 +20,7 @@ from shpy.backends.base import Precision
 from shpy.chains.member import Member, element_layout
 from shpy.chains.running import ChainResult, Run
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.nodes import Loc
 from shpy.kernel import Kernel
 from shpy.lang.location import here
@@ -64,6 +65,7 @@ class Chain(ABC):
         """The type of each stream that the chain writes, by name."""
         return {name: getattr(layout, "cls", layout) for kernel in self.kernels for name, layout in kernel.outputs}
 
+    @in_ieee_arithmetic
     def run(
         self,
         *,

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from shpy.collectives.arguments import check_stream, mask_at, shaped
 from shpy.collectives.leaves import Leaves
+from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.types import Attrib1i
 from shpy.streams.stream import Stream
 
@@ -24,6 +25,7 @@ class Compacted(NamedTuple):
     indices: Stream
 
 
+@in_ieee_arithmetic
 def compact(stream: Stream, mask: Any) -> Compacted:
     """Return the elements for which the mask holds, in their order, and the indices that they had.
 

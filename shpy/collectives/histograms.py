@@ -20,6 +20,7 @@ from shpy.collectives.leaves import Leaves, is_mapped, mapped, mapping, run_over
 from shpy.collectives.programs import annotated
 from shpy.collectives.trees import retyped
 from shpy.errors import ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
 from shpy.lang.builtins import cond
 from shpy.lang.builtins import min as least
@@ -34,6 +35,7 @@ from shpy.streams.stream import Stream
 __all__ = ["histogram"]
 
 
+@in_ieee_arithmetic
 def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, float] | None = None) -> Stream:
     """Return how many elements lie in each bin: ints, of shape (number of bins,).
 

@@ -30,6 +30,7 @@ from shpy.collectives.programs import (
 )
 from shpy.collectives.trees import check_combination, fold, retyped
 from shpy.errors import ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.data import Table
 from shpy.lang.location import here
@@ -45,6 +46,7 @@ __all__ = ["reduce"]
 _METHODS = ("pairwise", "compensated", "exact")
 
 
+@in_ieee_arithmetic
 def reduce(program: Program, stream: Stream, axis: int | None = None) -> Any:
     """Combine all elements of a stream, in C order, or those along an axis, with a program(a, b) -> a.
 

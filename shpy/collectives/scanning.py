@@ -25,6 +25,7 @@ from shpy.collectives.trees import (
     run_level,
     run_pairs,
 )
+from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data import Table
 from shpy.program import Program
 from shpy.streams.stream import Stream
@@ -34,6 +35,7 @@ __all__ = ["scan"]
 Arrays = list[NDArray[Any]]
 
 
+@in_ieee_arithmetic
 def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
     """Return a Stream of all prefixes: element i combines the elements 0 to i, in C order, with a program(a, b) -> a.
 

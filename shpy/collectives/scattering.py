@@ -21,6 +21,7 @@ from shpy.collectives.programs import annotated
 from shpy.collectives.scanning import scan
 from shpy.collectives.trees import check_combination, retyped
 from shpy.errors import ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
 from shpy.lang.builtins import cond
 from shpy.lang.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
@@ -37,6 +38,7 @@ _AT_ONCE = 1 << 14
 """Values that are combined in one run: a driver may end loops of more iterations."""
 
 
+@in_ieee_arithmetic
 def gather(stream: Stream, index: Any) -> Stream:
     """Return the element at each index; the result has the shape of `index`.
 
@@ -52,6 +54,7 @@ def gather(stream: Stream, index: Any) -> Stream:
     return shaped(given, [leaves_at.take(entry.memory, memory) for entry in given.leaf_entries()], shape)
 
 
+@in_ieee_arithmetic
 def scatter(
     values: Stream, index: Any, shape: Any = None, combine: Program | None = None, out: Stream | None = None
 ) -> Stream:

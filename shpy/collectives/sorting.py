@@ -15,6 +15,7 @@ from shpy.collectives.arguments import check_stream, shaped
 from shpy.collectives.leaves import Leaves
 from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data import TableType, TextureType
 from shpy.lang.location import here
 from shpy.lang.types import Attrib1i
@@ -24,6 +25,7 @@ from shpy.streams.stream import Stream
 __all__ = ["argsort", "sort"]
 
 
+@in_ieee_arithmetic
 def sort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:
     """Return the elements in ascending order, of shape (n,) for n elements; several axes are taken in C order.
 
@@ -41,6 +43,7 @@ def sort(stream: Stream, key: Program | None = None, descending: bool = False) -
     return shaped(given, [leaves.take(entry.memory, order) for entry in given.leaf_entries()], (given.size,))
 
 
+@in_ieee_arithmetic
 def argsort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:
     """Return the indices, ints of shape (n,), that bring the elements into the order of `sh.sort`.
 

@@ -14,6 +14,7 @@ from types import CodeType
 from typing import Any
 
 from shpy.errors import RecordError, ShpyError, ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.ir import nodes
 from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
@@ -151,6 +152,7 @@ def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
         raise explained from error
 
 
+@in_ieee_arithmetic
 def record_body(
     made: Recording,
     types: dict[str, InputType],

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
+from shpy.ieee import in_ieee_arithmetic
+
 __all__ = ["StreamReductions", "bind_reductions"]
 
 _bound: Final[dict[str, Callable[..., Any]]] = {}
@@ -18,7 +20,7 @@ _bound: Final[dict[str, Callable[..., Any]]] = {}
 
 def bind_reductions(**functions: Callable[..., Any]) -> None:
     """Have the methods call these functions, each with the stream as its first argument."""
-    _bound.update(functions)
+    _bound.update((name, in_ieee_arithmetic(function)) for name, function in functions.items())
 
 
 class StreamReductions:

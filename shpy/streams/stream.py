@@ -22,6 +22,7 @@ from shpy.backends.base import Memory, Precision, Space
 from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base
 from shpy.lang.compound import CompoundTable, fits_type
@@ -65,6 +66,7 @@ class Stream(StreamReductions):
     Raises ShpyTypeError for arrays that do not fit the type; BackendUnavailable, with the command that mends it.
     """
 
+    @in_ieee_arithmetic
     def __init__(
         self,
         array: Any,
@@ -214,6 +216,7 @@ class Stream(StreamReductions):
             arrays = [array if array.ndim else array[()] for array in read]
         return build_arrays(self._layout, iter(arrays))
 
+    @in_ieee_arithmetic
     def update(self, array: Any) -> None:
         """Copy new elements to the device; the shape stays. Raises ShpyTypeError for another shape."""
         found = _checked(array, self._layout, self.place)

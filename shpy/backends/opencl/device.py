@@ -36,6 +36,7 @@ from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
+from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, keeps_denormals
 from shpy.ir.tabledata import TableData
 
 LOCAL_SIZE = 64
@@ -113,8 +114,9 @@ def _listed() -> tuple[Any, ...]:
     cl = _pyopencl()
     platforms = []
     try:
-        platforms = cl.get_platforms()
-        found = [d for platform in platforms for d in platform.get_devices()]
+        with ieee_arithmetic():  # a processor's driver starts threads, which compute as this one does
+            platforms = cl.get_platforms()
+            found = [d for platform in platforms for d in platform.get_devices()]
         found.sort(key=lambda d: not d.type & cl.device_type.GPU)
     except cl.Error:
         found = []
@@ -173,8 +175,11 @@ class Machine:
             raise fault
         self.cl = _pyopencl()
         self.device = device
-        self.context = self.cl.Context([device])
-        self.queue = self.cl.CommandQueue(self.context)
+        self._flushes = not keeps_denormals()
+        """Whether a thread of this kind may have started the driver's threads before shpy did."""
+        with ieee_arithmetic():
+            self.context = self.cl.Context([device])
+            self.queue = self.cl.CommandQueue(self.context)
         self._lock = threading.RLock()
         self.waiter = Waiter(self._lock)
         self.doubles = "cl_khr_fp64" in device.extensions.split()
@@ -403,7 +408,12 @@ class Machine:
 
     @cached_property
     def wrong(self) -> frozenset[str]:
-        """The operations that this device gets wrong: asked once, and kept on disk."""
+        """The operations that this device gets wrong: asked once, and kept on disk.
+
+        Where another library makes threads flush denormals, the answer holds for this process alone.
+        """
+        if self._flushes:
+            return self._asked()
         return store.known_names(self._key(_EXACTNESS, self._options), FAULTS, self._asked)
 
     @property
@@ -417,6 +427,7 @@ class Machine:
             )
         return notes_of(self.wrong)
 
+    @in_ieee_arithmetic
     def _asked(self) -> frozenset[str]:
         try:
             found = self._found(self._options)

@@ -1,0 +1,103 @@
+"""Arithmetic as IEEE 754 defines it, whatever another library has switched on in this thread.
+
+Stage: record, compile, run. Taichi when it starts, and libraries that were built with -ffast-math when they are loaded,
+make the processor take denormal numbers for zero: in their thread, and in the threads which that one starts later. Then
+numpy's arithmetic is no longer that of strict mode. shpy sets the default environment of C for as long as it computes,
+and leaves the thread as it was.
+
+    with ieee_arithmetic():
+        np.float32(1e-30) * np.float32(1e-10)     # 1e-40
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import warnings
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final, ParamSpec, TypeVar
+
+import numpy as np
+
+from shpy.errors import ShpyWarning
+
+__all__ = ["ieee_arithmetic", "in_ieee_arithmetic", "keeps_denormals"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_DENORMAL: Final = np.uint32(1000).view(np.float32)
+_HALF: Final = np.float32(0.5)
+_DEFAULT: Final = ctypes.c_void_p(-1)
+"""FE_DFL_ENV of glibc and musl."""
+_ROOM: Final = 256
+"""Bytes: more than an fenv_t has anywhere."""
+
+
+def keeps_denormals() -> bool:
+    """Return whether this thread's arithmetic has denormal numbers: one exact product, which raises no flag."""
+    return bool(_DENORMAL * _HALF)
+
+
+class ieee_arithmetic:
+    """A context in which this thread's arithmetic has denormal numbers."""
+
+    __slots__ = ("_before",)
+
+    def __enter__(self) -> None:
+        """Set the default environment where denormals are taken for zero."""
+        self._before = None if _DENORMAL * _HALF else _set_default()
+
+    def __exit__(self, *_: object) -> None:
+        """Set the environment that there was."""
+        if self._before is not None:
+            _library().fesetenv(self._before)
+
+
+def in_ieee_arithmetic(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function that computes: it runs in `ieee_arithmetic`."""
+
+    @functools.wraps(function)
+    def run(*args: P.args, **named: P.kwargs) -> T:
+        if _DENORMAL * _HALF:
+            return function(*args, **named)
+        with ieee_arithmetic():
+            return function(*args, **named)
+
+    return run
+
+
+@cache
+def _library() -> Any:
+    """The C library; its functions keep the interpreter's lock, since to give that up takes longer than they do."""
+    try:
+        found = ctypes.PyDLL(None)
+        found.fegetenv.argtypes = found.fesetenv.argtypes = [ctypes.c_void_p]
+    except (OSError, AttributeError, TypeError):
+        return None
+    return found
+
+
+def _set_default() -> Any:
+    """Set the default environment; gives the one before, or None where that cannot be done, which is a warning."""
+    library = _library()
+    if library is not None:
+        before = ctypes.create_string_buffer(_ROOM)
+        library.fegetenv(before)
+        library.fesetenv(_DEFAULT)
+        if keeps_denormals():
+            return before
+        library.fesetenv(before)
+    _warn()
+    return None
+
+
+@cache
+def _warn() -> None:
+    warnings.warn(
+        "another library makes this thread's arithmetic take denormal numbers for zero, which shpy cannot undo here: "
+        "strict results may differ below 1.18e-38. Import that library after shpy, or use it in another process",
+        ShpyWarning,
+        stacklevel=4,
+    )
