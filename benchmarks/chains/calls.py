@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from benchmarks.peers import start
 from benchmarks.rounds import PAUSE, once
 from benchmarks.studies import Table
 from benchmarks.work import Run
@@ -102,7 +103,7 @@ def _jax(x: np.ndarray) -> Run:
 def _taichi(x: np.ndarray) -> Run:
     import taichi as ti
 
-    ti.init(arch=ti.cpu, log_level=ti.ERROR)
+    start("taichi")
     out = np.empty_like(x)
 
     @ti.kernel
