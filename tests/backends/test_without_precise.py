@@ -8,6 +8,13 @@ LIST = """
 from shpy.backends.glsl.context import open_context
 from shpy.testing.conformance.cases import all_cases
 assert not open_context(0).limits.keeps_order
+
+import numpy as np
+import shpy as sh
+@sh.program
+def sizes(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.sign(sh.abs(x))
+assert sizes.compile("glsl")(np.float32([np.nan, -2, 0, np.inf, -0.0])).tolist() == [0, 1, 0, 1, 0]
 ran = 0
 for case in all_cases():
     if "glsl" not in case.refused and case.name.split("-")[0] in NAMES:
@@ -15,7 +22,7 @@ for case in all_cases():
         ran += 1
 print(ran)
 """
-NAMES = """add sub mul div fma mad mod half mix length normalize smoothstep lt eq ne isnan isinf sin exp pow refract
+NAMES = """add sub mul div fma mad mod sign half mix length normalize smoothstep lt eq ne isnan isinf sin exp pow refract
 arithmetic_with_zero_is_not_folded signed_zeros_and_infinities comparisons_with_nan denormals_are_kept
 fma_rounds_once_and_mad_twice mod_and_floor_division_of_floats a_counter_times_infinity mix_at_its_ends
 a_variable_that_is_counted_down products_of_constants an_int_less_itself mandelbrot noises

@@ -31,3 +31,10 @@ vec2 sh_two_sum(precise float a, precise float b) {
     float back = sh_keep(sum - a);
     return vec2(sum, sh_keep(sh_keep(a - sh_keep(sum - back)) + sh_keep(b - back)));
 }
+
+// 0.0 for zeros and NaN, by the bits: Mesa takes abs(x) > 0.0 for x != 0.0, which holds for NaN.
+float sh_sign(precise float x) {
+    uint bits = floatBitsToUint(x);
+    uint size = bits & 0x7fffffffu;
+    return size == 0u || size > 0x7f800000u ? 0.0 : bits == size ? 1.0 : -1.0;
+}
