@@ -80,8 +80,8 @@ class Lists:
 
     def _pays(self, live: int, count: int) -> bool:
         """Return whether a list takes less time than the packets that have an element of it, wherever these lie."""
-        if live == count:
-            return False
+        if live in (0, count):
+            return live == 0
         if live > _SIMILAR * self._known:
             return True
         lanes = getattr(self._plain, "lanes", 1)
