@@ -15,7 +15,7 @@ import importlib.util
 import os
 from dataclasses import dataclass
 
-from shpy.ieee import ieee_arithmetic
+from shpy.ieee import set_ieee_arithmetic
 
 EXTRA = "pip install 'shpy-dsl[bench]'"
 LLVM = "apt install libllvm19   # or any libllvm from 16 on; DRJIT_LIBLLVM_PATH names another file"
@@ -87,7 +87,7 @@ def start(name: str) -> None:
 
         taichi.init(taichi.cpu, log_level=taichi.ERROR)
         # It makes this thread flush denormals, which is undone for the others; the threads that it has started stay so.
-        ieee_arithmetic().__enter__()
+        set_ieee_arithmetic()
     elif name == "warp":
         import warp
 

@@ -16,7 +16,7 @@ ITERATIONS = 400
 
 @sh.program
 def mandelbrot(c: sh.Point2f) -> sh.Attrib1f:
-    """How many iterations c takes to leave, with a fraction; ITERATIONS if it stays."""
+    """Return the number of iterations, with a fraction, after which c leaves; ITERATIONS if it stays."""
     z = sh.Attrib2f(0, 0)
     n = sh.Attrib1f(0)
     with SH_DO():

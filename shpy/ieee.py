@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import sys
+import threading
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -22,7 +24,7 @@ import numpy as np
 
 from shpy.errors import ShpyWarning
 
-__all__ = ["ieee_arithmetic", "in_ieee_arithmetic", "keeps_denormals"]
+__all__ = ["ieee_arithmetic", "in_ieee_arithmetic", "keeps_denormals", "set_ieee_arithmetic", "was_flushing"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -30,9 +32,11 @@ T = TypeVar("T")
 _DENORMAL: Final = np.uint32(1000).view(np.float32)
 _HALF: Final = np.float32(0.5)
 _DEFAULT: Final = ctypes.c_void_p(-1)
-"""FE_DFL_ENV of glibc and musl."""
+"""FE_DFL_ENV on Linux. Other systems have an address or a structure there, which their headers alone tell."""
 _ROOM: Final = 256
 """Bytes: more than an fenv_t has anywhere."""
+_seen: Final = threading.Event()
+"""Set once a thread flushed denormals when shpy computed in it."""
 
 
 def keeps_denormals() -> bool:
@@ -55,6 +59,17 @@ class ieee_arithmetic:
             _library().fesetenv(self._before)
 
 
+def set_ieee_arithmetic() -> None:
+    """Have denormal numbers in this thread from now on."""
+    if not keeps_denormals():
+        _set_default()
+
+
+def was_flushing() -> bool:
+    """Return whether a thread of this process flushed denormals when shpy computed in it."""
+    return _seen.is_set()
+
+
 def in_ieee_arithmetic(function: Callable[P, T]) -> Callable[P, T]:
     """Decorate a function that computes: it runs in `ieee_arithmetic`."""
 
@@ -71,6 +86,8 @@ def in_ieee_arithmetic(function: Callable[P, T]) -> Callable[P, T]:
 @cache
 def _library() -> Any:
     """The C library; its functions keep the interpreter's lock, since to give that up takes longer than they do."""
+    if sys.platform != "linux":
+        return None
     try:
         found = ctypes.PyDLL(None)
         found.fegetenv.argtypes = found.fesetenv.argtypes = [ctypes.c_void_p]
@@ -81,6 +98,7 @@ def _library() -> Any:
 
 def _set_default() -> Any:
     """Set the default environment; gives the one before, or None where that cannot be done, which is a warning."""
+    _seen.set()
     library = _library()
     if library is not None:
         before = ctypes.create_string_buffer(_ROOM)

@@ -1,4 +1,4 @@
-"""What pyopencl's versions of the chains share: a queue, and a run of steps over a grid by a kernel written by hand."""
+"""A queue, and a run of steps over a grid by a kernel written by hand, for pyopencl's versions of the chains."""
 
 from typing import Any
 

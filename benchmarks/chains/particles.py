@@ -22,7 +22,7 @@ SIDE, SHIFT = 64, 14
 """Cells along each axis; a cell is 1 << SHIFT wide."""
 CELLS, BOARD = SIDE * SIDE, SIDE << SHIFT
 MOST = 8
-"""How much a velocity changes in a step along each axis, at most."""
+"""The largest change of a velocity in a step along each axis."""
 CHUNKS = 8
 """Parts of the particles that threads count and move at the same time, where the sort is written by hand."""
 
@@ -50,7 +50,7 @@ WORK = Work(
 
 @sh.struct
 class Particle:
-    """What a sort moves together."""
+    """A particle: a sort moves its position and its velocity together."""
 
     at: sh.Attrib2i
     speed: sh.Attrib2i

@@ -36,7 +36,7 @@ class Listed:
     plain: Executable
     space: Space
     lists: Any = field(init=False)
-    """What prepares runs over memory of the device as lists, or None."""
+    """The function that prepares runs over memory of the device as lists; None where the space has no such function."""
 
     def __post_init__(self) -> None:
         self.lists = self.space.lists(self.guarded, self.plain)

@@ -79,7 +79,7 @@ class Options(Protocol):
 
     @property
     def loop_limit(self) -> int | None:
-        """How many iterations a loop without a known bound may take."""
+        """The largest number of iterations of a loop without a known bound; None sets no limit."""
 
 
 @dataclass(frozen=True, slots=True)

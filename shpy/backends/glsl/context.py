@@ -25,7 +25,7 @@ from shpy.backends import store
 from shpy.backends.probe import COUNT, FAULTS, hard_inputs, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyError
-from shpy.ieee import ieee_arithmetic
+from shpy.ieee import set_ieee_arithmetic
 
 T = TypeVar("T")
 
@@ -151,7 +151,7 @@ class Context:
             raise
 
     def _serve(self) -> None:
-        ieee_arithmetic().__enter__()  # for good: it is a thread of ours, and the driver's threads compute as it does
+        set_ieee_arithmetic()  # the driver's threads compute as this one does
         while (taken := self._jobs.get()) is not None:
             job, future, self._wanted = taken
             try:

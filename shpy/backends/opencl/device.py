@@ -36,7 +36,7 @@ from shpy.backends.pace import Pace
 from shpy.backends.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
-from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, keeps_denormals
+from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData
 
 LOCAL_SIZE = 64
@@ -175,8 +175,6 @@ class Machine:
             raise fault
         self.cl = _pyopencl()
         self.device = device
-        self._flushes = not keeps_denormals()
-        """Whether a thread of this kind may have started the driver's threads before shpy did."""
         with ieee_arithmetic():
             self.context = self.cl.Context([device])
             self.queue = self.cl.CommandQueue(self.context)
@@ -198,7 +196,7 @@ class Machine:
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
         self.space = OpenCLSpace(self)
         self.may_take_long = False
-        """Whether anything but brief runs was started over streams since the space was last waited for."""
+        """True if a run over streams that may not be brief was started since the space was last waited for."""
         self.dropped: list[Any] = []
         """Buffers of memory that is gone. They are given back by whoever holds the lock next."""
 
@@ -410,9 +408,10 @@ class Machine:
     def wrong(self) -> frozenset[str]:
         """The operations that this device gets wrong: asked once, and kept on disk.
 
-        Where another library makes threads flush denormals, the answer holds for this process alone.
+        Where another library makes threads flush denormals, those of the driver may flush them too. Then the answer holds
+        for this process alone.
         """
-        if self._flushes:
+        if was_flushing():
             return self._asked()
         return store.known_names(self._key(_EXACTNESS, self._options), FAULTS, self._asked)
 
