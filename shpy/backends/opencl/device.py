@@ -408,8 +408,8 @@ class Machine:
     def wrong(self) -> frozenset[str]:
         """The operations that this device gets wrong: asked once, and kept on disk.
 
-        Where another library makes threads flush denormals, those of the driver may flush them too. Then the answer holds
-        for this process alone.
+        Where another library makes threads flush denormals, those of the driver may flush them too: then the answer
+        holds for this process alone.
         """
         if was_flushing():
             return self._asked()
