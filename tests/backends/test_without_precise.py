@@ -26,7 +26,7 @@ NAMES = """add sub mul div fma mad mod sign half mix length normalize smoothstep
 refract
 arithmetic_with_zero_is_not_folded signed_zeros_and_infinities comparisons_with_nan denormals_are_kept
 fma_rounds_once_and_mad_twice mod_and_floor_division_of_floats a_counter_times_infinity mix_at_its_ends
-a_variable_that_is_counted_down products_of_constants an_int_less_itself mandelbrot noises
+a_variable_that_is_counted_down products_of_constants an_int_less_itself a_component_less_itself mandelbrot noises
 the_square_of_a_root_is_not_its_radicand""".split()
 
 

@@ -7,6 +7,11 @@ float sh_keep(precise float x) {
     return uintBitsToFloat(floatBitsToUint(x) ^ sh_nothing);
 }
 
+// The same number, which the driver cannot know to be equal to x. Not by sh_keep, as it undoes two of those.
+float sh_apart(precise float x) {
+    return uintBitsToFloat(floatBitsToUint(x) + sh_nothing);
+}
+
 bool sh_keep(precise bool x) {
     return (uint(x) ^ sh_nothing) != 0u;
 }

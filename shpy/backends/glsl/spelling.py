@@ -38,8 +38,8 @@ FAST: Final = TRANSCENDENTALS | GEOMETRIC | {"rsqrt"}
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _WRITTEN_OUT: Final = 16
-_ARITHMETIC: Final = frozenset({"add", "sub", "mul", "div", "sqrt"})
-"""Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x."""
+_KEPT: Final = frozenset({"add", "sub", "mul", "div", "sqrt", "neg"})
+"""Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x, and `x + -x` for 0."""
 
 # The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {
@@ -183,17 +183,21 @@ class Spelling(CLike):
         if not self.kept_apart or not let.args or not self.types[let.args[0]].is_float:
             return made
         type = let.value.type
-        if let.op in _ARITHMETIC or let.op in COMPARISONS:
+        if let.op in _KEPT or let.op in COMPARISONS:
             return ex.call(self.prologue.use("sh_keep", (type,)), made)
         return made
 
     def args(self, let: Let) -> list[Expr]:
-        """The arguments; of `x - x` and `x / x` one is hidden, where nothing is `precise`."""
+        """The arguments; where nothing is `precise`, what a difference takes away is hidden, and what divides itself.
+
+        The driver finds equal numbers that the IR does not show, as components of vectors and where it inlines calls,
+        and takes `x - x` for 0, although NaN and infinity give NaN.
+        """
         found = super().args(let)
-        if self.kept_apart and let.op in ("sub", "div") and let.args[0] == let.args[1]:
-            type = self.types[let.args[0]]
-            if type.is_float:
-                found[1] = ex.call(self.prologue.use("sh_keep", (type,)), found[1])
+        if not self.kept_apart or let.op not in ("sub", "div") or not self.types[let.args[0]].is_float:
+            return found
+        if let.args[0] == let.args[1] or (let.op == "sub" and found[1].reads):
+            found[1] = ex.call(self.prologue.use("sh_apart", (self.types[let.args[1]],)), found[1])
         return found
 
     def function(self, op: str, types: tuple[Type, ...]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import shpy as sh
-from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
+from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
 from shpy.testing.conformance.cases import Case, by_decorator
 
 CASES: list[Case] = []
@@ -116,6 +116,20 @@ def mix_at_its_ends(a: sh.Attrib1f, b: sh.Attrib1f):
 def an_int_less_itself(a: sh.Attrib1f, i: sh.Attrib1i):
     zero = sh.Attrib1f(i - i)
     return zero * a, a + zero, sh.Attrib1f(i ^ i) * a, sh.Attrib1f(sh.Attrib1u(i) >> 31) * a
+
+
+@case(v=np.stack([X, X[::-1], np.full_like(X, np.nan), np.ones_like(X)], axis=1))
+def a_component_less_itself(v: sh.Attrib4f):
+    constants = sh.distance(sh.Attrib4f(np.nan, 3, 3, 3), sh.Attrib4f(np.nan, np.inf, 1, 1e10))
+    return v - v.xwzy, v + -v.xwzy, v.wzyx / v, less(v.x, v.x), constants + v.w
+
+
+@sh.subroutine
+def less(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+    """Return x - y."""
+    with SH_IF(y > 1):
+        SH_RETURN(x - y)
+    return x - y
 
 
 @case(x=X)
