@@ -8,16 +8,19 @@ from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.intersector import Hits, Intersector
+from raytracer.kernels.shaders import Hit, Surface
 from raytracer.lights import DirectionalLight, PointLight
 from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.renderer import Renderer, render
 from raytracer.scene import Scene
+from raytracer.textures import Texture
 from raytracer.trade import tradeoff
 
 __all__ = [
     "Camera",
     "DirectionalLight",
+    "Hit",
     "Hits",
     "Image",
     "Intersector",
@@ -27,6 +30,8 @@ __all__ = [
     "Renderer",
     "Scene",
     "SceneError",
+    "Surface",
+    "Texture",
     "render",
     "tradeoff",
 ]

@@ -85,10 +85,14 @@ class Layout:
     All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two.
     `structure` is the accelerator; `roundoff` the largest relative error
     of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if
-    every mesh is flat; `colors` (3N, 4) the colours at the corners, material included, None if no mesh has any;
+    every mesh is flat; `colors` (3N, 4) the colours at the corners, those of the materials included unless a
+    texture or program makes colours (`is_programmed`), None if no mesh has any;
     `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and `object_of` (N,)
     int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the light and 0, then
     color.
+
+    `looks` (M,) are the materials, `bare` (M,) the name of a mesh of each material that has no uv coordinates, or "";
+    `uvs` (3N, 2) the uv coordinates at the corners, None if no material has textures or programs.
     """
 
     origin: NDArray[np.float64]
@@ -102,6 +106,9 @@ class Layout:
     material_of: NDArray[np.int32]
     object_of: NDArray[np.int32]
     lights: Rows
+    looks: tuple[Material, ...] = ()
+    bare: tuple[str, ...] = ()
+    uvs: Rows | None = None
 
     @classmethod
     def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32", across: int | None = None) -> Layout:
@@ -112,7 +119,7 @@ class Layout:
         corners -= origin
         scale = scale_of(corners, precision)
         corners = rounded(corners * scale, precision)
-        materials, index = _materials(meshes)
+        looks, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
         return cls(
@@ -123,10 +130,13 @@ class Layout:
             triangles=triangle_rows(corners),
             normals=_normals(meshes),
             colors=_colors(meshes),
-            materials=materials,
+            materials=_material_rows(looks),
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=np.repeat(places, sizes).astype(np.int32),
             lights=light_rows(scene.lights, origin, scale),
+            looks=looks,
+            bare=tuple(_bare(meshes, look) for look in looks),
+            uvs=_uvs(meshes) if any(look.textures or look.surface for look in looks) else None,
         )
 
     @property
@@ -147,12 +157,25 @@ def light_rows(lights: Sequence[Light], origin: NDArray[np.float64], scale: floa
     return rows
 
 
-def _materials(meshes: Sequence[Mesh]) -> tuple[Rows, list[int]]:
-    """The rows of the different materials, and which one each mesh has."""
+def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]:
+    """The different materials, and which one each mesh has."""
     known: dict[Material, int] = {}
     index = [known.setdefault(mesh.material, len(known)) for mesh in meshes]
-    rows = [[(*m.color, m.reflectivity), (m.diffuse, m.specular, m.shininess, 0.0)] for m in known]
-    return np.array(rows, dtype=np.float64).reshape(-1, 4), index
+    return tuple(known), index
+
+
+def _material_rows(looks: Sequence[Material]) -> Rows:
+    """The rows of materials; a coefficient that is a texture is 1 there."""
+    rows = []
+    for look in looks:
+        color, diffuse, specular, shininess, reflectivity = look.numbers
+        rows += [(*color, reflectivity), (diffuse, specular, shininess, 0.0)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _bare(meshes: Sequence[Mesh], look: Material) -> str:
+    """The name of a mesh of this material that has no uv coordinates, or ""."""
+    return next((mesh.name for mesh in meshes if mesh.material == look and mesh.uv is None), "")
 
 
 def _normals(meshes: Sequence[Mesh]) -> Rows | None:
@@ -166,7 +189,18 @@ def _colors(meshes: Sequence[Mesh]) -> Rows | None:
     if all(mesh.colors is None for mesh in meshes):
         return None
     own = [np.ones((len(mesh), 3, 3)) if mesh.colors is None else mesh.colors for mesh in meshes]
-    return _corner_rows([colors * mesh.material.color for colors, mesh in zip(own, meshes, strict=True)])
+    if any(is_programmed(mesh.material) for mesh in meshes):
+        return _corner_rows(own)
+    return _corner_rows([colors * mesh.material.numbers[0] for colors, mesh in zip(own, meshes, strict=True)])
+
+
+def is_programmed(look: Material) -> bool:
+    """Return whether the kernel alone knows the colour of a material."""
+    return look.surface is not None or "color" in look.textures
+
+
+def _uvs(meshes: Sequence[Mesh]) -> Rows:
+    return np.concatenate([np.zeros((len(m), 3, 2)) if m.uv is None else m.uv for m in meshes]).reshape(-1, 2)
 
 
 def _corner_rows(parts: Sequence[NDArray[np.float64]]) -> Rows:

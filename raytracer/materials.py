@@ -1,4 +1,4 @@
-"""What a surface looks like: the coefficients of Phong's model and how much it mirrors.
+"""What a surface looks like: the coefficients of Phong's model and how much it mirrors, or programs that say so.
 
 Stage: scene description. A `Material` belongs to a mesh; `layout` puts the materials of a scene into a table.
 
@@ -9,38 +9,92 @@ Stage: scene description. A `Material` belongs to a mesh; `layout` puts the mate
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from raytracer.errors import SceneError
+from raytracer.textures import Texture
 
 Triple = tuple[float, float, float]
+
+NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity")
+"""The coefficients that are one number."""
+COEFFICIENTS: Final = ("color", *NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """A surface in Phong's model (Phong 1975).
+    """A surface in Phong's model (Phong 1975), or one that programs describe.
 
     `color` is linear RGB; a mesh's vertex colours multiply it. `diffuse` and `specular` weigh the two lobes,
     `shininess` is the exponent of the highlight, and `reflectivity` in [0, 1] the share of the colour that is the
-    mirror image.
-    Raises SceneError for what is negative, not finite, or a reflectivity above 1.
+    mirror image. Each of them may be a `Texture`, which is read at the mesh's uv coordinates.
+
+    `surface` is a function from a `Hit` to a `Surface`, recorded into the tracer and run once for each hit: what it
+    leaves open is as the material says. It may also be an `sh.Program` whose inputs have names of a Hit and whose
+    outputs have names of a Surface. `shade` gives the colour under white light, from a Surface and the unit vector to
+    the light, once for each light that is seen; without it, Phong's model does. A program's inputs are those of a
+    Surface and `light`.
+
+        def checker(hit: Hit) -> Surface:
+            even = (sh.Attrib1i(sh.floor(8 * hit.uv.x)) + sh.Attrib1i(sh.floor(8 * hit.uv.y))) % 2 == 0
+            return Surface(color=sh.cond(even, sh.Color3f(0.9), sh.Color3f(0.1)), reflectivity=0.2)
+
+        Material(surface=checker)
+
+    Raises SceneError for what is negative, not finite, a reflectivity above 1, and programs that cannot be called.
     """
 
-    color: Triple = (0.8, 0.8, 0.8)
-    diffuse: float = 0.9
-    specular: float = 0.25
-    shininess: float = 40.0
-    reflectivity: float = 0.0
+    color: Triple | Texture = (0.8, 0.8, 0.8)
+    diffuse: float | Texture = 0.9
+    specular: float | Texture = 0.25
+    shininess: float | Texture = 40.0
+    reflectivity: float | Texture = 0.0
+    surface: Callable[..., Any] | None = None
+    shade: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
-        if len(self.color) != 3:
-            raise SceneError(f"a material's color is three numbers (r, g, b), not {self.color!r}")
-        numbers = (*self.color, self.diffuse, self.specular, self.shininess, self.reflectivity)
+        if not isinstance(self.color, Texture) and (isinstance(self.color, str) or np.shape(self.color) != (3,)):
+            raise SceneError(f"a material's color is three numbers (r, g, b) or a Texture, not {self.color!r}")
+        for name in NUMBERS:
+            number = getattr(self, name)
+            if not isinstance(number, Texture | float | int | np.number):
+                raise SceneError(f"a material's {name} is a number or a Texture, not {number!r}")
+        numbers = [x for name in NUMBERS if not isinstance(x := getattr(self, name), Texture)]
+        if not isinstance(self.color, Texture):
+            object.__setattr__(self, "color", tuple(map(float, self.color)))
+            numbers += self.color
         if not all(math.isfinite(x) and x >= 0 for x in numbers):
             raise SceneError(f"a material's numbers are finite and not negative: {self}")
-        if self.reflectivity > 1:
+        if not isinstance(self.reflectivity, Texture) and self.reflectivity > 1:
             raise SceneError(f"a reflectivity lies in [0, 1], not {self.reflectivity}")
+        for name in ("surface", "shade"):
+            program = getattr(self, name)
+            if program is not None and not callable(program):
+                raise SceneError(f"a material's {name} is a function or a program, not {program!r}")
+
+    @property
+    def textures(self) -> dict[str, Texture]:
+        """The coefficients that are read from pictures, by name."""
+        return {name: found for name in COEFFICIENTS if isinstance(found := getattr(self, name), Texture)}
+
+    @property
+    def numbers(self) -> tuple[Triple, float, float, float, float]:
+        """The coefficients, `color` first and as in COEFFICIENTS; 1 where they are read from pictures."""
+        color = (1.0, 1.0, 1.0) if isinstance(self.color, Texture) else self.color
+        diffuse, specular, shininess, reflectivity = (
+            1.0 if isinstance(number := getattr(self, name), Texture) else number for name in NUMBERS
+        )
+        return color, diffuse, specular, shininess, reflectivity
+
+    @property
+    def may_mirror(self) -> bool:
+        """Whether any point of the surface can have a mirror image."""
+        known = not isinstance(self.reflectivity, Texture) and self.surface is None
+        return not (known and self.reflectivity == 0)
 
 
 PLAIN: Final = Material()

@@ -32,7 +32,7 @@ SPARSE = 1 / 4
 LEAST = 1 << 10
 """Rays of a band that are too few for that: a call takes as long for one ray."""
 _STREAMS: dict[str, Any] = {
-    "ray": stages.Ray, "light": stages.Light, "point": stages.Point, "cell": stages.Cell, "items": stages.Items,
+    "ray": stages.Ray, "light": stages.Light, "cell": stages.Cell, "items": stages.Items,
     "nearest": stages.Nearest, "state": sh.Attrib1i,
 }  # fmt: skip
 _LAYERS = Pixel(sh.Color3f, sh.Attrib1f, sh.Normal3f, sh.Attrib1i, sh.Attrib1i)  # type: ignore[arg-type]
@@ -81,6 +81,7 @@ class StagedTracer:
         self.compacts = True
         self.clock: Callable[[], float] = time.perf_counter
         self.programs = stages.programs(tracer, rays)
+        self._streams = _STREAMS | {"point": stages.point_of(tracer)}
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
         # No budget of iterations: a stage goes through `at_once` cells or triangles and no more.
@@ -95,7 +96,7 @@ class StagedTracer:
 
     def trace(self, shape: tuple[int, int]) -> Any:
         """The layers of a band of `shape` = (height, width), as arrays in a Pixel; the log goes on."""
-        streams = {name: sh.Stream.empty(shape, type_, **self._place) for name, type_ in _STREAMS.items()}
+        streams = {name: sh.Stream.empty(shape, type_, **self._place) for name, type_ in self._streams.items()}
         layers = Pixel(*(sh.Stream.empty(shape, type_, **self._place) for type_ in _LAYERS))  # type: ignore[arg-type]
         band = {**streams, **layers._asdict()}
         self._run("generate", band)
@@ -106,7 +107,7 @@ class StagedTracer:
         """Follow and shade `rays` rays, and those that come of them, until there are none."""
         while rays:
             if self._is_sparse(band, rays):
-                few, index = self._dense(band, "unfinished", [*_STREAMS, *_LAYERS._fields])
+                few, index = self._dense(band, "unfinished", [*self._streams, *_LAYERS._fields])
                 self._rounds(few, round, rays)
                 for name in _LAYERS._fields:
                     sh.scatter(few[name], index, out=band[name])

@@ -13,7 +13,7 @@ both share: a stream holds what a variable holds there, to the bit.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import shpy as sh
 from raytracer.kernels.intersector import GridIntersector, is_over
@@ -76,7 +76,7 @@ class Light:
 
 @sh.struct
 class Point:
-    """A `Surface` in a stream."""
+    """A `ShadedPoint` in a stream."""
 
     inter: sh.Point3f
     view: sh.Vector3f
@@ -84,6 +84,20 @@ class Point:
     normal: sh.Normal3f
     color: sh.Color3f
     coefficients: sh.Attrib3f
+
+
+@sh.struct
+class ProgrammedPoint:
+    """A `ShadedPoint` of a scene with programs instead of Phong's model."""
+
+    inter: sh.Point3f
+    view: sh.Vector3f
+    face: sh.Normal3f
+    normal: sh.Normal3f
+    color: sh.Color3f
+    coefficients: sh.Attrib3f
+    reflectivity: sh.Attrib1f
+    shade: sh.Attrib1i
 
 
 class Generated(NamedTuple):
@@ -120,14 +134,13 @@ class Intersected(NamedTuple):
     state: sh.Attrib1i
 
 
-class Shaded(NamedTuple):
-    """The outputs of shading."""
+SHADED: dict[str, Any] = {"ray": Ray, "light": Light, "point": Point, "pixel": Pixel, "state": sh.Attrib1i}
+"""The outputs of shading."""
 
-    ray: Ray
-    light: Light
-    point: Point
-    pixel: Pixel
-    state: sh.Attrib1i
+
+def point_of(tracer: Tracer) -> Any:
+    """The struct of a tracer's shaded points."""
+    return ProgrammedPoint if tracer.surfaces.looks.shades else Point
 
 
 WRITES = {
@@ -135,7 +148,7 @@ WRITES = {
     "precalculate": Placed._fields,
     "traverse": Traversed._fields,
     "intersect": Intersected._fields,
-    "shade": Shaded._fields,
+    "shade": tuple(SHADED),
 }
 """The streams that a stage writes; those that it reads are its inputs."""
 
@@ -247,8 +260,10 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
 
 
 def _shading(tracer: Tracer) -> Any:
-    @sh.program
-    def shade(ray: Ray, nearest: Nearest, light: Light, point: Point, pixel: Pixel, state: sh.Attrib1i) -> Shaded:
+    types = SHADED | {"point": point_of(tracer)}
+    shaded = cast(Any, NamedTuple("Shaded", list(types.items())))
+
+    def shade(ray: Any, nearest: Any, light: Any, point: Any, pixel: Any, state: Any) -> Any:
         SH_DISCARD(state == FINISHED)
         hit: Any = nearest
         surface: Any = point
@@ -262,6 +277,7 @@ def _shading(tracer: Tracer) -> Any:
             ray.limit[:] = FAR
             light.lightcol[:] = 0
             tracer.aim(path, surface, ray.direction, ray.eye, ray.limit, light.lightcol)
-        return Shaded(ray, light, point, pixel, state)
+        return shaded(ray, light, point, pixel, state)
 
-    return shade
+    shade.__annotations__ = types | {"nearest": Nearest, "return": shaded}
+    return sh.program(shade)

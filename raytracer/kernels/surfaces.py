@@ -9,9 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
+from raytracer.kernels import shaders
+from raytracer.kernels.looks import Looks
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import FAR, Hit, PlaneView, Triangles, highest
-from raytracer.layout import Layout, Rows
+from raytracer.layout import Layout, Rows, is_programmed
 
 ROUNDINGS = 7
 """What a point of a triangle may be off its plane, in roundings of its coordinates: 2 as the weights may not sum to 1,
@@ -21,10 +23,14 @@ PLANE_ROUNDINGS = 12
 way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""
 
 
-class Surface:
+FAINT = 2.0**-64
+"""A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
+
+
+class ShadedPoint:
     """What is known of the point that was hit last, from its hit until its last shadow ray."""
 
-    def __init__(self) -> None:
+    def __init__(self, shades: bool = False) -> None:
         inter = sh.Point3f()  # moved off the surface, to the side that it is seen from
         view = sh.Vector3f()
         face = sh.Normal3f()  # of the triangle itself, on the viewer's side, as is `normal`
@@ -33,6 +39,9 @@ class Surface:
         coefficients = sh.Attrib3f()  # diffuse, specular, shininess
         self.inter, self.view, self.face, self.normal = inter, view, face, normal
         self.color, self.coefficients = surface_color, coefficients
+        if shades:  # which program there is instead of Phong's model, and what it may ask for
+            reflectivity, shade = sh.Attrib1f(), sh.Attrib1i()
+            self.reflectivity, self.shade = reflectivity, shade
 
 
 class SurfaceTables:
@@ -43,15 +52,22 @@ class SurfaceTables:
         self.roundoff = layout.roundoff
         self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
         self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
-        self.highlights = bool((layout.materials[1::2, 1] > 0).any())
-        self.dark = bool((layout.materials[1::2, :2] == 0).all(axis=1).any())
+        self.looks = Looks(layout)
+        self.tints = any(map(is_programmed, layout.looks))
+        self.uvs = (
+            None if layout.uvs is None or "uv" not in self.looks.reads else sh.Table(layout.uvs, sh.TexCoord2f, "uvs")
+        )
+        self.origin, self.scale = layout.origin, layout.scale
+        self.highlights = bool((layout.materials[1::2, 1] > 0).any()) or "specular" in self.looks.gives
+        self.black = bool(self.looks) or is_black(layout)
+        self.dark = bool((layout.materials[1::2, :2] == 0).all(axis=1).any()) and not self.looks.shades
         self.one = layout.materials if len(layout.materials) == 2 else None
         if self.one is None:
             self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
             self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
 
-    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Surface) -> Any:
+    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: ShadedPoint) -> Any:
         """Fill in `surface` for a hit; gives its reflectivity."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
@@ -70,7 +86,9 @@ class SurfaceTables:
             surface.inter -= barylerp(
                 hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True))
             )
-        return self.paint(hit, surface)
+        if not self.looks:
+            return self.paint(hit, surface, self.material_at(hit))
+        return self.describe(hit, surface, point, side)
 
     def place(self, hit: Hit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
         """The point that was hit, and how far it may be off the triangle's plane.
@@ -85,36 +103,99 @@ class SurfaceTables:
         beside = PLANE_ROUNDINGS * self.roundoff * plane.error_at(t)
         return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
-    def paint(self, hit: Hit, surface: Surface) -> Any:
-        """Colour and coefficients of the surface; gives its reflectivity."""
+    def material_at(self, hit: Hit) -> Any:
+        """The number of the material that was hit."""
+        return 0 if self.one is not None else self.material_of[hit.id]
+
+    def paint(self, hit: Hit, surface: ShadedPoint, number: Any) -> Any:
+        """Colour and coefficients of the surface, as the numbers of its material say; gives its reflectivity."""
         if self.one is not None:
             row = sh.Attrib4f(self.one[0])
             surface.coefficients[:] = self.one[1, :3]
         else:
-            material = 2 * self.material_of[hit.id]
+            material = 2 * number
             row = self.materials[material]
             surface.coefficients[:] = self.materials[material + 1].xyz
-        surface.color[:] = (
-            row.rgb if self.colors is None else barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
-        )
+        surface.color[:] = row.rgb if self.colors is None else self.vertex_color(hit)
+        if self.tints and self.colors is not None:
+            surface.color *= row.rgb
         return row.a
+
+    def vertex_color(self, hit: Hit) -> Any:
+        """The colours at the corners, interpolated; white where there are none."""
+        if self.colors is None:
+            return sh.Color3f(1, 1, 1)
+        return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
+
+    def describe(self, hit: Hit, surface: ShadedPoint, point: Any, side: Any) -> Any:
+        """Colour and coefficients of the surface as textures and programs say; gives its reflectivity."""
+        number = self.material_at(hit)
+        reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
+        diffuse, specular, shininess = (sh.Attrib1f(surface.coefficients[k]) for k in range(3))
+        seen = shaders.Hit(
+            {
+                "position": lambda: self.world(point),
+                "normal": lambda: surface.normal,
+                "face": lambda: surface.face,
+                "view": lambda: surface.view,
+                "uv": lambda: barylerp(hit, *rows_of(self.uvs, hit)),
+                "color": lambda: self.vertex_color(hit),
+                "object": lambda: self.object_at(hit),
+                "triangle": lambda: hit.id,
+                "distance": lambda: hit.l / self.scale,
+                "outside": lambda: side > 0,
+            }
+        )
+        given = {"color": surface.color, "diffuse": diffuse, "specular": specular, "shininess": shininess}
+        given |= {"reflectivity": reflectivity, "normal": surface.normal}
+        self.looks.describe(number, seen, given)
+        surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
+        if self.looks.shades:
+            surface.reflectivity[:] = reflectivity
+            surface.shade[:] = self.looks.shade_of(number)
+        return reflectivity
+
+    def world(self, point: Any) -> Any:
+        """A point in the scene's coordinates."""
+        place = point / self.scale
+        return place + sh.Point3f(self.origin) if self.origin.any() else place
 
     def object_at(self, hit: Hit) -> Any:
         """The number of the mesh that was hit."""
         return 0 if self.object_of is None else self.object_of[hit.id]
 
-    def lights_seen(self, surface: Surface, count: int) -> Any:
+    def lights_seen(self, surface: ShadedPoint, count: int) -> Any:
         """How many of the lights show on the surface: none on a perfect mirror, which no shadow ray need start from."""
         if not self.dark:
             return count
         return sh.cond((surface.coefficients.x > 0) | (surface.coefficients.y > 0), count, 0)
 
-    def shade(self, surface: Surface, light: Any) -> Any:
+    def shade(self, surface: ShadedPoint, light: Any) -> Any:
         """The colour under white light from direction `light`."""
+        if not self.looks.shades:
+            return self.phong(surface, light)
+        seen = shaders.Surface.known(
+            {
+                "color": lambda: surface.color,
+                "diffuse": lambda: surface.coefficients.x,
+                "specular": lambda: surface.coefficients.y,
+                "shininess": lambda: surface.coefficients.z,
+                "reflectivity": lambda: surface.reflectivity,
+                "normal": lambda: surface.normal,
+                "position": lambda: self.world(surface.inter),
+                "face": lambda: surface.face,
+                "view": lambda: surface.view,
+            }
+        )
+        return self.looks.shade(surface.shade, seen, light, lambda: self.phong(surface, light))
+
+    def phong(self, surface: ShadedPoint, light: Any) -> Any:
+        """The colour under white light from direction `light` in Phong's model."""
         diffuse, specular, shininess = surface.coefficients
         shade = diffuse * diffuse_lobe(surface.normal, light) * surface.color
         if self.highlights:
-            shade += specular * highlight(surface.view, surface.normal, light, shininess)
+            shine = highlight(surface.view, surface.normal, light, shininess)
+            shade += specular * (sh.cond(shine > FAINT, shine, 0.0) if self.black else shine)
         return shade
 
 
@@ -128,7 +209,7 @@ class LightList:
         self.rows = rows
         self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count > 1 else None
 
-    def aim(self, n: Any, surface: Surface, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+    def aim(self, n: Any, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
         place = sh.Attrib4f(self.rows[0]) if self.table is None else self.table[2 * n]
         color = sh.Attrib4f(self.rows[1]) if self.table is None else self.table[2 * n + 1]
@@ -141,6 +222,12 @@ class LightList:
         eye[:] = surface.inter
         limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)
         lightcol[:] = color.rgb
+
+
+def is_black(layout: Layout) -> bool:
+    """Return whether a surface can have a highlight and no other light in some channel."""
+    colors = layout.materials[::2, :3] if layout.colors is None else layout.colors[:, :3]
+    return bool((colors == 0).any() or (layout.materials[1::2, 0] == 0).any())
 
 
 def rows_of(table: Any, hit: Hit) -> tuple[Any, Any, Any]:

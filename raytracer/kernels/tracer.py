@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.grid import Grid
-from raytracer.kernels.surfaces import LightList, Surface, SurfaceTables
+from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit
 from raytracer.kernels.walk import walk_through
 from raytracer.layout import Layout
@@ -74,11 +74,13 @@ class Tracer:
         self.bounces = bounces
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
         self.lights = LightList(layout.lights)
+        looks = self.surfaces.looks
+        self.reflects = layout.reflects or "reflectivity" in looks.gives
         self.features: dict[str, bool | int] = {
             "lights": self.lights.count,
             "point lights": self.lights.points,
             "directional lights": self.lights.directions,
-            "reflections": bounces if layout.reflects else 0,
+            "reflections": bounces if self.reflects else 0,
             "smooth normals": layout.normals is not None,
             "vertex colours": layout.colors is not None,
             "materials": len(layout.materials) // 2,
@@ -86,7 +88,9 @@ class Tracer:
         }
         if isinstance(layout.structure, Grid):
             self.features["triangles outside the grid"] = layout.structure.outside
-        self.reflects = layout.reflects
+        if looks:
+            self.features |= {"surface programs": len(looks.surfaces), "shade programs": len(looks.shades)}
+            self.features["textures"] = len(looks.textured)
         self.loops = self.reflects or self.lights.count > 0
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
@@ -102,14 +106,14 @@ class Tracer:
                 SH_UNTIL(finished)
         return pixel
 
-    def begin(self) -> tuple[Path, Surface, Pixel]:
+    def begin(self) -> tuple[Path, ShadedPoint, Pixel]:
         """Return the path, surface and pixel of an eye ray before its first hit."""
         path = Path.eye_ray(self.bounces)
-        surface = Surface()
+        surface = ShadedPoint(bool(self.surfaces.looks.shades))
         rays = sh.Attrib1i(0)
         return path, surface, background_pixel(path.color, rays)
 
-    def aim(self, path: Path, surface: Surface, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+    def aim(self, path: Path, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the ray that comes next a shadow ray where lights are left to be seen."""
         if self.lights.count:
             with SH_IF(path.shadows > 0):
@@ -117,7 +121,7 @@ class Tracer:
                 self.lights.aim(path.shadows, surface, ray, eye, limit, lightcol)
 
     def settle(
-        self, path: Path, surface: Surface, pixel: Pixel, hit: Hit, ray: Any, eye: Any, limit: Any, lightcol: Any
+        self, path: Path, surface: ShadedPoint, pixel: Pixel, hit: Hit, ray: Any, eye: Any, limit: Any, lightcol: Any
     ) -> Any:
         """Take in what a ray has met, and make it the mirrored ray where all light is in; gives whether that is all."""
         tracing, finished, rays = path.tracing, path.finished, pixel.rays
@@ -136,7 +140,11 @@ class Tracer:
         if self.lights.count:
             with SH_ELSE():
                 lit = (hit.id < 0) & (limit > 0)
-                path.scolor += sh.cond(lit, self.surfaces.shade(surface, ray) * lightcol, 0.0)
+                if self.surfaces.looks.shades:
+                    with SH_IF(lit):
+                        path.scolor += self.surfaces.shade(surface, ray) * lightcol
+                else:
+                    path.scolor += sh.cond(lit, self.surfaces.shade(surface, ray) * lightcol, 0.0)
         with SH_IF(path.shadows == 0):
             # All light is in: accumulate, then go on to the reflection if there is one.
             path.color += path.rn.x * path.scolor
@@ -150,7 +158,7 @@ class Tracer:
                 reflect(surface, ray, eye)
         return finished
 
-    def note(self, pixel: Pixel, hit: Hit, surface: Surface) -> None:
+    def note(self, pixel: Pixel, hit: Hit, surface: ShadedPoint) -> None:
         """The layers show the first surface that the eye ray hits."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
@@ -180,7 +188,7 @@ def background_pixel(color: Any, rays: Any) -> Pixel:
     return Pixel(color, depth, normal, number, rays)
 
 
-def reflect(surface: Surface, ray: Any, eye: Any) -> None:
+def reflect(surface: ShadedPoint, ray: Any, eye: Any) -> None:
     """The mirrored ray; where an interpolated normal would send it into the surface, it is turned back outside."""
     mirrored = sh.reflect(-surface.view, surface.normal)
     below = sh.min(sh.dot(mirrored, surface.face), 0.0)

@@ -19,6 +19,7 @@ from raytracer.errors import SceneError
 from raytracer.materials import Material
 from raytracer.meshes.contents import READABLE
 from raytracer.meshes.mesh import Mesh, joined
+from raytracer.textures import decoded
 
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 _OPTIONS: dict[str, dict[str, Any]] = {".obj": {"skip_materials": True}}
@@ -93,13 +94,15 @@ def _mesh(part: Any, matrix: NDArray[np.float64], name: str) -> Mesh:
     if mirrors:
         faces = faces[:, ::-1]
     normals = np.asarray(part.vertex_normals) @ _for_normals(turn, mirrors) if given else None
-    colors = None
+    colors = uv = None
     if part.visual.kind == "vertex":
         colors = _linear(np.asarray(part.visual.vertex_colors))
     elif part.visual.kind == "face":
         colors = np.repeat(_linear(np.asarray(part.visual.face_colors))[:, None], 3, axis=1)
+    elif part.visual.kind == "texture" and np.shape(part.visual.uv) == (len(part.vertices), 2):
+        uv = part.visual.uv
     vertices = np.asarray(part.vertices) @ turn.T + matrix[:3, 3]
-    return Mesh(vertices, faces, normals, colors, name=name)
+    return Mesh(vertices, faces, normals, colors, name=name, uv=uv)
 
 
 def _for_normals(matrix: NDArray[np.float64], mirrors: bool) -> NDArray[np.float64]:
@@ -114,6 +117,5 @@ def _for_normals(matrix: NDArray[np.float64], mirrors: bool) -> NDArray[np.float
 
 
 def _linear(bytes_: NDArray[Any]) -> NDArray[np.float64]:
-    """sRGB bytes (V, 4) as linear RGB (V, 3) (IEC 61966-2-1)."""
-    s = bytes_[:, :3].astype(np.float64) / 255
-    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    """SRGB bytes (V, 4) as linear RGB (V, 3)."""
+    return decoded(bytes_[:, :3].astype(np.float64) / 255)

@@ -41,7 +41,8 @@ class Mesh:
     """Triangles of one material.
 
     `vertices` (V, 3), `faces` (F, 3) vertex numbers, `normals` None (flat) or (V, 3) or, one per corner, (F, 3, 3),
-    `colors` None or linear RGB in the same shapes. Kept as float64 and int64; normals and colors always per corner.
+    `colors` None or linear RGB in the same shapes, `uv` None or coordinates on textures, (V, 2) or (F, 3, 2), of which
+    (0, 0) is the lower left corner of a picture. Kept as float64 and int64; normals, colors and uv always per corner.
     Normals may have any length; they are kept with length 1. Where one is zero, the triangle's own is taken.
     Raises SceneError for wrong shapes, numbers that are not finite, vertices beyond 1e36, faces without their vertices.
     """
@@ -52,6 +53,7 @@ class Mesh:
     colors: Any = None
     material: Material = PLAIN
     name: str = "mesh"
+    uv: Any = None
 
     def __post_init__(self) -> None:
         vertices = self._array("vertices", self.vertices).reshape(-1, 3)
@@ -69,26 +71,26 @@ class Mesh:
             raise SceneError(f"{self.name}: face {wrong} names a vertex that is not among the {len(vertices)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces.astype(np.int64))
-        for what in ("normals", "colors"):
+        for what, size in (("normals", 3), ("colors", 3), ("uv", 2)):
             if getattr(self, what) is not None:
-                object.__setattr__(self, what, self._at_corners(what, getattr(self, what)))
+                object.__setattr__(self, what, self._at_corners(what, getattr(self, what), size))
         if self.normals is not None:
             object.__setattr__(self, "normals", _of_unit_length(self.normals, self.face_normals))
 
-    def _array(self, what: str, values: ArrayLike) -> Floats:
+    def _array(self, what: str, values: ArrayLike, size: int = 3) -> Floats:
         array = np.asarray(values, dtype=np.float64)
-        if array.size and array.shape[-1] != 3:
-            raise SceneError(f"{self.name}: {what} have three components, not shape {array.shape}")
+        if array.size and array.shape[-1] != size:
+            raise SceneError(f"{self.name}: {what} have {size} components, not shape {array.shape}")
         if not np.all(np.isfinite(array)):
             raise SceneError(f"{self.name}: {what} contain NaN or infinity")
         return array
 
-    def _at_corners(self, what: str, values: ArrayLike) -> Floats:
-        array = self._array(what, values)
-        if array.shape == (len(self.vertices), 3):
+    def _at_corners(self, what: str, values: ArrayLike, size: int) -> Floats:
+        array = self._array(what, values, size)
+        if array.shape == (len(self.vertices), size):
             return np.asarray(array[self.faces])
-        if array.shape != (len(self.faces), 3, 3):
-            raise SceneError(f"{self.name}: {what} are (V, 3) or (F, 3, 3), not {array.shape}")
+        if array.shape != (len(self.faces), 3, size):
+            raise SceneError(f"{self.name}: {what} are (V, {size}) or (F, 3, {size}), not {array.shape}")
         return array
 
     def __len__(self) -> int:
@@ -152,18 +154,21 @@ class Mesh:
 
 
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
-    """Several meshes as one, of the first one's material; normals or colours that one of them lacks are made up."""
+    """Several meshes as one, of the first one's material; normals, colours or uv that one of them lacks are made up."""
     starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
     normals: Floats | None = None
     colors: Floats | None = None
+    uv: Floats | None = None
     if any(m.normals is not None for m in meshes):
         flat = [np.repeat(m.face_normals[:, None], 3, axis=1) if m.normals is None else m.normals for m in meshes]
         normals = np.concatenate(flat)
     if any(m.colors is not None for m in meshes):
         colors = np.concatenate([np.ones((len(m), 3, 3)) if m.colors is None else m.colors for m in meshes])
+    if any(m.uv is not None for m in meshes):
+        uv = np.concatenate([np.zeros((len(m), 3, 2)) if m.uv is None else m.uv for m in meshes])
     vertices = np.concatenate([m.vertices for m in meshes])
     faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
-    return Mesh(vertices, faces, normals, colors, meshes[0].material, name)
+    return Mesh(vertices, faces, normals, colors, meshes[0].material, name, uv)
 
 
 def normals_of(corners: Floats) -> Floats:

@@ -1,7 +1,8 @@
 """Shapes made from formulas: boxes, spheres, tori, a torus knot, cylinders, icosahedra, floors.
 
 Stage: scene description. Each gives a `Mesh` about the origin, y up, outside counter-clockwise; curved ones with the
-exact normals of the surface that they stand for.
+exact normals of the surface that they stand for. All but the checkerboard have uv coordinates: each face of a box, a
+floor and each triangle of an icosahedron is a whole picture; round shapes have u around them and v along them.
 
 >>> len(sphere(rings=8, segments=16)), len(box())
 (224, 12)
@@ -9,14 +10,13 @@ exact normals of the surface that they stand for.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.materials import PLAIN, Material, Triple
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import Mesh, normals_of
 
 Floats = NDArray[np.float64]
 
@@ -26,14 +26,24 @@ def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = 
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    return Mesh(signs * np.asarray(size) / 2, faces[:, ::-1] if inward else faces, material=material, name="box")
+    # Seen from the side that its faces turn to, a picture on each side stands upright.
+    normals = normals_of(signs[faces])
+    uv = np.empty((12, 3, 2))
+    for k, (face, normal) in enumerate(zip(faces, normals, strict=True)):
+        up = np.array([0.0, 1, 0]) if abs(normal[1]) < 0.5 else np.array([0.0, 0, -normal[1]])
+        right = np.cross(up, normal) * (-1 if inward else 1)
+        uv[k] = (signs[face] @ np.stack([right, up]).T + 1) / 2
+    if inward:
+        faces, uv = faces[:, ::-1], uv[:, ::-1]
+    return Mesh(signs * np.asarray(size) / 2, faces, material=material, name="box", uv=uv)
 
 
 def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
     """A square of two triangles in the plane y = 0, facing up."""
     s = size / 2
     corners = [[-s, 0, -s], [-s, 0, s], [s, 0, s], [s, 0, -s]]
-    return Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=material, name="floor")
+    uv = [[0, 1], [0, 0], [1, 0], [1, 1]]
+    return Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=material, name="floor", uv=uv)
 
 
 def checkerboard(size: float, squares: int, light: Triple, dark: Triple, material: Material = PLAIN) -> Mesh:
@@ -57,7 +67,8 @@ def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, 
     units = np.stack([around * np.sin(phi), np.cos(theta), around * np.cos(phi)], axis=1)
     poles = (faces < segments).sum(axis=1) > 1
     poles |= (faces >= rings * segments).sum(axis=1) > 1
-    return Mesh(units * radius, faces[~poles], units, material=material, name="sphere")
+    uv = _unwrapped(np.stack([vertices[:, 1], 1 - vertices[:, 0]], axis=1)[faces], (0,))[~poles]
+    return Mesh(units * radius, faces[~poles], units, material=material, name="sphere", uv=uv)
 
 
 def torus(
@@ -96,7 +107,11 @@ def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAI
     upper, lower = np.full(segments, 2 * segments), np.full(segments, 2 * segments + 1)
     sides = [(k, k + segments, n + segments), (k, n + segments, n)]
     faces = np.concatenate([np.stack(f, axis=1) for f in (*sides, (k, n, upper), (n + segments, k + segments, lower))])
-    return dataclasses.replace(Mesh(vertices, faces, material=material, name="cylinder").smoothed(60))
+    turns = np.tile(k / segments, 2)
+    side = np.stack([turns, np.repeat([1.0, 0.0], segments)], axis=1)
+    caps = vertices[:, ::2] / (2 * radius) * [1, -1] + 0.5
+    uv = np.concatenate([_unwrapped(side[faces[: 2 * segments]], (0,)), caps[faces[2 * segments :]]])
+    return Mesh(vertices, faces, material=material, name="cylinder", uv=uv).smoothed(60)
 
 
 def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
@@ -107,7 +122,8 @@ def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
     faces = [[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6],
              [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10],
              [8, 6, 7], [9, 8, 1]]  # fmt: skip
-    return Mesh(np.array(points) * radius / np.hypot(1, g), faces, material=material, name="icosahedron")
+    uv = np.tile([[0.0, 0.0], [1.0, 0.0], [0.5, 1.0]], (20, 1, 1))
+    return Mesh(np.array(points) * radius / np.hypot(1, g), faces, material=material, name="icosahedron", uv=uv)
 
 
 def _tube(
@@ -132,7 +148,17 @@ def _tube(
     k = np.rint(lattice[:, 0] * segments).astype(int)
     across = np.cross(tangent, frame)
     normals = np.cos(angle)[:, None] * frame[k] + np.sin(angle)[:, None] * across[k]
-    return Mesh(curve(t)[k] + tube * normals, faces[:, ::-1], normals, material=material, name=name)
+    uv = _unwrapped(lattice[faces[:, ::-1]], (0, 1))
+    return Mesh(curve(t)[k] + tube * normals, faces[:, ::-1], normals, material=material, name=name, uv=uv)
+
+
+def _unwrapped(uv: Floats, axes: Sequence[int]) -> Floats:
+    """Coordinates (F, 3, 2) at corners; a triangle that goes round the end along one of these axes ends at 1, not 0."""
+    for axis in axes:
+        there = uv[..., axis]
+        ends = np.ptp(there, axis=1, keepdims=True) > 0.5
+        there += ends & (there < 0.5)
+    return uv
 
 
 def _lattice(rows: int, columns: int, *, closed: bool) -> tuple[Floats, NDArray[np.int64]]:

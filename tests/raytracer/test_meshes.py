@@ -119,7 +119,7 @@ def test_moved_turns_about_y_and_moves():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (([[0, 0]], []), "three components"),
+        (([[0, 0]], []), "3 components"),
         (([[0, 0, np.nan]], []), "NaN or infinity"),
         ((np.zeros((3, 3)), [[0, 1, 3]]), "face 0 names a vertex"),
         ((np.zeros((3, 3)), [[0, 1, -1]]), "face 0 names a vertex"),

@@ -1,0 +1,121 @@
+"""Textures and programs of a scene's materials: what they make of a point that was hit, and of the light on it.
+
+Stage: kernel. A scene whose materials are numbers alone has none of it. Materials are known by their places in
+`Layout.looks`; of each distinct program there is one branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from raytracer.errors import SceneError, place_of
+from raytracer.kernels.shaders import (
+    Hit,
+    Surface,
+    ask_shade,
+    ask_surface,
+    examine_shade,
+    examine_surface,
+)
+from raytracer.kernels.textures import Atlas
+from raytracer.layout import Layout
+from raytracer.materials import COEFFICIENTS
+from shpy import SH_IF
+
+Program = Callable[..., Any]
+
+
+class Looks:
+    """The materials of a scene that are more than numbers.
+
+    `gives` are the names of what textures and programs decide, `reads` what programs ask of a hit, `shades` the
+    distinct programs that take the place of Phong's model, and `several` whether which one it is differs.
+    Raises SceneError and ShpyError for mistakes in a program, and for a mesh whose uv coordinates are missed.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        looks = layout.looks
+        self.surfaces = _distinct([look.surface for look in looks])
+        self.shades = _distinct([look.shade for look in looks])
+        self.several = len({look.shade for look in looks}) > 1
+        self.count = len(looks)
+        found = [examine_surface(program) for program in self.surfaces]
+        for program in self.shades:
+            examine_shade(program)
+        self.textured = [name for name in COEFFICIENTS if any(name in look.textures for look in looks)]
+        self.gives = frozenset(self.textured).union(*(examined.gives for examined in found))
+        self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in found))
+        reading = {p for p, examined in zip(self.surfaces, found, strict=True) if "uv" in examined.reads}
+        for look, bare in zip(looks, layout.bare, strict=True):
+            if bare and (look.textures or look.surface in reading):
+                reader = "a Texture" if look.textures else place_of(look.surface)
+                raise SceneError(f"{bare}: {reader} needs uv coordinates, and the mesh has none: Mesh(..., uv=...)")
+        self._numbers = [(_number(self.surfaces, look.surface), _number(self.shades, look.shade)) for look in looks]
+        if self.textured:
+            textures = list(dict.fromkeys(texture for look in looks for texture in look.textures.values()))
+            self.atlas = Atlas(textures)
+            rows = [[_number(textures, look.textures.get(name)) - 1 for name in self.textured] for look in looks]
+            self.pictures_of = sh.Table(np.array(rows, np.int32), sh.Attrib1i, "pictures_of")
+        if self.count > 1 and (self.surfaces or self.several):
+            self.programs = sh.Table(np.array(self._numbers, np.int32), sh.Attrib2i, "programs")
+
+    def __bool__(self) -> bool:
+        """Whether there are textures or programs."""
+        return bool(self.surfaces or self.shades or self.textured)
+
+    def describe(self, material: Any, hit: Hit, given: dict[str, Any]) -> None:
+        """Store what textures and programs say of a point into the variables of these names.
+
+        They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
+        """
+        for k, name in enumerate(self.textured):
+            picture = self.pictures_of[material, k]
+            with SH_IF(picture >= 0):
+                color = self.atlas.sample(picture, hit.uv)
+                if name == "color":
+                    given[name] *= color
+                else:
+                    given[name][:] = color.r
+        for number, program in enumerate(self.surfaces, 1):
+            with self._where(material, 0, number):
+                for name, value in ask_surface(program, hit).given.items():
+                    given[name][:] = sh.normalize(value) if name == "normal" else value
+        if "reflectivity" in self.gives:
+            given["reflectivity"][:] = sh.clamp(given["reflectivity"], 0, 1)
+
+    def shade_of(self, material: Any) -> Any:
+        """The number of a material's `shade`; 0 for Phong's model."""
+        return self._numbers[0][1] if self.count == 1 else self.programs[material].y
+
+    def shade(self, number: Any, surface: Surface, light: Any, phong: Callable[[], Any]) -> Any:
+        """The colour under white light from the direction `light` by the `shade` of this number."""
+        if not self.several:
+            return ask_shade(self.shades[0], surface, light)
+        shown = sh.Color3f(0, 0, 0)
+        for k, program in enumerate(self.shades, 1):
+            with SH_IF(number == k):
+                shown[:] = ask_shade(program, surface, light)
+        if any(shade == 0 for _, shade in self._numbers):
+            with SH_IF(number == 0):
+                shown[:] = phong()
+        return shown
+
+    def _where(self, material: Any, column: int, number: int) -> AbstractContextManager[Any]:
+        """A branch for the materials that have a program; none where all have it."""
+        if all(row[column] == number for row in self._numbers):
+            return nullcontext()
+        return SH_IF(self.programs[material][column] == number)
+
+
+def _distinct(programs: Sequence[Program | None]) -> list[Program]:
+    return list(dict.fromkeys(program for program in programs if program is not None))
+
+
+def _number(known: Sequence[Any], one: Any) -> int:
+    """The place of a program or texture, counted from 1; 0 for None."""
+    return 0 if one is None else known.index(one) + 1

@@ -1,0 +1,221 @@
+"""Programs of users in the tracer: what they are handed, what they give back, and what of it they use.
+
+Stage: kernel. A material's `surface` runs once for each hit, its `shade` once for each light that is seen, as surface
+shaders and their illuminance loops do (Hanrahan and Lawson 1990). Each distinct one is recorded once, in a branch of
+its own. Before that `examine_surface` and `examine_shade` record it into a program that is thrown away: mistakes are
+found before a scene is compiled, and the tracer learns what it has to hold ready.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, get_type_hints
+
+import shpy as sh
+from raytracer.errors import SceneError, place_of, users_line
+
+__all__ = ["Examined", "Hit", "Surface", "ask_shade", "ask_surface", "examine_shade", "examine_surface", "fields_of"]
+
+Sources = Mapping[str, Callable[[], Any]]
+"""What records a value, by the value's name."""
+
+
+class _Known:
+    """Values by name, each recorded wherever it is asked for; `read` names those that were."""
+
+    def __init__(self, sources: Sources) -> None:
+        self._sources = sources
+        self.read: set[str] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self._sources:
+            raise AttributeError(f"a {type(self).__name__} has no {name}: it has {', '.join(fields_of(type(self)))}")
+        self.read.add(name)
+        # A copy: what a user's program does to it stays there. It is not kept, as the next reader may stand in another
+        # branch, where it would not have been computed.
+        return fields_of(type(self))[name](self._sources[name]())
+
+
+class Hit(_Known):
+    """The point that a ray has met, as a material's `surface` sees it; only what it asks for is computed.
+
+    `position` is the point in the scene's coordinates and `distance` how far the ray has come, in the scene's units;
+    `normal` the interpolated unit normal and `face` that of the triangle, both on the viewer's side; `view` the unit
+    vector to where the ray came from. `uv` are the mesh's coordinates, and `color` its vertex colours, white where it
+    has none, both interpolated. `object` is the mesh's place in the scene, `triangle` the triangle's number over all
+    meshes of the scene; `outside` says whether the ray came from the side to which the corners run counter-clockwise.
+    """
+
+    position: sh.Point3f
+    normal: sh.Normal3f
+    face: sh.Normal3f
+    view: sh.Vector3f
+    uv: sh.TexCoord2f
+    color: sh.Color3f
+    object: sh.Attrib1i
+    triangle: sh.Attrib1i
+    distance: sh.Attrib1f
+    outside: sh.Attrib1b
+
+
+class Surface(_Known):
+    """What a material's `surface` says of a point; what it leaves open is as the material says.
+
+    `color` is linear RGB, `diffuse`, `specular` and `shininess` Phong's coefficients, `reflectivity` the share of the
+    mirror image, `normal` a normal on the viewer's side, for instance one that a bump map has turned. Numbers and
+    triples are taken as well as values of the language.
+
+    A material's `shade` is handed one in which all of these are known, and `position`, `face` and `view` as in a Hit.
+    Raises SceneError, with the line, for what is no such value.
+    """
+
+    color: sh.Color3f
+    diffuse: sh.Attrib1f
+    specular: sh.Attrib1f
+    shininess: sh.Attrib1f
+    reflectivity: sh.Attrib1f
+    normal: sh.Normal3f
+    position: sh.Point3f
+    face: sh.Normal3f
+    view: sh.Vector3f
+
+    def __init__(
+        self,
+        *,
+        color: Any = None,
+        diffuse: Any = None,
+        specular: Any = None,
+        shininess: Any = None,
+        reflectivity: Any = None,
+        normal: Any = None,
+    ) -> None:
+        given = {
+            "color": color, "diffuse": diffuse, "specular": specular, "shininess": shininess,
+            "reflectivity": reflectivity, "normal": normal,
+        }  # fmt: skip
+        super().__init__({})
+        self.given: dict[str, Any] = {
+            name: converted(fields_of(Surface)[name], value, f"Surface({name}=...)", users_line())
+            for name, value in given.items()
+            if value is not None
+        }
+        self.__dict__.update(self.given)
+
+    @classmethod
+    def known(cls, sources: Sources) -> Surface:
+        """A surface of which everything is known."""
+        made = cls()
+        made._sources = sources
+        return made
+
+
+GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "normal")
+"""What a `surface` may say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """The names of what a program reads of its hit or surface, and of what a `surface` gives."""
+
+    reads: frozenset[str]
+    gives: frozenset[str] = frozenset()
+
+
+def fields_of(cls: type[_Known]) -> Mapping[str, Any]:
+    """The fields of a Hit or Surface and their types, in order."""
+    return get_type_hints(cls)
+
+
+def converted(cls: Any, value: Any, what: str, where: str) -> Any:
+    """A value of the language; SceneError that begins with `where` for one that is none."""
+    try:
+        return cls(value)
+    except (sh.ShpyError, TypeError, ValueError) as error:
+        message = getattr(error, "message", error)
+        raise SceneError(f"{where}: {what} is an sh.{cls.__name__} ({message})") from None
+
+
+def ask_surface(program: Callable[..., Any], hit: Hit) -> Surface:
+    """Record a material's `surface` for a hit; SceneError where it gives no Surface."""
+    if isinstance(program, sh.Program):
+        names = list(program.outputs)
+        given = _run(program, _readers(hit), "a Hit")
+        if names == ["0"]:
+            return Surface(color=given)
+        wrong = [name for name in names if name not in GIVEN]
+        if wrong:
+            raise SceneError(
+                f"{place_of(program)}: the outputs of a surface are named {', '.join(GIVEN)}, not {', '.join(wrong)}"
+            )
+        values = given if isinstance(given, Mapping) else {name: getattr(given, name) for name in names}
+        return Surface(**values)
+    found = program(hit)
+    if not isinstance(found, Surface):
+        raise SceneError(
+            f"{place_of(program)}: a surface gives a raytracer.Surface, not {_kind(found)}: return Surface(color=...)"
+        )
+    return found
+
+
+def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
+    """Record a material's `shade` for a unit vector to a light; SceneError where it gives no colour."""
+    if isinstance(program, sh.Program):
+        found = _run(program, {**_readers(surface), "light": lambda: light}, "a Surface with its light")
+    else:
+        found = program(surface, sh.Vector3f(light))
+    if found is None:
+        raise SceneError(f"{place_of(program)}: a shade gives an sh.Color3f, not None: return it")
+    return converted(sh.Color3f, found, "what a shade gives", place_of(program))
+
+
+def _readers(known: _Known) -> Sources:
+    """What reads the fields of a Hit or Surface, by name."""
+    return {name: partial(getattr, known, name) for name in fields_of(type(known))}
+
+
+def _run(program: Any, sources: Sources, what: str) -> Any:
+    wrong = [name for name in program.inputs if name not in sources]
+    if wrong:
+        raise SceneError(
+            f"{place_of(program)}: {', '.join(wrong)} is nothing that {what} has, which has {', '.join(sources)}: "
+            "rename the input, or bind it to a number"
+        )
+    return program(**{name: sources[name]() for name in program.inputs})
+
+
+def examine_surface(program: Callable[..., Any]) -> Examined:
+    """Record a material's `surface` by itself; SceneError or ShpyError for mistakes in it."""
+    hit = Hit(_zeros(Hit))
+    found: list[Surface] = []
+
+    @sh.program
+    def surface() -> sh.Attrib1f:
+        found.append(ask_surface(program, hit))
+        return sh.Attrib1f(0)
+
+    return Examined(frozenset(hit.read), frozenset(found[-1].given))
+
+
+def examine_shade(program: Callable[..., Any]) -> Examined:
+    """Record a material's `shade` by itself; SceneError or ShpyError for mistakes in it."""
+    surface = Surface.known(_zeros(Surface))
+
+    @sh.program
+    def shade() -> sh.Attrib1f:
+        ask_shade(program, surface, sh.Vector3f(0, 0, 1))
+        return sh.Attrib1f(0)
+
+    return Examined(frozenset(surface.read))
+
+
+def _zeros(cls: type[_Known]) -> Sources:
+    def zero(kind: Any) -> Callable[[], Any]:
+        return lambda: kind(False) if kind is sh.Attrib1b else kind(0)
+
+    return {name: zero(kind) for name, kind in fields_of(cls).items()}
+
+
+def _kind(value: Any) -> str:
+    return "None" if value is None else f"a {type(value).__name__}"

@@ -1,0 +1,85 @@
+"""The textures of a scene in one table, however many there are: GLSL has only some 16 tables for a kernel.
+
+Stage: kernel. The filters are those of OpenGL 3.3 (section 3.8.11), in the language's own arithmetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from raytracer.textures import WRAPS, Texture
+from shpy import SH_IF
+
+LINEAR = 4
+"""Added to the number of the wrap in the mode of a texture."""
+
+
+class Atlas:
+    """Textures, which are known by their places among `textures`."""
+
+    def __init__(self, textures: Sequence[Texture]) -> None:
+        pixels = [np.pad(t.image.reshape(-1, 3), ((0, 0), (0, 1))) for t in textures]
+        starts = np.cumsum([0, *map(len, pixels[:-1])])
+        rows = [
+            (start, t.image.shape[1], t.image.shape[0], WRAPS.index(t.wrap) + LINEAR * (t.filter == "linear"))
+            for start, t in zip(starts, textures, strict=True)
+        ]
+        self.texels = sh.Table(np.concatenate(pixels), sh.Attrib4f, "texels")
+        self.pictures = sh.Table(np.array(rows, np.int32), sh.Attrib4i, "pictures")
+        self.wraps = {t.wrap for t in textures}
+        self.filters = {t.filter for t in textures}
+
+    def sample(self, number: Any, uv: Any) -> Any:
+        """The linear colour of texture `number` at `uv`: (0, 0) is the lower left corner of the picture."""
+        start, width, height, mode = self.pictures[number]
+        size = sh.Attrib2f(width, height)
+        place = sh.Attrib2f(self.wrapped(uv.x, mode), self.wrapped(1 - uv.y, mode)) * size
+        if "linear" not in self.filters:
+            return self.nearest(place, start, width, size)
+        found = sh.Color3f(self.linear(place, start, width, height, mode))
+        if "nearest" in self.filters:
+            with SH_IF(mode < LINEAR):
+                found[:] = self.nearest(place, start, width, size)
+        return found
+
+    def nearest(self, place: Any, start: Any, width: Any, size: Any) -> Any:
+        """The texel that lies there."""
+        cell = sh.Attrib2i(sh.clamp(sh.floor(place), 0, size - 1))
+        return self.texels[start + cell.y * width + cell.x].rgb
+
+    def linear(self, place: Any, start: Any, width: Any, height: Any, mode: Any) -> Any:
+        """The four texels about there, interpolated."""
+        corner = sh.floor(place - 0.5)
+        part = place - 0.5 - corner
+        cell = sh.Attrib2i(corner)
+
+        def texel(across: int, down: int) -> Any:
+            column = self.cell(cell.x + across, width, mode)
+            row = self.cell(cell.y + down, height, mode)
+            return self.texels[start + row * width + column].rgb
+
+        top, bottom = (sh.mix(texel(0, down), texel(1, down), part.x) for down in (0, 1))
+        return sh.mix(top, bottom, part.y)
+
+    def wrapped(self, x: Any, mode: Any) -> Any:
+        """A coordinate in [0, 1]."""
+        ways = {"repeat": sh.fract(x), "clamp": sh.clamp(x, 0, 1), "mirror": 1 - abs(1 - 2 * sh.fract(0.5 * x))}
+        return self._chosen(ways, mode)
+
+    def cell(self, k: Any, count: Any, mode: Any) -> Any:
+        """The row or column of a texel that may lie beside the picture."""
+        across = sh.cond(k < 0, count - 1, sh.cond(k >= count, 0, k))
+        edge = sh.clamp(k, 0, count - 1)
+        return self._chosen({"repeat": across, "clamp": edge, "mirror": edge}, mode)
+
+    def _chosen(self, ways: dict[Any, Any], mode: Any) -> Any:
+        """The value for the wrap that the mode says, of those that textures have."""
+        used = [wrap for wrap in WRAPS if wrap in self.wraps]
+        found = ways[used[0]]
+        for wrap in used[1:]:
+            found = sh.cond((mode & (LINEAR - 1)) == WRAPS.index(wrap), ways[wrap], found)
+        return found

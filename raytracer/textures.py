@@ -1,0 +1,118 @@
+"""Pictures that a material's colour or number is read from, by the uv coordinates of the surface.
+
+Stage: scene description. A `Texture` holds linear numbers; `kernels.textures` reads them.
+
+>>> Texture([[0.0, 1.0]]).image.shape
+(1, 2, 3)
+"""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raytracer.errors import SceneError
+
+__all__ = ["Texture"]
+
+Filter = Literal["linear", "nearest"]
+Wrap = Literal["repeat", "clamp", "mirror"]
+WRAPS: Final = get_args(Wrap)
+LARGEST: Final = 16384
+"""Pixels along a side."""
+
+
+class Texture:
+    """A picture over uv coordinates: (0, 0) is its lower left corner and (1, 1) its upper right one.
+
+    `source` is a picture file, whose colours are taken for sRGB and decoded, or an array (H, W), (H, W, 1), (H, W, 3)
+    or (H, W, 4), row 0 at the top: of floats, which are linear, or of uint8, which are sRGB. `srgb` says otherwise:
+    False for numbers that are not colours, such as a reflectivity. Alpha is not used. A number of a material is read
+    from the red channel. `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
+    edge goes on ("clamp"), or it is mirrored.
+
+    `image` (H, W, 3) float32 holds the linear numbers. Raises FileNotFoundError, and SceneError for a file that is no
+    picture, another shape, more than 16384 pixels along a side, and numbers that are negative or not finite.
+    """
+
+    def __init__(
+        self,
+        source: str | PathLike[str] | ArrayLike,
+        *,
+        srgb: bool | None = None,
+        filter: Filter = "linear",
+        wrap: Wrap = "repeat",
+    ) -> None:
+        for given, known, what in ((filter, get_args(Filter), "filter"), (wrap, WRAPS, "wrap")):
+            if given not in known:
+                raise SceneError(f"a texture's {what} is one of {', '.join(map(repr, known))}, not {given!r}")
+        self.filter: Filter = filter
+        self.wrap: Wrap = wrap
+        if isinstance(source, str | PathLike):
+            self.name = str(source)
+            pixels = _read(Path(source))
+        else:
+            self.name = "a texture"
+            pixels = np.asarray(source)
+        self.image: NDArray[np.float32] = _linear(pixels, srgb, self.name)
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        return f"<Texture {self.name}, {width} x {height}>"
+
+
+def _read(path: Path) -> NDArray[Any]:
+    """The pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no picture {path}")
+    try:
+        from PIL import Image as pillow
+    except ImportError as error:
+        raise SceneError("reading pictures needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
+    try:
+        with pillow.open(path) as picture:
+            if max(picture.size) > LARGEST:
+                raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
+            return pixels_of(picture)
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+    # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
+    except Exception as error:
+        raise SceneError(f"{path}: not a readable picture ({' '.join(str(error).split())[:200]})") from error
+
+
+def pixels_of(picture: Any) -> NDArray[Any]:
+    """The pixels of a picture of Pillow's, without alpha: uint8, or float32 in [0, 1] where it has 16 bits."""
+    if picture.mode.startswith("I"):
+        return np.asarray(picture, dtype=np.float32) / np.float32(65535)
+    if picture.mode == "F":
+        return np.asarray(picture, dtype=np.float32)
+    return np.asarray(picture.convert("L" if picture.mode in ("1", "L", "LA") else "RGB"))
+
+
+def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.float32]:
+    """Linear RGB (H, W, 3)."""
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    if pixels.ndim != 3 or pixels.shape[2] not in (1, 3, 4) or not pixels.size:
+        raise SceneError(f"{name} has the shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), not {pixels.shape}")
+    if max(pixels.shape[:2]) > LARGEST:
+        raise SceneError(f"{name} has at most {LARGEST} pixels along a side, not {pixels.shape[1]} x {pixels.shape[0]}")
+    whole = pixels.dtype.kind in "iub"
+    if pixels.dtype.kind not in "iubf" or (whole and pixels.dtype != np.uint8):
+        raise SceneError(f"{name} holds floats or uint8, not {pixels.dtype}")
+    numbers = pixels[..., :3].astype(np.float64) / (255 if whole else 1)
+    if not np.all(np.isfinite(numbers)) or numbers.min() < 0:
+        raise SceneError(f"{name} holds numbers that are negative or not finite")
+    if whole if srgb is None else srgb:
+        numbers = decoded(numbers)
+    return np.ascontiguousarray(np.broadcast_to(numbers, (*numbers.shape[:2], 3)), dtype=np.float32)
+
+
+def decoded(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """SRGB numbers in [0, 1] as linear ones (IEC 61966-2-1)."""
+    return np.where(numbers <= 0.04045, numbers / 12.92, ((numbers + 0.055) / 1.055) ** 2.4)
