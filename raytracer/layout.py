@@ -140,6 +140,12 @@ class Layout:
         )
 
     @property
+    def glass(self) -> Rows:
+        """(2M, 4): the transmission and refractive index of each material, then its absorption."""
+        rows = [[(look.numbers["transmission"], look.ior, 0, 0), (*look.absorption, 0)] for look in self.looks]
+        return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+    @property
     def reflects(self) -> bool:
         """Whether any surface mirrors."""
         return bool((self.materials[::2, 3] > 0).any())
@@ -168,8 +174,8 @@ def _material_rows(looks: Sequence[Material]) -> Rows:
     """The rows of materials; a coefficient that is a texture is 1 there."""
     rows = []
     for look in looks:
-        color, diffuse, specular, shininess, reflectivity = look.numbers
-        rows += [(*color, reflectivity), (diffuse, specular, shininess, 0.0)]
+        x = look.numbers
+        rows += [(*look.tint, x["reflectivity"]), (x["diffuse"], x["specular"], x["shininess"], 0.0)]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
@@ -191,7 +197,7 @@ def _colors(meshes: Sequence[Mesh]) -> Rows | None:
     own = [np.ones((len(mesh), 3, 3)) if mesh.colors is None else mesh.colors for mesh in meshes]
     if any(is_programmed(mesh.material) for mesh in meshes):
         return _corner_rows(own)
-    return _corner_rows([colors * mesh.material.numbers[0] for colors, mesh in zip(own, meshes, strict=True)])
+    return _corner_rows([colors * mesh.material.tint for colors, mesh in zip(own, meshes, strict=True)])
 
 
 def is_programmed(look: Material) -> bool:

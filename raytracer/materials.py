@@ -20,7 +20,7 @@ from raytracer.textures import Texture
 
 Triple = tuple[float, float, float]
 
-NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity")
+NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmission")
 """The coefficients that are one number."""
 COEFFICIENTS: Final = ("color", *NUMBERS)
 
@@ -31,7 +31,15 @@ class Material:
 
     `color` is linear RGB; a mesh's vertex colours multiply it. `diffuse` and `specular` weigh the two lobes,
     `shininess` is the exponent of the highlight, and `reflectivity` in [0, 1] the share of the colour that is the
-    mirror image. Each of them may be a `Texture`, which is read at the mesh's uv coordinates.
+    mirror image.
+
+    `transmission` in [0, 1] is the share of the surface that is clear, such as glass of the refractive index `ior`: it
+    mirrors what Fresnel's equations say and refracts the rest, and `color` and `reflectivity` are those of the other
+    share. `absorption` (r, g, b) is how much light is lost inside, per unit of length (Beer's law: exp(-absorption
+    distance) is left). Light goes in where the corners of a triangle run counter-clockwise, and out where they do not:
+    a mesh of glass is closed.
+
+    Each number but `ior` and `absorption` may be a `Texture`, which is read at the mesh's uv coordinates.
 
     `surface` is a function from a `Hit` to a `Surface`, recorded into the tracer and run once for each hit: what it
     leaves open is as the material says. It may also be an `sh.Program` whose inputs have names of a Hit and whose
@@ -53,6 +61,9 @@ class Material:
     specular: float | Texture = 0.25
     shininess: float | Texture = 40.0
     reflectivity: float | Texture = 0.0
+    transmission: float | Texture = 0.0
+    ior: float = 1.5
+    absorption: Triple = (0.0, 0.0, 0.0)
     surface: Callable[..., Any] | None = None
     shade: Callable[..., Any] | None = None
 
@@ -69,8 +80,18 @@ class Material:
             numbers += self.color
         if not all(math.isfinite(x) and x >= 0 for x in numbers):
             raise SceneError(f"a material's numbers are finite and not negative: {self}")
-        if not isinstance(self.reflectivity, Texture) and self.reflectivity > 1:
-            raise SceneError(f"a reflectivity lies in [0, 1], not {self.reflectivity}")
+        for name in ("reflectivity", "transmission"):
+            share = getattr(self, name)
+            if not isinstance(share, Texture) and share > 1:
+                raise SceneError(f"a {name} lies in [0, 1], not {share}")
+        if not (isinstance(self.ior, float | int | np.number) and 0 < self.ior < math.inf):
+            raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
+        lost = np.shape(self.absorption) == (3,) and all(
+            isinstance(x, float | int | np.number) for x in self.absorption
+        )
+        if not lost or not all(0 <= x < math.inf for x in self.absorption):
+            raise SceneError(f"an absorption is (r, g, b) per unit of length, 0 or more, not {self.absorption!r}")
+        object.__setattr__(self, "absorption", tuple(map(float, self.absorption)))
         for name in ("surface", "shade"):
             program = getattr(self, name)
             if program is not None and not callable(program):
@@ -82,19 +103,20 @@ class Material:
         return {name: found for name in COEFFICIENTS if isinstance(found := getattr(self, name), Texture)}
 
     @property
-    def numbers(self) -> tuple[Triple, float, float, float, float]:
-        """The coefficients, `color` first and as in COEFFICIENTS; 1 where they are read from pictures."""
-        color = (1.0, 1.0, 1.0) if isinstance(self.color, Texture) else self.color
-        diffuse, specular, shininess, reflectivity = (
-            1.0 if isinstance(number := getattr(self, name), Texture) else number for name in NUMBERS
-        )
-        return color, diffuse, specular, shininess, reflectivity
+    def numbers(self) -> dict[str, float]:
+        """The coefficients that are one number; 1 where they are read from pictures."""
+        return {name: 1.0 if isinstance(x := getattr(self, name), Texture) else float(x) for name in NUMBERS}
+
+    @property
+    def tint(self) -> Triple:
+        """The colour; white where it is read from a picture."""
+        return (1.0, 1.0, 1.0) if isinstance(self.color, Texture) else self.color
 
     @property
     def may_mirror(self) -> bool:
-        """Whether any point of the surface can have a mirror image."""
-        known = not isinstance(self.reflectivity, Texture) and self.surface is None
-        return not (known and self.reflectivity == 0)
+        """Whether any point of the surface can have a mirror image, or be clear."""
+        numbers = self.numbers
+        return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
 
 
 PLAIN: Final = Material()

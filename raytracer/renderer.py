@@ -22,6 +22,7 @@ from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
+from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.tracer import EyeRays, Pixel, Tracer
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
@@ -78,6 +79,10 @@ class Renderer:
             return
         started = time.perf_counter()
         unified, rays = Tracer(self.layout, scene.background, scene.ambient, bounces, self.backend), EyeRays()
+        if unified.surfaces.clear:
+            if tracer == "staged":
+                raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
+            unified = GlassTracer(self.layout, scene.background, scene.ambient, bounces, self.backend)
         self.features = unified.features
         if tracer == "staged":
             self.staged = StagedTracer(

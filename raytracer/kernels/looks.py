@@ -85,8 +85,9 @@ class Looks:
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).given.items():
                     given[name][:] = sh.normalize(value) if name == "normal" else value
-        if "reflectivity" in self.gives:
-            given["reflectivity"][:] = sh.clamp(given["reflectivity"], 0, 1)
+        for name in ("reflectivity", "transmission"):
+            if name in self.gives:
+                given[name][:] = sh.clamp(given[name], 0, 1)
 
     def shade_of(self, material: Any) -> Any:
         """The number of a material's `shade`; 0 for Phong's model."""

@@ -31,7 +31,8 @@ class _Known:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self._sources:
-            raise AttributeError(f"a {type(self).__name__} has no {name}: it has {', '.join(fields_of(type(self)))}")
+            known = ", ".join(self._sources or self.__dict__.get("given", ()))
+            raise AttributeError(f"this {type(self).__name__} has no {name}: it has {known}")
         self.read.add(name)
         # A copy: what a user's program does to it stays there. It is not kept, as the next reader may stand in another
         # branch, where it would not have been computed.
@@ -64,10 +65,12 @@ class Surface(_Known):
     """What a material's `surface` says of a point; what it leaves open is as the material says.
 
     `color` is linear RGB, `diffuse`, `specular` and `shininess` Phong's coefficients, `reflectivity` the share of the
-    mirror image, `normal` a normal on the viewer's side, for instance one that a bump map has turned. Numbers and
-    triples are taken as well as values of the language.
+    mirror image, `transmission` the share that is clear, `ior` its refractive index, and `normal` a normal on the
+    viewer's side, for instance one that a bump map has turned. Numbers and triples are taken as well as values of the
+    language.
 
-    A material's `shade` is handed one in which all of these are known, and `position`, `face` and `view` as in a Hit.
+    A material's `shade` is handed one in which all but `transmission` and `ior` are known, and `position`, `face` and
+    `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`.
     Raises SceneError, with the line, for what is no such value.
     """
 
@@ -76,6 +79,8 @@ class Surface(_Known):
     specular: sh.Attrib1f
     shininess: sh.Attrib1f
     reflectivity: sh.Attrib1f
+    transmission: sh.Attrib1f
+    ior: sh.Attrib1f
     normal: sh.Normal3f
     position: sh.Point3f
     face: sh.Normal3f
@@ -89,11 +94,13 @@ class Surface(_Known):
         specular: Any = None,
         shininess: Any = None,
         reflectivity: Any = None,
+        transmission: Any = None,
+        ior: Any = None,
         normal: Any = None,
     ) -> None:
         given = {
             "color": color, "diffuse": diffuse, "specular": specular, "shininess": shininess,
-            "reflectivity": reflectivity, "normal": normal,
+            "reflectivity": reflectivity, "transmission": transmission, "ior": ior, "normal": normal,
         }  # fmt: skip
         super().__init__({})
         self.given: dict[str, Any] = {
@@ -111,8 +118,10 @@ class Surface(_Known):
         return made
 
 
-GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "normal")
+GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmission", "ior", "normal")
 """What a `surface` may say."""
+UNSHADED = ("transmission", "ior")
+"""What a `shade` is not told: it gives the colour of the share that is not clear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +181,7 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
 
 def _readers(known: _Known) -> Sources:
     """What reads the fields of a Hit or Surface, by name."""
-    return {name: partial(getattr, known, name) for name in fields_of(type(known))}
+    return {name: partial(getattr, known, name) for name in known._sources}
 
 
 def _run(program: Any, sources: Sources, what: str) -> Any:
@@ -200,7 +209,7 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
 
 def examine_shade(program: Callable[..., Any]) -> Examined:
     """Record a material's `shade` by itself; SceneError or ShpyError for mistakes in it."""
-    surface = Surface.known(_zeros(Surface))
+    surface = Surface.known({name: zero for name, zero in _zeros(Surface).items() if name not in UNSHADED})
 
     @sh.program
     def shade() -> sh.Attrib1f:

@@ -30,7 +30,7 @@ FAINT = 2.0**-64
 class ShadedPoint:
     """What is known of the point that was hit last, from its hit until its last shadow ray."""
 
-    def __init__(self, shades: bool = False) -> None:
+    def __init__(self, shades: bool = False, clear: bool = False) -> None:
         inter = sh.Point3f()  # moved off the surface, to the side that it is seen from
         view = sh.Vector3f()
         face = sh.Normal3f()  # of the triangle itself, on the viewer's side, as is `normal`
@@ -42,6 +42,9 @@ class ShadedPoint:
         if shades:  # which program there is instead of Phong's model, and what it may ask for
             reflectivity, shade = sh.Attrib1f(), sh.Attrib1i()
             self.reflectivity, self.shade = reflectivity, shade
+        if clear:  # `beyond` is moved off the surface to the other side; `outside` where the ray came from
+            beyond, transmission, ior, outside = sh.Point3f(), sh.Attrib1f(), sh.Attrib1f(), sh.Attrib1b()
+            self.beyond, self.transmission, self.ior, self.outside = beyond, transmission, ior, outside
 
 
 class SurfaceTables:
@@ -59,6 +62,9 @@ class SurfaceTables:
         )
         self.origin, self.scale = layout.origin, layout.scale
         self.highlights = bool((layout.materials[1::2, 1] > 0).any()) or "specular" in self.looks.gives
+        self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.looks.gives
+        if self.clear:
+            self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
         self.black = bool(self.looks) or is_black(layout)
         self.dark = bool((layout.materials[1::2, :2] == 0).all(axis=1).any()) and not self.looks.shades
         self.one = layout.materials if len(layout.materials) == 2 else None
@@ -86,9 +92,37 @@ class SurfaceTables:
             surface.inter -= barylerp(
                 hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True))
             )
+        if self.clear:
+            row = self.glass[2 * self.material_at(hit)]
+            surface.beyond[:] = point - bound * facing
+            surface.outside[:] = side > 0
+            surface.transmission[:] = row.x
+            surface.ior[:] = row.y
         if not self.looks:
             return self.paint(hit, surface, self.material_at(hit))
         return self.describe(hit, surface, point, side)
+
+    def behind(self, hit: Hit, ray: Any, eye: Any) -> Any:
+        """The point that was hit, moved off the surface to the side that the ray comes out on."""
+        corners = self.triangles[hit.id]
+        face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
+        point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
+        return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
+
+    def passed(self, hit: Hit, ray: Any) -> Any:
+        """The share (r, g, b) of the light that comes to a hit through the material and goes on through its surface."""
+        row = 2 * self.material_at(hit)
+        return self.glass[row].x * self.kept(hit, self.comes_from_inside(hit, ray))
+
+    def comes_from_inside(self, hit: Hit, ray: Any) -> Any:
+        """Return whether a ray hits a triangle from behind."""
+        corners = self.triangles[hit.id]
+        return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
+
+    def kept(self, hit: Hit, inside: Any) -> Any:
+        """The share of the light that a way inside leaves, by the law of Beer: 1 for a way outside."""
+        absorption = self.glass[2 * self.material_at(hit) + 1].rgb
+        return sh.cond(inside, sh.exp(-(hit.l / self.scale) * absorption), sh.Color3f(1, 1, 1))
 
     def place(self, hit: Hit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
         """The point that was hit, and how far it may be off the triangle's plane.
@@ -148,6 +182,8 @@ class SurfaceTables:
         )
         given = {"color": surface.color, "diffuse": diffuse, "specular": specular, "shininess": shininess}
         given |= {"reflectivity": reflectivity, "normal": surface.normal}
+        if self.clear:
+            given |= {"transmission": surface.transmission, "ior": surface.ior}
         self.looks.describe(number, seen, given)
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
         if self.looks.shades:

@@ -88,6 +88,8 @@ class Tracer:
         }
         if isinstance(layout.structure, Grid):
             self.features["triangles outside the grid"] = layout.structure.outside
+        if self.surfaces.clear:
+            self.features["glass"] = True
         if looks:
             self.features |= {"surface programs": len(looks.surfaces), "shade programs": len(looks.shades)}
             self.features["textures"] = len(looks.textured)
@@ -109,7 +111,7 @@ class Tracer:
     def begin(self) -> tuple[Path, ShadedPoint, Pixel]:
         """Return the path, surface and pixel of an eye ray before its first hit."""
         path = Path.eye_ray(self.bounces)
-        surface = ShadedPoint(bool(self.surfaces.looks.shades))
+        surface = ShadedPoint(bool(self.surfaces.looks.shades), self.surfaces.clear)
         rays = sh.Attrib1i(0)
         return path, surface, background_pixel(path.color, rays)
 
@@ -189,8 +191,13 @@ def background_pixel(color: Any, rays: Any) -> Pixel:
 
 
 def reflect(surface: ShadedPoint, ray: Any, eye: Any) -> None:
+    """Make the ray the mirrored one."""
+    ray[:] = mirrored(surface)
+    eye[:] = surface.inter
+
+
+def mirrored(surface: ShadedPoint) -> Any:
     """The mirrored ray; where an interpolated normal would send it into the surface, it is turned back outside."""
     mirrored = sh.reflect(-surface.view, surface.normal)
     below = sh.min(sh.dot(mirrored, surface.face), 0.0)
-    ray[:] = mirrored - (2 * below) * surface.face
-    eye[:] = surface.inter
+    return mirrored - (2 * below) * surface.face

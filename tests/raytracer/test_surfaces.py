@@ -349,7 +349,7 @@ WRONG = {
     "a surface gives a raytracer.Surface, not None": {"surface": lambda hit: None},
     r"test_surfaces.py:\d+: Surface\(color=...\) is an sh.Color3f": {"surface": lambda hit: Surface(color="red")},
     r"Surface\(diffuse=...\) is an sh.Attrib1f": {"surface": lambda hit: Surface(diffuse=hit.position)},
-    "a Hit has no postion: it has position": {"surface": lambda hit: Surface(color=hit.postion)},
+    "this Hit has no postion: it has position": {"surface": lambda hit: Surface(color=hit.postion)},
     rf"test_surfaces.py:{LINE + 2}": {"surface": rebound},
     "bare: .* needs uv coordinates": {"surface": checker},
     "bare: a Texture needs uv coordinates": {"color": Texture(PICTURE)},
@@ -357,7 +357,7 @@ WRONG = {
     "outputs of a surface are named .*, not glow": {"surface": glowing},
     "a shade gives an sh.Color3f, not None": {"shade": lambda surface, light: None},
     "what a shade gives is an sh.Color3f": {"shade": lambda surface, light: "red"},
-    "a Surface has no hue: it has color": {"shade": lambda surface, light: surface.hue},
+    "this Surface has no hue: it has color": {"shade": lambda surface, light: surface.hue},
     "gain is nothing that a Surface with its light has": {"shade": tones.rename(x="diffuse")},
 }
 
