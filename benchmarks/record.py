@@ -17,7 +17,8 @@ from typing import Any
 
 import shpy as sh
 from raytracer import Scene
-from raytracer.kernels.tracer import EyeRays, Tracer
+from raytracer.kernels.eye_rays import EyeRays
+from raytracer.kernels.tracer import Tracer
 from raytracer.layout import Layout
 from raytracer.renderer import eye_rays
 from shpy import SH_FOR, SH_IF

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from raytracer.errors import SceneError
 from raytracer.materials import Triple
 
 Vector = NDArray[np.float64]
+Projection = Literal["perspective", "orthographic", "panorama"]
 
 
 class View(NamedTuple):
@@ -37,17 +38,43 @@ def radius_of(low: Vector, high: Vector) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
-    """A pinhole at `position` looking at `target`.
+class Intrinsics:
+    """Directions of the eye rays of a calibrated camera: `matrix` (9 numbers, row by row) takes (x, y, 1) there."""
 
-    `up` need only not be along the line of sight; `fov` is the angle, in degrees, across the shorter side of the
-    picture. Raises SceneError where no picture can follow from it.
+    matrix: tuple[float, ...]
+    size: tuple[int, int]
+
+    def view(self, eye: Vector, width: int, height: int) -> View:
+        """The vectors that give the eye rays of a picture of `width` by `height` pixels."""
+        across, down, corner = np.reshape(self.matrix, (3, 3)).T
+        return View(eye, corner, across * (self.size[0] / width), down * (self.size[1] / height))
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera at `position` looking at `target`.
+
+    `up` need only not be along the line of sight. In a "perspective" picture `fov` is the angle, in degrees, across its
+    shorter side. In an "orthographic" one eye rays are parallel, and `span` is how much of the scene the shorter side
+    shows, in the scene's units. A "panorama" shows all directions, 360 degrees wide and 180 high, the target in its
+    middle (an equirectangular projection).
+
+    A perspective camera has a thin lens where `aperture`, the lens's diameter in the scene's units, is not 0: what is
+    as far as `focus` along the line of sight is sharp (the distance of the target, if None). Each sample of a pixel
+    goes through another point of the lens, which depends on nothing but the pixel and the sample (Cook, Porter and
+    Carpenter 1984).
+    Raises SceneError where no picture can follow from it.
     """
 
     position: Triple
     target: Triple = (0.0, 0.0, 0.0)
     up: Triple = (0.0, 1.0, 0.0)
     fov: float = 40.0
+    projection: Projection = "perspective"
+    span: float = 2.0
+    aperture: float = 0.0
+    focus: float | None = None
+    intrinsics: Intrinsics | None = None
 
     def __post_init__(self) -> None:
         if not all(len(v) == 3 and np.all(np.isfinite(v)) for v in (self.position, self.target, self.up)):
@@ -59,18 +86,95 @@ class Camera:
             raise SceneError("a camera cannot look at its own position")
         if np.linalg.norm(np.cross(sight, self.up)) <= 1e-9 * np.linalg.norm(sight) * np.linalg.norm(self.up):
             raise SceneError("a camera's up must not be along its line of sight")
+        if self.projection not in get_args(Projection):
+            raise SceneError(
+                f"a camera's projection is one of {', '.join(get_args(Projection))}, not {self.projection!r}"
+            )
+        if not 0 < self.span < math.inf:
+            raise SceneError(f"a camera's span is a length above 0, not {self.span}")
+        if not 0 <= self.aperture < math.inf:
+            raise SceneError(f"a camera's aperture is a length, 0 for a pinhole, not {self.aperture}")
+        if self.focus is not None and not 0 < self.focus < math.inf:
+            raise SceneError(f"a camera's focus is a distance above 0, not {self.focus}")
+        if self.aperture and self.projection != "perspective":
+            raise SceneError(f"an aperture is for a perspective camera, not for an {self.projection} one")
 
-    def view(self, width: int, height: int) -> View:
-        """The vectors that give the eye rays of a picture of `width` by `height` pixels; row 0 is the top one."""
+    @property
+    def axes(self) -> tuple[Vector, Vector, Vector]:
+        """Unit vectors to the right, up, and along the line of sight."""
         forward = np.subtract(self.target, self.position).astype(np.float64)
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, self.up)
         right /= np.linalg.norm(right)
-        above = np.cross(right, forward)
+        return right, np.cross(right, forward), forward
+
+    def view(self, width: int, height: int) -> View:
+        """The vectors that give a perspective picture's eye rays, `width` by `height` pixels; row 0 is the top one."""
+        if self.intrinsics is not None:
+            return self.intrinsics.view(np.asarray(self.position, dtype=np.float64), width, height)
+        right, above, forward = self.axes
         pixel = 2 * math.tan(math.radians(self.fov) / 2) / min(width, height)
         across, down = right * pixel, -above * pixel
         corner = forward - across * (width / 2) - down * (height / 2)
         return View(np.asarray(self.position, dtype=np.float64), corner, across, down)
+
+    def uniforms(self, width: int, height: int, origin: Vector, scale: float) -> dict[str, Any]:
+        """Values of the params of `kernels.eye_rays`, where positions are from `origin`, times `scale`."""
+        place = (np.asarray(self.position, dtype=np.float64) - origin) * scale
+        right, above, forward = self.axes
+        if self.projection == "panorama":
+            return {"eye": place, "right": right, "above": above, "forward": forward, "size": (width, height)}
+        if self.projection == "orthographic":
+            pixel = self.span * scale / min(width, height)
+            across, down = right * pixel, -above * pixel
+            corner = place - across * (width / 2) - down * (height / 2)
+            return {"eye": corner, "corner": forward, "across": across, "down": down}
+        view = self.view(width, height)
+        found: dict[str, Any] = view._replace(eye=place)._asdict()
+        if self.aperture:
+            focus = np.linalg.norm(np.subtract(self.target, self.position)) if self.focus is None else self.focus
+            found["focus"] = focus * scale
+            found |= {
+                "lens_right": right * (self.aperture * scale / 2),
+                "lens_above": above * (self.aperture * scale / 2),
+            }
+        return found
+
+    @classmethod
+    def from_intrinsics(
+        cls, K: ArrayLike, pose: ArrayLike, size: tuple[int, int], *, aperture: float = 0.0, focus: float | None = None
+    ) -> Camera:
+        """The pinhole camera of a calibration.
+
+        `K` (3, 3) is the matrix of the intrinsics in pixels, [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], of pictures of
+        `size` (width, height); the top left pixel reaches from (0, 0) to (1, 1), so that its centre is (0.5, 0.5): add
+        0.5 to the cx and cy of OpenCV. `pose` (4, 4) or (3, 4) takes points of the camera to the scene, the camera's x
+        to the right, y down and z forward (Hartley and Zisserman 2004, section 6.1). A picture of another size shows
+        the same part of the scene. Raises SceneError for other shapes and matrices that are no calibration or pose.
+        """
+        matrix, place = np.asarray(K, dtype=np.float64), np.asarray(pose, dtype=np.float64)
+        if matrix.shape != (3, 3) or place.shape not in ((4, 4), (3, 4)):
+            raise SceneError(f"K is (3, 3) and a pose (4, 4) or (3, 4), not {matrix.shape} and {place.shape}")
+        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(place))):
+            raise SceneError("K and pose are finite numbers")
+        if not (matrix[0, 0] > 0 and matrix[1, 1] > 0) or np.any(matrix[[1, 2, 2, 2], [0, 0, 1, 2]] != (0, 0, 0, 1)):
+            raise SceneError(
+                f"K is [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with positive fx and fy, not {matrix.tolist()}"
+            )
+        turn = place[:3, :3]
+        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-4 or np.linalg.det(turn) < 0:
+            raise SceneError("the first three columns of a pose are a rotation: orthogonal, of determinant 1")
+        width, height = size
+        if not (width > 0 and height > 0):
+            raise SceneError(f"a size is (width, height) in pixels, not {size!r}")
+        x, y, z = place[:3, 3].tolist()
+        forward, up = place[:3, 2].tolist(), (-place[:3, 1]).tolist()
+        fov = math.degrees(2 * math.atan(min(width / matrix[0, 0], height / matrix[1, 1]) / 2))
+        held = Intrinsics(tuple((turn @ np.linalg.inv(matrix)).reshape(-1).tolist()), (int(width), int(height)))
+        return cls(
+            (x, y, z), (x + forward[0], y + forward[1], z + forward[2]), tuple(up), fov,
+            aperture=aperture, focus=focus, intrinsics=held,
+        )  # fmt: skip
 
     @classmethod
     def framing(cls, low: Vector, high: Vector, *, toward: Triple = (0.42, 0.42, 1.0), fov: float = 32.0) -> Camera:

@@ -89,7 +89,7 @@ class Layout:
     texture or program makes colours (`is_programmed`), None if no mesh has any;
     `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and `object_of` (N,)
     int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the light and 0, then
-    color.
+    color, and 1 where it falls off by the square of the distance.
 
     `looks` (M,) are the materials, `bare` (M,) the name of a mesh of each material that has no uv coordinates, or "";
     `uvs` (3N, 2) the uv coordinates at the corners, None if no material has textures or programs.
@@ -152,11 +152,15 @@ class Layout:
 
 
 def light_rows(lights: Sequence[Light], origin: NDArray[np.float64], scale: float) -> Rows:
-    """(2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then its colour."""
+    """(2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then its colour.
+
+    The colour is followed by 1 where the light falls off by the square of the distance, by 0 where it does not.
+    """
     rows = np.zeros((2 * len(lights), 4))
     for k, light in enumerate(lights):
         if isinstance(light, PointLight):
             rows[2 * k] = *((light.position - origin) * scale), 1
+            rows[2 * k + 1, 3] = light.falloff == "square"
         else:
             rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         rows[2 * k + 1, :3] = light.color

@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from raytracer.errors import SceneError
 from raytracer.materials import Triple
+
+Falloff = Literal["none", "square"]
 
 
 def _finite(what: str, values: Triple) -> None:
@@ -22,14 +25,22 @@ def _finite(what: str, values: Triple) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PointLight:
-    """A light at `position`, equally bright at every distance (as in the tracer of 2004); `color` is linear RGB."""
+    """A light at `position`; `color` is linear RGB.
+
+    With the `falloff` "none" it is equally bright at every distance (as in the tracer of 2004). With "square" it shines
+    as a light does, with `color` at the distance 1 and by the square of the distance less farther away.
+    Raises SceneError for what is not finite and for another falloff.
+    """
 
     position: Triple
     color: Triple = (1.0, 1.0, 1.0)
+    falloff: Falloff = "none"
 
     def __post_init__(self) -> None:
         _finite("position", self.position)
         _finite("color", self.color)
+        if self.falloff not in get_args(Falloff):
+            raise SceneError(f"a light's falloff is one of {', '.join(get_args(Falloff))}, not {self.falloff!r}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,9 @@ from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
+from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
-from raytracer.kernels.tracer import EyeRays, Pixel, Tracer
+from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
 from raytracer.scene import Scene
@@ -75,29 +76,47 @@ class Renderer:
         self.record_seconds = self.compile_seconds = 0.0
         self.features: dict[str, bool | int] = {}
         self.staged: StagedTracer | None = None
+        self.program: Any = None
+        self.kernel: Any = None
+        self.params: dict[str, Any] = {}
         if self.layout is None:
             return
+        self._options: dict[str, Any] = {"precision": precision, "math": math}
+        self._threshold = threshold if tracer == "staged" else None
         started = time.perf_counter()
-        unified, rays = Tracer(self.layout, scene.background, scene.ambient, bounces, self.backend), EyeRays()
-        if unified.surfaces.clear:
+        given: Any = (self.layout, scene.background, scene.ambient, bounces, self.backend)
+        self._tracer = Tracer(*given)
+        if self._tracer.surfaces.clear:
             if tracer == "staged":
                 raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
-            unified = GlassTracer(self.layout, scene.background, scene.ambient, bounces, self.backend)
-        self.features = unified.features
-        if tracer == "staged":
-            self.staged = StagedTracer(
-                unified, rays, backend=self.backend, threshold=threshold, precision=precision, math=math
-            )
-            self.params = self.staged.params
-            self.compile_seconds = time.perf_counter() - started
-            return
-        self.program = eye_rays(unified, rays)
-        self.params = self.program.params
+            self._tracer = GlassTracer(*given)
+        self.features = self._tracer.features
+        self.record_seconds = time.perf_counter() - started
+        self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
+        assert scene.camera is not None  # a scene frames one if it has none
+        self._choose(scene.camera)
+
+    def _choose(self, camera: Camera) -> None:
+        """Take the kernels for a camera's projection, compiled once."""
+        kind = camera.projection, bool(camera.aperture)
+        if kind not in self._kinds:
+            self._kinds[kind] = self._compiled(camera)
+        self.__dict__.update(self._kinds[kind])
+
+    def _compiled(self, camera: Camera) -> dict[str, Any]:
+        """The kernels for a camera's projection, as attributes."""
+        started, rays = time.perf_counter(), eye_rays_of(camera)
+        if self._threshold is not None:
+            staged = StagedTracer(self._tracer, rays, backend=self.backend, threshold=self._threshold, **self._options)
+            self.compile_seconds += time.perf_counter() - started
+            return {"staged": staged, "params": staged.params}
+        program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
         # No budget of iterations: each one of the walk finishes a triangle or a cell, each one of the tracer a ray.
-        self.kernel = self.program.compile(self.backend, precision=precision, math=math, loop_limit=None)
-        self.record_seconds = recorded - started
-        self.compile_seconds = time.perf_counter() - recorded
+        kernel = program.compile(self.backend, **self._options, loop_limit=None)
+        self.record_seconds += recorded - started
+        self.compile_seconds += time.perf_counter() - recorded
+        return {"program": program, "kernel": kernel, "params": program.params}
 
     def render(
         self,
@@ -117,7 +136,10 @@ class Renderer:
         if self.layout is None:
             _clear(layers, self.scene.background)
         else:
-            self._aim(camera or self.scene.camera, width * fine, height * fine)
+            camera = camera or self.scene.camera
+            assert camera is not None  # a scene frames one if it has none
+            self._choose(camera)
+            self._aim(camera, width * fine, height * fine)
             if self.staged is not None:
                 self.staged.log = Log()
             rows = max(1, self._rays_at_once // (width * fine * fine))
@@ -146,12 +168,9 @@ class Renderer:
             return _STAGED_BAND
         return _BAND if self.backend == "numpy" else _DEVICE_BAND
 
-    def _aim(self, camera: Camera | None, width: int, height: int) -> None:
-        assert camera is not None  # a scene frames one if it has none
+    def _aim(self, camera: Camera, width: int, height: int) -> None:
         assert self.layout is not None
-        view = camera.view(width, height)
-        view = view._replace(eye=(view.eye - self.layout.origin) * self.layout.scale)
-        for name, value in view._asdict().items():
+        for name, value in camera.uniforms(width, height, self.layout.origin, self.layout.scale).items():
             self.params[name].value = value
 
     def _band(self, layers: dict[str, Any], top: int, count: int, width: int, fine: int) -> None:
@@ -181,14 +200,13 @@ class Renderer:
             depth[:] = depth.astype(np.float64) / self.layout.scale
 
 
-def eye_rays(tracer: Tracer, rays: EyeRays) -> Any:
+def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     """The program of the whole picture: makes the eye ray of each pixel of a band and traces it."""
 
     @sh.program
     def picture() -> Pixel:
         row, column = sh.grid_index(2)
-        ray = sh.normalize(rays.through(row, column))
-        return tracer(ray, sh.Point3f(rays.eye))
+        return tracer(*rays(row, column))
 
     return picture
 

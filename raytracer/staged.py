@@ -23,7 +23,8 @@ import numpy as np
 
 import shpy as sh
 from raytracer.kernels import stages
-from raytracer.kernels.tracer import EyeRays, Pixel, Tracer
+from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
+from raytracer.kernels.tracer import Pixel, Tracer
 
 __all__ = ["Log", "StagedTracer"]
 
@@ -69,7 +70,7 @@ class StagedTracer:
     def __init__(
         self,
         tracer: Tracer,
-        rays: EyeRays,
+        rays: EyeRays | PanoramaRays,
         *,
         backend: str,
         threshold: float,

@@ -269,7 +269,7 @@ def beside(camera: Camera | None) -> Camera:
     x, y, z = (
         np.add(camera.position, 0.15 * side / np.linalg.norm(side) * np.linalg.norm(sight) + 0.05 * sight)
     ).tolist()
-    return dataclasses.replace(camera, position=(x, y, z))
+    return dataclasses.replace(camera, position=(x, y, z), intrinsics=None)
 
 
 def turned(camera: Camera | None, angle: float, rise: float = 1.0) -> Camera:
@@ -281,7 +281,7 @@ def turned(camera: Camera | None, angle: float, rise: float = 1.0) -> Camera:
     turn = np.radians(angle)
     moved = rise * height + (sight - height) * np.cos(turn) + across * np.sin(turn)
     x, y, z = np.add(camera.target, moved).tolist()
-    return dataclasses.replace(camera, position=(x, y, z))
+    return dataclasses.replace(camera, position=(x, y, z), intrinsics=None)
 
 
 def _variants(scene: Scene, bounces: int) -> list[Variant]:

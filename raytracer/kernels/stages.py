@@ -16,8 +16,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import shpy as sh
+from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.intersector import GridIntersector, is_over
-from raytracer.kernels.tracer import EyeRays, Path, Pixel, Tracer
+from raytracer.kernels.tracer import Path, Pixel, Tracer
 from raytracer.kernels.triangle import FAR, TriangleTest, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -153,7 +154,7 @@ WRITES = {
 """The streams that a stage writes; those that it reads are its inputs."""
 
 
-def programs(tracer: Tracer, rays: EyeRays) -> dict[str, Any]:
+def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
     """The programs of a tracer's stages by name; its accelerator is a grid."""
     walk = tracer.intersector
     assert isinstance(walk, GridIntersector)
@@ -189,14 +190,14 @@ def unfinished(state: sh.Attrib1i) -> sh.Attrib1b:
     return sh.Attrib1b(state != FINISHED)
 
 
-def _generator(tracer: Tracer, rays: EyeRays) -> Any:
+def _generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     @sh.program
     def generate() -> Generated:
         row, column = sh.grid_index(2)
-        ray = sh.normalize(rays.through(row, column))
+        ray, eye = rays(row, column)
         path, _, pixel = tracer.begin()
         light = Light(path.scolor, path.rn, path.r, path.shadows, sh.Color3f(0, 0, 0))
-        return Generated(Ray(rays.eye, ray, sh.Attrib1f(FAR), path.tracing), light, pixel, sh.Attrib1i(ACTIVE))
+        return Generated(Ray(eye, ray, sh.Attrib1f(FAR), path.tracing), light, pixel, sh.Attrib1i(ACTIVE))
 
     return generate
 

@@ -238,8 +238,10 @@ class SurfaceTables:
 class LightList:
     """The lights of a scene."""
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: Rows, scale: float) -> None:
         self.count = len(rows) // 2
+        self.fades = bool((rows[1::2, 3] > 0).any())
+        self.scale = scale
         self.points = bool((rows[::2, 3] > 0).any())
         self.directions = bool((rows[::2, 3] == 0).any())
         self.rows = rows
@@ -258,6 +260,9 @@ class LightList:
         eye[:] = surface.inter
         limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)
         lightcol[:] = color.rgb
+        if self.fades:
+            way = distance / self.scale
+            lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
 
 
 def is_black(layout: Layout) -> bool:

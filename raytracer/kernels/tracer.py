@@ -73,7 +73,7 @@ class Tracer:
         self.ambient = float(ambient)
         self.bounces = bounces
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
-        self.lights = LightList(layout.lights)
+        self.lights = LightList(layout.lights, layout.scale)
         looks = self.surfaces.looks
         self.reflects = layout.reflects or "reflectivity" in looks.gives
         self.features: dict[str, bool | int] = {
@@ -165,21 +165,6 @@ class Tracer:
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
         pixel.object[:] = self.surfaces.object_at(hit)
-
-
-class EyeRays:
-    """The eye rays of a band of a picture: `Camera.view` and the band's first row are uniforms of the kernel."""
-
-    def __init__(self) -> None:
-        self.eye = sh.Param(sh.Point3f, (0, 0, 0), name="eye")
-        self.corner = sh.Param(sh.Vector3f, (0, 0, 0), name="corner")
-        self.across = sh.Param(sh.Vector3f, (0, 0, 0), name="across")
-        self.down = sh.Param(sh.Vector3f, (0, 0, 0), name="down")
-        self.first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
-
-    def through(self, row: Any, column: Any) -> Any:
-        """A vector along the eye ray through a pixel of the band."""
-        return self.corner + (column + 0.5) * self.across + (row + self.first_row + 0.5) * self.down
 
 
 def background_pixel(color: Any, rays: Any) -> Pixel:

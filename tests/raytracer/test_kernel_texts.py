@@ -10,7 +10,8 @@ import re
 import pytest
 
 from raytracer import Scene
-from raytracer.kernels.tracer import EyeRays, Tracer
+from raytracer.kernels.eye_rays import EyeRays
+from raytracer.kernels.tracer import Tracer
 from raytracer.layout import Layout
 from raytracer.renderer import eye_rays
 
