@@ -71,6 +71,7 @@ from shpy.lang.builtins import (
     length,
     log,
     log2,
+    log10,
     mad,
     mix,
     mod,
@@ -235,7 +236,7 @@ from shpy.program import Program, Step, parse, program
 from shpy.streams.stream import Stream
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
-_LATER = ("accuracy", "command", "files", "testing")
+_LATER = ("accuracy", "command", "files", "library", "testing")
 
 __all__ = [
     "SH_BREAK",
@@ -410,6 +411,7 @@ __all__ = [
     "length",
     "log",
     "log2",
+    "log10",
     "loop",
     "mad",
     "mix",
@@ -455,7 +457,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """`sh.testing`, `sh.accuracy`, `sh.files` and `sh.command` are loaded when they are asked for."""
+    """`sh.testing`, `sh.accuracy`, `sh.files`, `sh.command` and `sh.library` are loaded when they are asked for."""
     if name in _LATER:
         return importlib.import_module(f"shpy.{name}")
     if name.startswith("_"):

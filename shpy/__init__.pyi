@@ -15,6 +15,7 @@ from typing_extensions import TypeVar
 from shpy import accuracy as accuracy
 from shpy import command as command
 from shpy import files as files
+from shpy import library as library
 from shpy import testing as testing
 from shpy.backends.registry import BackendInfo as BackendInfo
 from shpy.backends.registry import backends as backends
@@ -10237,6 +10238,16 @@ def log2(x: Attrib3i | Attrib3u) -> Attrib3f: ...
 @overload
 def log2(x: Attrib4i | Attrib4u) -> Attrib4f: ...
 @overload
+def log10(x: _Float) -> _Float: ...
+@overload
+def log10(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def log10(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def log10(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def log10(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
 def sin(x: _Float) -> _Float: ...
 @overload
 def sin(x: _FloatScalar) -> Attrib1f: ...
@@ -11046,6 +11057,7 @@ __all__ = [
     "length",
     "log",
     "log2",
+    "log10",
     "loop",
     "mad",
     "mix",

@@ -25,6 +25,7 @@ LAYERS = {
     "shpy.ieee": ["shpy.errors"],
     "shpy.ir": ["shpy.errors"],
     "shpy.lang": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.parsing"],
+    "shpy.library": _RECORDED,
     "shpy.passes": ["shpy.errors", "shpy.ir"],
     "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.parsing", "shpy.passes"],
     "shpy.host": _RECORDED,

@@ -140,6 +140,7 @@ _SCALAR: dict[str, Callable[..., Any]] = {
     "exp": _exp(MP.exp),
     "exp2": _exp(lambda x: MP.power(2, x)),
     "log": _real(MP.log, lambda x: x > 0),
+    "log10": _real(MP.log10, lambda x: x > 0),
     "log2": _real(lambda x: MP.log(x, 2), lambda x: x > 0),
     "sin": MP.sin,
     "cos": MP.cos,

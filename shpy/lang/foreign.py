@@ -15,7 +15,7 @@ from collections.abc import Iterable
 OTHER_NAMES = {
     "fabs": "abs", "absolute": "abs", "power": "pow", "arcsin": "asin", "arccos": "acos", "arctan": "atan",
     "arctan2": "atan2", "arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "minimum": "min", "maximum": "max",
-    "where": "cond", "clip": "clamp", "norm": "length", "hypot": "length", "fmod": "mod", "rint": "round",
+    "where": "cond", "clip": "clamp", "norm": "length", "fmod": "mod", "rint": "round",
     "dist": "distance", "deg2rad": "radians", "rad2deg": "degrees", "matmul": "dot", "vdot": "dot",
 }  # fmt: skip
 """A function of numpy or math, and the function of shpy that does the same."""
@@ -36,7 +36,7 @@ _SHADING = {
     "zeros": "vec3(0) for a vector, sh.Array(sh.Attrib1f, n) for an array",
     "ones": "vec3(1) for a vector", "linspace": "Table(np.linspace(a, b, n), sh.Attrib1f)",
     "arange": "Table(np.arange(n), sh.Attrib1i)", "discard": "SH_DISCARD()",
-    "random": "unit_float(sh.hash(i))", "rand": "unit_float(sh.hash(i))", "log10": "log(x) / math.log(10)",
+    "random": "unit_float(sh.hash(i))", "rand": "unit_float(sh.hash(i))",
     "log1p": "log(1 + x)", "expm1": "exp(x) - 1", "exp10": "pow(10, x)", "modf": "trunc(x) and x - sh.trunc(x)",
     "cbrt": "sign(x) * sh.pow(abs(x), 1 / 3)", "kernel": "program", "func": "program", "function": "subroutine",
     "uniform": "Param(type, value)", "buffer": "Table(array, type)", "Uniform": "Param(type, value)",
@@ -45,13 +45,20 @@ _PLAIN = {
     "pi": "math.pi", "PI": "math.pi", "tau": "math.tau", "e": "math.e", "inf": "math.inf", "nan": "math.nan",
     "square": "x * x", "rcp": "1 / x", "reciprocal": "1 / x", "sum": "sum(v), Python's", "lessThan": "a < b",
     "greaterThan": "a > b", "lessThanEqual": "a <= b", "greaterThanEqual": "a >= b", "equal": "a == b",
-    "notEqual": "a != b", "mul": "a * b, or m @ v for matrices", "outer": "sh.Matrix3f(a.x * b, a.y * b, a.z * b)",
-    "outerProduct": "sh.Matrix3f(a.x * b, a.y * b, a.z * b)", "logical_and": "a & b", "logical_or": "a | b",
+    "notEqual": "a != b", "mul": "a * b, or m @ v for matrices", "outer": "sh.library.outer(a, b)",
+    "outerProduct": "sh.library.outer(a, b)", "logical_and": "a & b", "logical_or": "a | b",
     "logical_not": "~a",
     **dict.fromkeys(
         ("dFdx", "dFdy", "fwidth", "ddx", "ddy"), "the derivative as a formula: no element sees its neighbours' values"
     ),
-    "isfinite": "~(sh.isnan(x) | sh.isinf(x))",
+    **{
+        name: f"sh.library.{name}"
+        for name in (
+            "isfinite hypot rotate scale translate look_at perspective fbm turbulence worley cellnoise luminance "
+            "cubemap Texture3D TextureCube"
+        ).split()
+    },
+    "lookAt": "sh.library.look_at", "textureCube": "sh.library.TextureCube", "texture3D": "sh.library.Texture3D",
 }  # fmt: skip
 _VECTORS = {"float": "vec", "int": "ivec", "uint": "uvec", "bool": "bvec"}
 _OF_VALUES = {

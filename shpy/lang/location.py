@@ -18,9 +18,9 @@ import numpy as np
 from shpy.ir.nodes import Loc
 
 _HOUSE = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
-_LIBRARY = os.path.join(_HOUSE, "lang", "library.py")
-_LIBRARY_SHOWN = "shpy/lang/library.py"
-"""Its lines are the same wherever shpy is installed, so that the text of a program is."""
+_LIBRARIES = (os.path.join(_HOUSE, "lang", "library.py"), os.path.join(_HOUSE, "library", ""))
+_LIBRARIES_SHOWN = ("shpy/lang/library.py", "shpy/library/")
+"""Their lines are the same wherever shpy is installed, so that the text of a program is."""
 _PROGRAMS = (
     os.path.join(_HOUSE, "testing", "conformance", ""),
     os.path.join(_HOUSE, "collectives", "programs.py"),
@@ -54,7 +54,7 @@ def in_library() -> Iterator[None]:
 
 def is_library(loc: Loc) -> bool:
     """Whether a line stands in the part of the language that is written in the language."""
-    return loc.file == _LIBRARY_SHOWN
+    return loc.file.startswith(_LIBRARIES_SHOWN)
 
 
 def user_frame() -> FrameType | None:
@@ -66,7 +66,7 @@ def user_frame() -> FrameType | None:
         ours = _inside.get(file)
         if ours is None:
             ours = _look_inside(file)
-        if not ours or (library and file == _LIBRARY):
+        if not ours or (library and file.startswith(_LIBRARIES)):
             return frame
         frame = frame.f_back
     return None
@@ -104,7 +104,8 @@ def called_frames() -> list[FrameType]:
 @lru_cache(maxsize=1024)
 def loc_in(file: str, line: int) -> Loc:
     """A line of a file of Python."""
-    return Loc(_LIBRARY_SHOWN if file == _LIBRARY else file, line)
+    ours = file.startswith(_LIBRARIES)
+    return Loc("shpy/" + file[len(_HOUSE) :].replace(os.sep, "/") if ours else file, line)
 
 
 @contextmanager

@@ -170,6 +170,7 @@ REFERENCES: dict[str, Callable[..., Any]] = {
     **{n: getattr(mp, n) for n in ("asinh", "acosh", "atanh", "atan2")},
     "exp2": lambda x: mp.power(2, x),
     "log2": lambda x: mp.log(x) / mp.log(2),
+    "log10": mp.log10,
     "pow": mp.power,
 }
 
@@ -183,7 +184,7 @@ def doubles(name: str) -> Array:
             return u
         case "exp" | "exp2" | "sinh" | "cosh":
             return np.asarray(700 * u**3)
-        case "log" | "log2":
+        case "log" | "log2" | "log10":
             return np.exp(700 * u**3)
         case "acosh":
             return np.asarray(1 + 10.0 ** (10 * u))

@@ -34,7 +34,7 @@ NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
 
 GEOMETRIC: Final = frozenset({"dot", "length", "distance", "normalize", "cross", "reflect", "refract", "faceforward"})
-FAST: Final = TRANSCENDENTALS | GEOMETRIC | {"rsqrt"}
+FAST: Final = (TRANSCENDENTALS - {"log10"}) | GEOMETRIC | {"rsqrt"}
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _WRITTEN_OUT: Final = 16
@@ -52,7 +52,7 @@ _OWN: Final[Mapping[str, str]] = {
     "any": "any",
     "all": "all",
     "float_from_bits": "uintBitsToFloat",
-    **{name: name for name in TRANSCENDENTALS | GEOMETRIC},
+    **{name: name for name in FAST},
     "atan2": "atan",
     "rsqrt": "inversesqrt",
 }

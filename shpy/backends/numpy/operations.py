@@ -49,7 +49,7 @@ INFIX: Final = {
 """Operations that are operators of Python."""
 _NUMPY: Final = {
     **{n: n for n in ("floor", "ceil", "trunc", "sqrt", "isnan", "isinf", "abs", "exp", "exp2", "log", "log2")},
-    **{n: n for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{n: n for n in ("log10", "sin", "cos", "tan", "sinh", "cosh", "tanh")},
     **{"a" + n: "arc" + n for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
     "atan2": "arctan2",
     "round": "rint",

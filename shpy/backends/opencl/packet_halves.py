@@ -34,9 +34,9 @@ _FLOATS: Final = {"float": "int", "double": "long"}
 _INTS: Final = ("int", "uint")
 
 _UNARY: Final = frozenset(
-    "floor ceil trunc rint sqrt rsqrt fabs sign exp exp2 log log2 sin cos tan asin acos atan sinh cosh tanh asinh "
-    "acosh atanh native_sqrt native_rsqrt native_exp native_exp2 native_log native_log2 native_sin native_cos "
-    "native_tan".split()
+    "floor ceil trunc rint sqrt rsqrt fabs sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh "
+    "asinh acosh atanh native_sqrt native_rsqrt native_exp native_exp2 native_log native_log2 native_log10 native_sin "
+    "native_cos native_tan".split()
 )
 _FLOAT_ARGUMENTS: Final = {**dict.fromkeys(_UNARY, 1), "pow": 2, "atan2": 2, "fma": 3}
 _INT_ARGUMENTS: Final = {"min": 2, "max": 2, "clamp": 3, "popcount": 1}

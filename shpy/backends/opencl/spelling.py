@@ -34,7 +34,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
     **{
         op: op
         for op in (
-            "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 sin cos tan asin acos atan "
+            "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 log10 sin cos tan asin acos atan "
             "sinh cosh tanh asinh acosh atanh pow atan2"
         ).split()
     },
@@ -49,7 +49,9 @@ PoCL compiles them to fewer instructions than OpenCL's own functions, whose resu
 compiler derives, as in `floor(NAN - x)`.
 """
 
-NATIVE: Final[Mapping[str, str]] = {op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 sin cos tan".split()}
+NATIVE: Final[Mapping[str, str]] = {
+    op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
+}
 """Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
 
 FAST: Final = frozenset({"rsqrt"})

@@ -20,7 +20,7 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (circular.asin, circular.acos, circular.atan, circular.atan2)},
     **{f.__name__: f for f in (exponential.exp, exponential.exp2)},
     **{f.__name__: f for f in (exponential.sinh, exponential.cosh, exponential.tanh)},
-    **{f.__name__: f for f in (logarithm.log, logarithm.log2)},
+    **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
     **{f.__name__: f for f in (logarithm.asinh, logarithm.acosh, logarithm.atanh)},
     "pow": logarithm.pow_,
 }

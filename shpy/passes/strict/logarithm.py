@@ -14,10 +14,12 @@ from shpy.passes.strict.coefficients import (
     ASINH,
     ATANH,
     INVERSE_LN2,
+    INVERSE_LN10,
     LN2,
     LOG,
     LOG2_ABOVE,
     LOG2_BELOW,
+    LOG10_2,
     POWER_LOG,
     POWER_LOG_TAIL,
     TWO_BY_3_LN2,
@@ -26,6 +28,7 @@ from shpy.passes.strict.coefficients import (
 from shpy.passes.strict.exponential import two_to_the
 from shpy.passes.strict.parts import (
     TINY,
+    Numbers,
     constants,
     exact_quotient_rest,
     fast_two_sum,
@@ -37,7 +40,7 @@ from shpy.passes.strict.parts import (
 )
 from shpy.passes.terms import Term, where
 
-__all__ = ["acosh", "asinh", "atanh", "log", "log2", "pow_"]
+__all__ = ["acosh", "asinh", "atanh", "log", "log2", "log10", "pow_"]
 
 Pair = tuple[Term, Term]
 INFINITY: Final = float("inf")
@@ -105,12 +108,27 @@ def log(x: Term) -> Term:
 def log2(x: Term) -> Term:
     """Binary logarithm."""
     f, k = _parted(x)
-    half, rest = _series(f)
-    inverse, inverse_low = constants(x, INVERSE_LN2)
-    main, lost = fast_two_sum(f, -half)
-    product, product_low = two_product(main.named("main"), x.constant(inverse))
+    product, rest = _mantissa_log(f, INVERSE_LN2)
     high, low = two_sum(k, product)
-    return _edges(x, high + (low + (product_low + ((lost + rest) * inverse + main * inverse_low))))
+    return _edges(x, high + (low + rest))
+
+
+def log10(x: Term) -> Term:
+    """Decimal logarithm; powers of ten give whole numbers."""
+    f, k = _parted(x)
+    product, rest = _mantissa_log(f, INVERSE_LN10)
+    step, step_low = constants(x, LOG10_2)
+    high, low = two_sum((k * step).named("whole"), product)
+    return _edges(x, high + (low + (rest + k * step_low)))
+
+
+def _mantissa_log(f: Term, inverse_ln: Numbers) -> Pair:
+    """The logarithm of 1 + f to the base whose inverse natural logarithm is given in two parts, in two parts."""
+    half, rest = _series(f)
+    inverse, inverse_low = constants(f, inverse_ln)
+    main, lost = fast_two_sum(f, -half)
+    product, product_low = two_product(main.named("main"), f.constant(inverse))
+    return product, product_low + ((lost + rest) * inverse + main * inverse_low)
 
 
 def asinh(x: Term) -> Term:

@@ -21,6 +21,7 @@ from shpy.passes.terms import Term
 __all__ = [
     "MAGIC",
     "TINY",
+    "Numbers",
     "constants",
     "exact_quotient_rest",
     "fast_two_sum",

@@ -176,7 +176,7 @@ def _doubles(name: str) -> tuple[Array, ...]:
             return (u,)
         case "exp" | "exp2" | "sinh" | "cosh":
             return (700 * u * u * u,)
-        case "log" | "log2":
+        case "log" | "log2" | "log10":
             return (np.ldexp(1.5 + 0.25 * u, (1000 * v).astype(np.int32)),)
         case "acosh":
             return (1 + np.ldexp(1 + np.abs(u), (30 * v).astype(np.int32)),)

@@ -1,0 +1,44 @@
+"""What the functions of the library take: numbers, tuples and values as values of floats.
+
+Stage: record.
+
+    vector(p, (2, 3), "sh.library.translate")     # p, if it has two or three components
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import INTS, Base
+from shpy.lang import arithmetic
+from shpy.lang.location import here
+from shpy.lang.values import CLASSES, Value
+
+__all__ = ["float_base", "vector"]
+
+
+def float_base(operands: Sequence[Any], what: str) -> Base:
+    """Return the base in which operands meet; ints widen to f."""
+    base = arithmetic.base_of(operands, what)
+    return Base.F if base in INTS else base
+
+
+def vector(x: Any, sizes: Sequence[int], what: str) -> Value:
+    """Return `x` as a value of floats. Raises ShpyTypeError for bools and for other numbers of components."""
+    operand = arithmetic.operand(x, what)
+    if operand.size not in sizes:
+        spoken = " or ".join(map(str, sizes))
+        example = {1: "x", 2: "p.xy", 3: "p.xyz", 4: "sh.Attrib4f(p, 1)"}[sizes[-1]]
+        raise ShpyTypeError(
+            f"{what} takes {spoken} component{'s' if sizes != (1,) else ''}, not {operand.size}",
+            loc=here(),
+            cure=f"{what}({example})",
+        )
+    base = float_base((operand,), what)
+    if base is Base.B:
+        raise ShpyTypeError(f"{what} takes floats, not bools", loc=here(), cure="sh.cond(c, 1.0, 0.0)")
+    if isinstance(operand, Value) and operand.base is base:
+        return operand
+    return CLASSES[getattr(operand, "kind", "Attrib"), operand.size, base](x)
