@@ -10797,6 +10797,7 @@ def swap(a: _T, b: _T) -> None: ...
 _E = TypeVar("_E")
 _Rank = TypeVar("_Rank", default=Literal[1])
 _Texel = TypeVar("_Texel", default=Any)
+_Wrap: TypeAlias = Literal["clamp", "repeat", "mirror"]
 
 def Param(
     type: type[_E],
@@ -10828,12 +10829,13 @@ class Texture2D(Generic[_Texel]):
     def __init__(
         self,
         array: Any,
-        filter: Literal["linear", "nearest"] = "linear",
-        wrap: Literal["clamp", "repeat"] = "clamp",
+        filter: Literal["linear", "nearest", "cubic"] = "linear",
+        wrap: _Wrap | tuple[_Wrap, _Wrap] = "clamp",
         name: str | None = None,
     ) -> None: ...
     @property
     def shape(self) -> tuple[Any, ...]: ...
+    def update(self, array: Any) -> None: ...
     def __call__(self, uv: Attrib2f | _Sequence) -> _Texel: ...
 
 class Array(Generic[_E]):

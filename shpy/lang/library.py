@@ -9,19 +9,21 @@ gradients taken from the hash.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import builtins
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang import arithmetic
-from shpy.lang.builtins import clamp, cond, dot, floor, fract, mix
+from shpy.lang.builtins import clamp, cond, dot, floor, fract, min, mix
 from shpy.lang.location import here
 from shpy.lang.subroutine import Subroutine
-from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib2i, Attrib3f
+from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib3f
 from shpy.lang.values import CLASSES, Value
 
 if TYPE_CHECKING:
-    from shpy.lang.data import Texture2D
+    from shpy.lang.data import Texture
 
 
 _STEP = 747796405
@@ -60,7 +62,7 @@ def hash(x: Any, y: Any = None, z: Any = None) -> Any:
 def _unsigned(x: Any) -> Any:
     operand = arithmetic.operand(x, "sh.hash")
     if operand.size != 1 or (isinstance(operand, Value) and operand.base not in (Base.U, Base.I)):
-        vector = f"sh.hash({', '.join('v.xyz'[:2] + c for c in 'xyzw'[: min(operand.size, 3)])})"
+        vector = f"sh.hash({', '.join('v.xyz'[:2] + c for c in 'xyzw'[: builtins.min(operand.size, 3)])})"
         raise ShpyTypeError(
             "sh.hash takes one to three u, or i, which wraps",
             loc=here(),
@@ -167,54 +169,105 @@ trip_count = Subroutine(_trip_count, "trip_count")
 """The number of iterations of SH_FOR: the length of range(start, stop, step); 0 for a step of 0."""
 
 
-def _wrapped(i: Any, extent: Any, repeat: Any) -> Any:
-    """An index on an axis: repeated where asked, else left to the table, which gives the nearest."""
-    if isinstance(repeat, bool):
-        return i % extent if repeat else i
-    return cond(repeat, i % extent, i)
+Wrap = tuple[Callable[[Any], Any], Callable[[Any, Any], Any]]
+"""How an axis goes on outside of [0, 1]: where a coordinate is read, and which index an index on an axis stands for.
+
+Far outside, the fraction of a repeated texture and the edge of a clamped one are all that is left of a coordinate.
+"""
 
 
-def sample(texture: Texture2D, uv: Any) -> Any:
-    """The texture's colour at uv: nearest or bilinear, clamped or repeated."""
-    mode = texture.mode
-    name = texture.name or "texture"
+def _mirrored(i: Any, extent: Any) -> Any:
+    """0, 1, …, n - 1, n - 1, …, 1, 0, 0, 1 and so on."""
+    forth = i % (2 * extent)
+    return min(forth, 2 * extent - 1 - forth)
 
-    def lookup(uv: Attrib2f) -> Any:
-        height, width = texture.shape
-        linear, repeat = (
-            (bool(mode & 1), bool(mode & 2)) if isinstance(mode, int) else ((mode & 1) != 0, (mode & 2) != 0)
-        )
-        size = Attrib2f(width, height)
-        # Far outside, the fraction of a repeated texture and the edge of a clamped one are all that is left.
-        inside = (
-            clamp(uv, -1, 2)
-            if repeat is False
-            else fract(uv)
-            if repeat is True
-            else cond(repeat, fract(uv), clamp(uv, -1, 2))
-        )
-        place = inside * size
 
-        def fetch(cell: Any) -> Any:
-            column = _wrapped(cell.x, width, repeat)
-            row = _wrapped(cell.y, height, repeat)
-            return texture.table[row, column]
+WRAPS: Final[dict[str, Wrap]] = {
+    "clamp": (lambda x: clamp(x, -1, 2), lambda i, extent: i),  # the table gives the nearest
+    "repeat": (fract, lambda i, extent: i % extent),
+    "mirror": (lambda x: 2 * fract(0.5 * x), _mirrored),
+}
 
-        if linear is False:
-            return fetch(Attrib2i(floor(place)))
-        shift = 0.5 if linear is True else cond(linear, 0.5, 0.0)
-        corner = floor(place - shift)
-        t = place - shift - corner
-        if linear is not True:
-            t = cond(linear, t, Attrib2f(0))
-        cell = Attrib2i(corner)
-        top = mix(fetch(cell), fetch(cell + Attrib2i(1, 0)), t.x)
-        bottom = mix(fetch(cell + Attrib2i(0, 1)), fetch(cell + Attrib2i(1, 1)), t.x)
-        return mix(top, bottom, t.y)
 
-    routine = texture.__dict__.setdefault("_routine", Subroutine(lookup, f"sample_{name}"))
+def _either(repeat: Any) -> Wrap:
+    """The wrap of an argument: repeated where a run says so."""
+    return (
+        lambda x: cond(repeat, fract(x), clamp(x, -1, 2)),
+        lambda i, extent: cond(repeat, i % extent, i),
+    )
+
+
+def _cubic(t: Any) -> list[Any]:
+    """The weights of the four texels about a place at t from the second: Catmull-Rom (Keys 1981 with a = -1/2)."""
+    return [
+        t * (t * (1 - 0.5 * t) - 0.5),
+        t * t * (1.5 * t - 2.5) + 1,
+        t * (t * (2 - 1.5 * t) + 0.5),
+        t * t * (0.5 * t - 0.5),
+    ]
+
+
+def filtered(
+    uv: Any, extents: Sequence[Any], wraps: Sequence[Wrap], linear: Any, cubic: bool, fetch: Callable[..., Any]
+) -> Any:
+    """Return what `fetch`, which takes an index on each axis, the last one first, gives about a place.
+
+    `linear` is a bool, of the language where only a run tells.
+    """
+    axes = len(extents)
+    point, index = CLASSES["Attrib", axes, Base.F], CLASSES["Attrib", axes, Base.I]
+    if all(wrap is wraps[0] for wrap in wraps):
+        inside = wraps[0][0](uv)
+    else:
+        inside = point(*(wraps[k][0](uv[k]) for k in range(axes)))
+    place = inside * point(*extents)
+
+    def texel(cell: Any) -> Any:
+        return fetch(*(wraps[k][1](cell[k], extents[k]) for k in reversed(range(axes))))
+
+    if linear is False:
+        return texel(index(floor(place)))
+    shift = 0.5 if linear is True else cond(linear, 0.5, 0.0)
+    corner = floor(place - shift)
+    t = place - shift - corner
+    if linear is not True:
+        t = cond(linear, t, point(0))
+    cell = index(corner)
+
+    def along(axis: int, *offset: int) -> Any:
+        """Blend along an axis and those before it, at an offset on those behind it."""
+        if axis < 0:
+            return texel(cell + index(*offset) if builtins.any(offset) else cell)
+        if not cubic:
+            return mix(along(axis - 1, 0, *offset), along(axis - 1, 1, *offset), t[axis])
+        weights = _cubic(t[axis])
+        total = weights[0] * along(axis - 1, -1, *offset)
+        for k, weight in enumerate(weights[1:]):
+            total = total + weight * along(axis - 1, k, *offset)
+        return total
+
+    return along(axes - 1)
+
+
+def sample(texture: Texture, uv: Any) -> Any:
+    """The texture's colour at uv, filtered and wrapped as it says."""
+
+    def lookup(uv: Any) -> Any:
+        linear: Any
+        wraps: Sequence[Wrap]
+        if texture.known:
+            linear, wraps = texture.filter != "nearest", [WRAPS[wrap] for wrap in texture.wraps]
+        else:
+            mode = texture.mode
+            linear, repeat = (mode & 1) != 0, (mode & 2) != 0
+            wraps = [_either(repeat)] * texture.AXES
+        extents = texture.shape[::-1]
+        return filtered(uv, extents, wraps, linear, texture.filter == "cubic", lambda *at: texture.table[at])
+
+    name = f"sample_{texture.name or 'texture'}"
+    routine = texture.__dict__.setdefault("_routine", Subroutine(lookup, name))
     color = CLASSES["Color", texture.type.size, Base.F]
-    return color(routine(Attrib2f(uv)))
+    return color(routine(CLASSES["Attrib", texture.AXES, Base.F](uv)))
 
 
-__all__ = ["hash", "noise", "pcg", "sample", "trip_count", "unit_float"]
+__all__ = ["WRAPS", "Wrap", "filtered", "hash", "noise", "pcg", "sample", "trip_count", "unit_float"]

@@ -20,10 +20,15 @@ from shpy.library.colors import (
 )
 from shpy.library.mathematics import hypot, isfinite, lerp, log10, outer
 from shpy.library.patterns import cellnoise, fbm, turbulence, worley
+from shpy.library.textures import Mipmap, Texture3D, TextureCube, cubemap
 from shpy.library.transforms import look_at, perspective, rotate, scale, translate
 
 __all__ = [
+    "Mipmap",
+    "Texture3D",
+    "TextureCube",
     "cellnoise",
+    "cubemap",
     "fbm",
     "hsl_from_rgb",
     "hsv_from_rgb",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+import shpy.library as lib
 from shpy import (
     SH_BREAK,
     SH_CONTINUE,
@@ -26,6 +27,7 @@ sky = sh.Param(sh.Color3f, (0.2, 0.4, 1.0), name="sky")
 turn = sh.Param(sh.Matrix3f, np.eye(3), name="turn")
 heights = sh.Table(np.zeros((4, 4)), sh.Attrib1f)
 image = sh.Texture2D(np.zeros((4, 4, 3)), filter="linear", wrap="repeat")
+smooth = sh.Texture2D(np.zeros((4, 4, 3)), filter="cubic", wrap=("mirror", "clamp"))
 
 
 @sh.struct
@@ -206,6 +208,34 @@ def data(
     row, column = sh.grid_index(2)
     assert_type(row, sh.Attrib1i)
     return map((0.5, 0.5)) + heights[row, column] + sh.Color3f(grid[i, 0]) * line[i].w
+
+
+sky_box = sh.library.TextureCube(np.zeros((6, 2, 2, 3)))
+
+
+@sh.program
+def library(c: sh.Color3f, p: sh.Point3f, uv: sh.TexCoord2f) -> sh.Color3f:
+    assert_type(lib.fbm(p) + lib.turbulence(uv, 4, gain=0.6), sh.Attrib1f)
+    assert_type(lib.worley(p), sh.Attrib1f)
+    assert_type(lib.worley(p, count=2), sh.Attrib2f)
+    assert_type(lib.worley(p, "manhattan", 3), sh.Attrib3f)
+    assert_type(lib.cellnoise(uv), sh.Attrib1f)
+    assert_type(lib.cellnoise(uv, 3), sh.Attrib3f)
+    assert_type(lib.lerp(c, 0.0, uv.x), sh.Color3f)
+    assert_type(lib.isfinite(p), sh.Attrib3b)
+    assert_type(lib.log10(uv.x), sh.Attrib1f)
+    assert_type(sh.log10(c), sh.Color3f)
+    assert_type(lib.hypot(uv.x, 1), sh.Attrib1f)
+    assert_type(lib.outer(p, c), sh.Matrix3f)
+    assert_type(lib.rotate((0, 1, 0), 0.5) @ lib.look_at(p, (0, 0, 0)) @ p, sh.Point3f)
+    assert_type(lib.rotate(uv.x) @ lib.scale(uv), sh.Matrix3f)
+    assert_type(lib.perspective(1, 1.5, 0.1, 100) @ lib.translate(p), sh.Matrix4f)
+    assert_type(lib.linear_from_srgb(c), sh.Color3f)
+    assert_type(lib.luminance(c), sh.Attrib1f)
+    face, place = lib.cubemap(p)
+    assert_type(face, sh.Attrib1i)
+    assert_type(place, sh.TexCoord2f)
+    return lib.rgb_from_hsv(lib.hsv_from_rgb(c)) + sh.Color3f(sky_box(p))
 
 
 def run() -> NDArray[Any]:

@@ -40,6 +40,11 @@ def functions(c: sh.Color3f, n: sh.Attrib1i) -> sh.Attrib1f:
     sh.popcount(1.5)  # mistake
     sh.any_lane(c > 0)  # mistake
     sh.transpose(c)  # mistake
+    sh.library.worley(c, "taxicab")  # mistake
+    sh.library.fbm(sh.Attrib4f(1))  # mistake
+    sh.library.outer(c, c.xy)  # mistake
+    sh.library.translate(c.x)  # mistake
+    sh.library.hsv_from_rgb(c.xy)  # mistake
     return c  # mistake
 
 
@@ -73,7 +78,7 @@ def data(ray: Ray, table: sh.Table[sh.Attrib4f], grid: sh.Table[sh.Attrib1f, Lit
     return grid[0, 0].xyz  # mistake
 
 
-sh.Texture2D(np.zeros((4, 4)), filter="cubic")  # mistake
+sh.Texture2D(np.zeros((4, 4)), filter="quintic")  # mistake
 sh.Table(np.zeros(4))  # mistake
 sh.Array(sh.Attrib1f, "8")  # mistake
 values.compile(precision="f128")  # mistake

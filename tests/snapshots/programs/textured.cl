@@ -29,32 +29,27 @@ float3 mix3(float3 a, float3 b, float3 t) {
     return a * (1.0f - t) + b * t;
 }
 
-float3 sample_image(float2 uv, __global const float *image, int2 image_size, int image_mode) {  // library.py:182
-    int t = image_size.x;  // library.py:183
-    int t2 = image_size.y;
-    bool t3 = (image_mode & 1) != 0;  // library.py:185
-    bool t4 = (image_mode & 2) != 0;
-    float2 size = (float2)((float)t2, (float)t);  // library.py:187
-    float2 inside = t4 ? uv - __builtin_elementwise_floor(uv) : sh_min2(sh_max2(uv, (float2)(-1.0f)), (float2)(2.0f));  // library.py:194
-    float2 place = inside * size;  // library.py:196
-    float shift = t3 ? 0.5f : 0.0f;  // library.py:205
-    float2 t5 = place - shift;  // library.py:206
-    float2 corner = __builtin_elementwise_floor(t5);
-    float2 t_6 = t5 - corner;  // library.py:207
-    float2 t_7 = t3 ? t_6 : (float2)(0.0f);  // library.py:209
-    int2 cell = convert_int2_sat(corner);  // library.py:210
-    float3 t8 = vload3(sh_at2((int2)(t4 ? sh_floormod_i(cell.y, t) : cell.y, t4 ? sh_floormod_i(cell.x, t2) : cell.x), image_size), image);  // library.py:201
-    int2 t9 = as_int2(as_uint2(cell) + as_uint2((int2)(1, 0)));  // library.py:211
-    float3 t10 = vload3(sh_at2((int2)(t4 ? sh_floormod_i(t9.y, t) : t9.y, t4 ? sh_floormod_i(t9.x, t2) : t9.x), image_size), image);  // library.py:201
-    float3 top = mix3(t8, t10, (float3)(t_7.x));  // library.py:211
-    int2 t11 = as_int2(as_uint2(cell) + as_uint2((int2)(0, 1)));  // library.py:212
-    float3 t12 = vload3(sh_at2((int2)(t4 ? sh_floormod_i(t11.y, t) : t11.y, t4 ? sh_floormod_i(t11.x, t2) : t11.x), image_size), image);  // library.py:201
-    int2 t13 = as_int2(as_uint2(cell) + (uint)1);  // library.py:212
-    int column = t13.x;  // library.py:199
-    int row = t13.y;  // library.py:200
-    float3 t14 = vload3(sh_at2((int2)(t4 ? sh_floormod_i(row, t) : row, t4 ? sh_floormod_i(column, t2) : column), image_size), image);  // library.py:201
-    float3 bottom = mix3(t12, t14, (float3)(t_7.x));  // library.py:212
-    return mix3(top, bottom, (float3)(t_7.y));  // library.py:213
+float3 sample_image(float2 uv, __global const float *image, int2 image_size, int image_mode) {  // library.py:255
+    bool linear = (image_mode & 1) != 0;  // library.py:262
+    bool repeat = (image_mode & 2) != 0;
+    int t = image_size.x;  // library.py:264
+    int extents = image_size.y;
+    float2 t2 = repeat ? uv - __builtin_elementwise_floor(uv) : sh_min2(sh_max2(uv, (float2)(-1.0f)), (float2)(2.0f));  // library.py:195
+    float2 place = t2 * (float2)((float)extents, (float)t);  // library.py:223
+    float shift = linear ? 0.5f : 0.0f;  // library.py:230
+    float2 t3 = place - shift;  // library.py:231
+    float2 corner = __builtin_elementwise_floor(t3);
+    float2 t_4 = t3 - corner;  // library.py:232
+    float2 t_5 = linear ? t_4 : (float2)(0.0f);  // library.py:234
+    int2 cell = convert_int2_sat(corner);  // library.py:235
+    float3 t6 = vload3(sh_at2((int2)(repeat ? sh_floormod_i(cell.y, t) : cell.y, repeat ? sh_floormod_i(cell.x, extents) : cell.x), image_size), image);  // library.py:265
+    int2 t7 = as_int2(as_uint2(cell) + as_uint2((int2)(1, 0)));  // library.py:240
+    float3 t8 = vload3(sh_at2((int2)(repeat ? sh_floormod_i(t7.y, t) : t7.y, repeat ? sh_floormod_i(t7.x, extents) : t7.x), image_size), image);  // library.py:265
+    int2 t9 = as_int2(as_uint2(cell) + as_uint2((int2)(0, 1)));  // library.py:240
+    float3 t10 = vload3(sh_at2((int2)(repeat ? sh_floormod_i(t9.y, t) : t9.y, repeat ? sh_floormod_i(t9.x, extents) : t9.x), image_size), image);  // library.py:265
+    int2 t11 = as_int2(as_uint2(cell) + (uint)1);  // library.py:240
+    float3 t12 = vload3(sh_at2((int2)(repeat ? sh_floormod_i(t11.y, t) : t11.y, repeat ? sh_floormod_i(t11.x, extents) : t11.x), image_size), image);  // library.py:265
+    return mix3(mix3(t6, t8, (float3)(t_5.x)), mix3(t10, t12, (float3)(t_5.x)), (float3)(t_5.y));
 }
 
 __kernel void textured(  // snapshot_programs.py:128

@@ -64,28 +64,25 @@ vec3 mix3(precise vec3 a, precise vec3 b, precise vec3 t) {
     return result;
 }
 
-vec3 sample_image(precise vec2 uv) {  // library.py:182
-    int t = image_shape.x;  // library.py:183
-    int t2 = image_shape.y;
-    precise bool t3 = (image_mode & 1) != 0;  // library.py:185
-    precise bool t4 = (image_mode & 2) != 0;
-    precise vec2 size = vec2(float(t2) + zero, float(t) + zero);  // library.py:187
-    precise vec2 inside = t4 ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0));  // library.py:194
-    precise vec2 place = inside * size;  // library.py:196
-    precise float shift = t3 ? 0.5 : zero;  // library.py:205
-    precise vec2 t5 = place - shift;  // library.py:206
-    precise vec2 corner = floor(t5);
-    precise vec2 t_6 = t5 - corner;  // library.py:207
-    precise vec2 t_7 = t3 ? t_6 : vec2(zero);  // library.py:209
-    ivec2 cell = sh_int(corner);  // library.py:210
-    ivec2 t8 = cell + ivec2(1, 0);  // library.py:211
-    precise vec3 top = mix3(image_at(ivec2(t4 ? sh_floormod(cell.y, t) : cell.y, t4 ? sh_floormod(cell.x, t2) : cell.x)), image_at(ivec2(t4 ? sh_floormod(t8.y, t) : t8.y, t4 ? sh_floormod(t8.x, t2) : t8.x)), vec3(t_7.x));
-    ivec2 t9 = cell + ivec2(0, 1);  // library.py:212
-    ivec2 t10 = cell + 1;
-    int column = t10.x;  // library.py:199
-    int row = t10.y;  // library.py:200
-    precise vec3 bottom = mix3(image_at(ivec2(t4 ? sh_floormod(t9.y, t) : t9.y, t4 ? sh_floormod(t9.x, t2) : t9.x)), image_at(ivec2(t4 ? sh_floormod(row, t) : row, t4 ? sh_floormod(column, t2) : column)), vec3(t_7.x));  // library.py:212
-    precise vec3 result = mix3(top, bottom, vec3(t_7.y));  // library.py:213
+vec3 sample_image(precise vec2 uv) {  // library.py:255
+    precise bool linear = (image_mode & 1) != 0;  // library.py:262
+    precise bool repeat = (image_mode & 2) != 0;
+    int t = image_shape.x;  // library.py:264
+    int extents = image_shape.y;
+    precise vec2 place = (repeat ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0))) * vec2(float(extents) + zero, float(t) + zero);  // library.py:223
+    precise float shift = linear ? 0.5 : zero;  // library.py:230
+    precise vec2 t2 = place - shift;  // library.py:231
+    precise vec2 corner = floor(t2);
+    precise vec2 t_3 = t2 - corner;  // library.py:232
+    precise vec2 t_4 = linear ? t_3 : vec2(zero);  // library.py:234
+    ivec2 cell = sh_int(corner);  // library.py:235
+    precise vec3 t5 = image_at(ivec2(repeat ? sh_floormod(cell.y, t) : cell.y, repeat ? sh_floormod(cell.x, extents) : cell.x));  // library.py:265
+    ivec2 t6 = cell + ivec2(1, 0);  // library.py:240
+    precise vec3 t7 = mix3(t5, image_at(ivec2(repeat ? sh_floormod(t6.y, t) : t6.y, repeat ? sh_floormod(t6.x, extents) : t6.x)), vec3(t_4.x));  // library.py:242
+    ivec2 t8 = cell + ivec2(0, 1);  // library.py:240
+    ivec2 t9 = cell + 1;
+    precise vec3 t10 = mix3(image_at(ivec2(repeat ? sh_floormod(t8.y, t) : t8.y, repeat ? sh_floormod(t8.x, extents) : t8.x)), image_at(ivec2(repeat ? sh_floormod(t9.y, t) : t9.y, repeat ? sh_floormod(t9.x, extents) : t9.x)), vec3(t_4.x));  // library.py:242
+    precise vec3 result = mix3(t7, t10, vec3(t_4.y));  // library.py:265
     return result;
 }
 

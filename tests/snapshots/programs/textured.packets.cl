@@ -1,32 +1,30 @@
-float8x3 sample_image(float8x2 uv, __global const float4 *image, int2 image_size, int image_mode) {  // library.py:182
-    int t = image_size.x;  // library.py:183
+float8x3 sample_image(float8x2 uv, __global const float4 *image, int2 image_size, int image_mode) {  // library.py:255
+    bool linear = (image_mode & 1) != 0;  // library.py:262
+    bool repeat = (image_mode & 2) != 0;
+    int t = image_size.x;  // library.py:264
     int t2 = image_size.y;
-    bool t3 = (image_mode & 1) != 0;  // library.py:185
-    bool t4 = (image_mode & 2) != 0;
-    float8 inside_x = (int8)(-t4) ? uv.x - floor(uv.x) : sh_min8(sh_max8(uv.x, (float8)(-1.0f)), (float8)(2.0f));  // library.py:194
-    float8 inside_y = (int8)(-t4) ? uv.y - floor(uv.y) : sh_min8(sh_max8(uv.y, (float8)(-1.0f)), (float8)(2.0f));
-    float8 place_x = inside_x * (float)t2;  // library.py:196
-    float8 place_y = inside_y * (float)t;
-    float shift = t3 ? 0.5f : 0.0f;  // library.py:205
-    float8 t5 = place_x - shift;  // library.py:206
-    float8 t6 = place_y - shift;
-    float8 corner_x = floor(t5);
-    float8 corner_y = floor(t6);
-    float8 t_x = t5 - corner_x;  // library.py:207
-    float8 t_y = t6 - corner_y;
-    float8 t_x_2 = (int8)(-t3) ? t_x : (float8)(0.0f);  // library.py:209
-    float8 t_y_2 = (int8)(-t3) ? t_y : (float8)(0.0f);
-    int8 cell_x = convert_int8_sat(corner_x);  // library.py:210
+    float8 place_x = ((int8)(-repeat) ? uv.x - floor(uv.x) : sh_min8(sh_max8(uv.x, (float8)(-1.0f)), (float8)(2.0f))) * (float)t2;  // library.py:223
+    float8 place_y = ((int8)(-repeat) ? uv.y - floor(uv.y) : sh_min8(sh_max8(uv.y, (float8)(-1.0f)), (float8)(2.0f))) * (float)t;
+    float shift = linear ? 0.5f : 0.0f;  // library.py:230
+    float8 t3 = place_x - shift;  // library.py:231
+    float8 t4 = place_y - shift;
+    float8 corner_x = floor(t3);
+    float8 corner_y = floor(t4);
+    float8 t_x = t3 - corner_x;  // library.py:232
+    float8 t_y = t4 - corner_y;
+    float8 t_x_2 = (int8)(-linear) ? t_x : (float8)(0.0f);  // library.py:234
+    float8 t_y_2 = (int8)(-linear) ? t_y : (float8)(0.0f);
+    int8 cell_x = convert_int8_sat(corner_x);  // library.py:235
     int8 cell_y = convert_int8_sat(corner_y);
-    int8 t7 = (int8)(-t4) ? sh_floormod_i8(cell_x, (int8)(t2)) : cell_x;  // library.py:174
-    int8 t8 = (int8)(-t4) ? sh_floormod_i8(cell_y, (int8)(t)) : cell_y;
-    int8 t9 = as_int8(as_uint8(cell_x) + (uint)1);  // library.py:211
-    int8 t10 = (int8)(-t4) ? sh_floormod_i8(t9, (int8)(t2)) : t9;  // library.py:174
-    float8x3 top = mix3(sh_gather_f3(image, sh_at2_lanes((int8x2){t8, t7}, image_size)), sh_gather_f3(image, sh_at2_lanes((int8x2){t8, t10}, image_size)), (float8x3){t_x_2, t_x_2, t_x_2});  // library.py:211
-    int8 t11 = as_int8(as_uint8(cell_y) + (uint)1);  // library.py:212
-    int8 t12 = (int8)(-t4) ? sh_floormod_i8(t11, (int8)(t)) : t11;  // library.py:174
-    float8x3 bottom = mix3(sh_gather_f3(image, sh_at2_lanes((int8x2){t12, t7}, image_size)), sh_gather_f3(image, sh_at2_lanes((int8x2){t12, t10}, image_size)), (float8x3){t_x_2, t_x_2, t_x_2});  // library.py:212
-    return mix3(top, bottom, (float8x3){t_y_2, t_y_2, t_y_2});
+    int8 t5 = (int8)(-repeat) ? sh_floormod_i8(cell_y, (int8)(t)) : cell_y;  // library.py:196
+    int8 t6 = (int8)(-repeat) ? sh_floormod_i8(cell_x, (int8)(t2)) : cell_x;
+    int8 t7 = as_int8(as_uint8(cell_x) + (uint)1);  // library.py:240
+    int8 t8 = (int8)(-repeat) ? sh_floormod_i8(t7, (int8)(t2)) : t7;  // library.py:196
+    float8x3 t9 = mix3(sh_gather_f3(image, sh_at2_lanes((int8x2){t5, t6}, image_size)), sh_gather_f3(image, sh_at2_lanes((int8x2){t5, t8}, image_size)), (float8x3){t_x_2, t_x_2, t_x_2});  // library.py:242
+    int8 t10 = as_int8(as_uint8(cell_y) + (uint)1);  // library.py:240
+    int8 t11 = (int8)(-repeat) ? sh_floormod_i8(t10, (int8)(t)) : t10;  // library.py:196
+    float8x3 t12 = mix3(sh_gather_f3(image, sh_at2_lanes((int8x2){t11, t6}, image_size)), sh_gather_f3(image, sh_at2_lanes((int8x2){t11, t8}, image_size)), (float8x3){t_x_2, t_x_2, t_x_2});  // library.py:242
+    return mix3(t9, t12, (float8x3){t_y_2, t_y_2, t_y_2});
 }
 
 __kernel void textured(  // snapshot_programs.py:128

@@ -18,13 +18,13 @@ int sh_floormod_i(int a, int b) {
     return r != 0 && (r < 0) != (b < 0) ? r + b : r;
 }
 
-uint scramble(uint state) {  // library.py:30
-    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:31
-    return (word >> 22) ^ word;  // library.py:32
+uint scramble(uint state) {  // library.py:32
+    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:33
+    return (word >> 22) ^ word;  // library.py:34
 }
 
-uint pcg(uint x) {  // library.py:38
-    return scramble(x * 747796405u + 2891336453u);  // library.py:39
+uint pcg(uint x) {  // library.py:40
+    return scramble(x * 747796405u + 2891336453u);  // library.py:41
 }
 
 __kernel void whole_numbers(  // snapshot_programs.py:155

@@ -36,14 +36,14 @@ int sh_floormod(int a, int b) {
     return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
 }
 
-uint scramble(uint state) {  // library.py:30
-    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:31
-    uint result = (word >> 22) ^ word;  // library.py:32
+uint scramble(uint state) {  // library.py:32
+    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:33
+    uint result = (word >> 22) ^ word;  // library.py:34
     return result;
 }
 
-uint pcg(uint x) {  // library.py:38
-    uint result = scramble(x * 747796405u + 2891336453u);  // library.py:39
+uint pcg(uint x) {  // library.py:40
+    uint result = scramble(x * 747796405u + 2891336453u);  // library.py:41
     return result;
 }
 

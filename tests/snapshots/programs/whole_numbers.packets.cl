@@ -1,10 +1,10 @@
-uint8 scramble(uint8 state) {  // library.py:30
-    uint8 word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:31
-    return (word >> 22) ^ word;  // library.py:32
+uint8 scramble(uint8 state) {  // library.py:32
+    uint8 word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:33
+    return (word >> 22) ^ word;  // library.py:34
 }
 
-uint8 pcg(uint8 x) {  // library.py:38
-    return scramble(x * 747796405u + 2891336453u);  // library.py:39
+uint8 pcg(uint8 x) {  // library.py:40
+    return scramble(x * 747796405u + 2891336453u);  // library.py:41
 }
 
 __kernel void whole_numbers(  // snapshot_programs.py:155
