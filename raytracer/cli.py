@@ -18,6 +18,7 @@ from pathlib import Path
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError
+from raytracer.gallery import SIZE, gallery
 from raytracer.image import SAVING, Image, writer
 from raytracer.memory import check_fits
 from raytracer.renderer import THRESHOLD, TRACERS, Progress, render
@@ -83,6 +84,12 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--minutes", type=_error, default=9.0, help="after how long no measurement begins (9)")
     command.add_argument("--cpu", action="store_true", help="count CPU time, where the machine does other things too")
     command.set_defaults(run=_study)
+    command = commands.add_parser("gallery", help="render every built-in scene into a folder")
+    command.add_argument("folder", help="where the PNG files go")
+    command.add_argument("--size", type=_size, default=SIZE, help="WIDTHxHEIGHT in pixels (640x480)")
+    command.add_argument("--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (9)")
+    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    command.set_defaults(run=_gallery)
     command = commands.add_parser("scenes", help="list the built-in scenes")
     command.set_defaults(run=_scenes)
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
@@ -151,6 +158,12 @@ def _study(options: argparse.Namespace) -> int:
     print(found.markdown())
     if options.output is not None:
         found.plot(options.output)
+    return 0
+
+
+def _gallery(options: argparse.Namespace) -> int:
+    for path, image in gallery(options.folder, options.size, backend=options.backend, samples=options.samples):
+        print(f"{path}: {_summary(image)}", flush=True)
     return 0
 
 

@@ -6,14 +6,21 @@ docstring is what `raytracer scenes` prints.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Final
 
+import numpy as np
+
+from raytracer import shaders
 from raytracer.camera import Camera
 from raytracer.lights import DirectionalLight, PointLight
 from raytracer.materials import Material
+from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.scene import Scene
+from raytracer.shaders import checker
+from raytracer.textures import Texture
 
 
 def boxes() -> Scene:
@@ -97,9 +104,85 @@ def mixed() -> Scene:
     return Scene([*high, *low], lights, camera, background=(0.46, 0.56, 0.70), name="mixed")
 
 
+def spheres() -> Scene:
+    """Mirroring balls on balls, four generations: 72,066 triangles."""
+    colors = ((0.55, 0.57, 0.60), (0.75, 0.46, 0.09), (0.10, 0.30, 0.55), (0.55, 0.10, 0.08))
+    shapes = [
+        sphere(
+            1.0, Material(color, diffuse=0.6, specular=0.7, shininess=120, reflectivity=0.45), rings=n, segments=2 * n
+        )
+        for color, n in zip(colors, (48, 24, 16, 8), strict=True)
+    ]
+    meshes: list[Mesh] = []
+
+    def grow(x: float, y: float, z: float, radius: float, level: int, came: tuple[float, float, float]) -> None:
+        meshes.append(shapes[level].moved((x, y, z), scale=radius))
+        if level == 3:
+            return
+        smaller = radius * 0.42
+        for dx, dy, dz in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)):
+            if (dx, dy, dz) != tuple(-c for c in came):
+                step = radius + smaller
+                grow(x + step * dx, y + step * dy, z + step * dz, smaller, level + 1, (dx, dy, dz))
+
+    grow(0, 0, 0, 1, 0, (0, 1, 0))
+    ground = floor(400, Material((0.42, 0.41, 0.40), specular=0.0, reflectivity=0.15)).moved((0, -1.0, 0))
+    lights = (PointLight((-4, 7, 6), (0.9, 0.86, 0.78)), PointLight((6, 4, 1), (0.22, 0.26, 0.34)))
+    return Scene([*meshes, ground], lights, Camera((2.4, 2.0, 4.6), (0, 0.35, 0), fov=42), name="spheres")
+
+
+def glass() -> Scene:
+    """Glass, clear and tinted, over a checked floor: 21,230 triangles; look at it with --bounces 8."""
+    clear = Material((0, 0, 0), specular=0.0, transmission=1.0, ior=1.5)
+    green = dataclasses.replace(clear, absorption=(1.6, 0.25, 1.1))
+    amber = dataclasses.replace(clear, absorption=(0.15, 0.6, 2.4))
+    ball = sphere(1.0, clear, rings=64, segments=96)
+    ground = floor(24, Material(surface=checker(squares=24), specular=0.0))
+    meshes = [
+        ball.moved((-1.25, 1.002, 0.2)),
+        box((1.1, 1.6, 1.1), green).moved((1.15, 0.802, -0.3), turn=28),
+        torus(0.5, 0.19, amber, segments=96, sides=36).moved((0.35, 0.195, 1.65)),
+        sphere(0.55, Material((0.75, 0.13, 0.07), specular=0.5), rings=24, segments=48).moved((0.1, 0.55, -2.2)),
+        ground,
+    ]
+    lights = (PointLight((-4, 8, 4), (0.9, 0.86, 0.8)), PointLight((6, 5, 3), (0.25, 0.28, 0.34)))
+    return Scene(meshes, lights, Camera((0.2, 2.9, 6.6), (0, 0.72, 0), fov=38), name="glass")
+
+
+def materials() -> Scene:
+    """A ball for each shader of `raytracer.shaders`, a texture, a mirror and glass: 71,454 triangles."""
+    stripes = np.zeros((8, 8, 3)) + [0.05, 0.25, 0.35]
+    stripes[::2, ::2] = stripes[1::2, 1::2] = [0.85, 0.80, 0.62]
+    looks = [
+        Material(surface=shaders.marble(size=0.8), specular=0.5, shininess=90),
+        Material(surface=shaders.wood(), specular=0.15),
+        Material(surface=shaders.spots(size=0.35)),
+        Material((0.75, 0.55, 0.16), surface=shaders.bumps(), specular=0.5),
+        Material(color=Texture(stripes), specular=0.3),
+        Material((0.20, 0.50, 0.80), shade=shaders.toon()),
+        Material((0.60, 0.62, 0.66), diffuse=0.4, specular=0.8, shininess=150, reflectivity=0.7),
+        Material((0.62, 0.42, 0.30), shade=shaders.oren_nayar()),
+        Material((0.30, 0.14, 0.09), shade=shaders.cook_torrance()),
+        Material((0, 0, 0), specular=0.0, transmission=1.0),
+    ]
+    ball = sphere(0.62, rings=48, segments=76)
+    meshes = [
+        ball.with_material(look).moved((1.45 * (k % 5 - 2), 0.62 + 1.15 * (k < 5), -0.9 if k < 5 else 0.9), turn=20)
+        for k, look in enumerate(looks)
+    ]
+    step = box((7.6, 1.15, 1.5), Material((0.44, 0.43, 0.41), specular=0.0)).moved((0, 0.573, -0.9))
+    ground = floor(60, Material(surface=checker((0.46, 0.45, 0.43), (0.36, 0.35, 0.34), 60), specular=0.0))
+    lights = (PointLight((-5, 8, 7), (0.9, 0.87, 0.8)), PointLight((7, 5, 4), (0.25, 0.28, 0.34)))
+    camera = Camera((0, 3.4, 8.8), (0, 0.95, 0), fov=33)
+    return Scene([*meshes, step, ground], lights, camera, name="materials")
+
+
 SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "boxes": boxes,
     "cubes": cubes,
     "mirror-box": mirror_box,
     "mixed": mixed,
+    "spheres": spheres,
+    "glass": glass,
+    "materials": materials,
 }

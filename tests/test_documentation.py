@@ -13,12 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import trimesh
 
 import shpy as sh
+from raytracer.meshes.shapes import knot
 from shpy.ir.listing import table_of_operations
 
 ROOT = Path(__file__).parents[1]
-RUN = ["README.md", "docs/language.md", "docs/streams.md", "docs/testing.md", "docs/accuracy.md"]
+RUN = [
+    "README.md", "docs/language.md", "docs/streams.md", "docs/testing.md", "docs/accuracy.md", "docs/raytracer.md",
+    "docs/tutorial.md",
+]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
 OPERATIONS = re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL)
 
@@ -55,6 +60,12 @@ class Document:
         return [thing for thing in self.names.values() if isinstance(thing, sh.Program)][-1]
 
 
+def write_mesh(path):
+    """A mesh in the place of the one that readers of the tutorial have."""
+    mesh = knot(segments=60, sides=12)
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
+
+
 def compared(path, found, update):
     """Assert that the document reads like this, or make it so."""
     if update:
@@ -67,6 +78,7 @@ def compared(path, found, update):
 def test_the_code_runs_and_prints_what_the_document_says(name, tmp_path, monkeypatch, snapshots):
     path = ROOT / name
     monkeypatch.chdir(tmp_path)
+    write_mesh(tmp_path / "bunny.ply")
     document = Document(tmp_path, {"__name__": "document"})
 
     def block(match):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Scene, SceneError, cli, memory, renderer
+from raytracer import Scene, SceneError, cli, gallery, memory, renderer
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 
@@ -145,3 +145,12 @@ def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
     with cli.progress_bar("work") as progress:
         progress(1, 2)
     assert "work" in capsys.readouterr().err
+
+
+def test_the_gallery_has_every_scene(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(gallery, "SCENES", {name: gallery.SCENES[name] for name in ("boxes", "glass")})
+    assert cli.main(["gallery", str(tmp_path), "--size", "16x12", "--samples", "1", "--backend", "numpy"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.png", "glass.png"]
+    assert capsys.readouterr().out.count("16 x 12") == 2
+    assert cli.main(["gallery", str(tmp_path / "none")]) == 1
+    assert "make it first" in capsys.readouterr().err

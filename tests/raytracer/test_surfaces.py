@@ -8,7 +8,19 @@ import pytest
 from PIL import Image as pillow
 
 import shpy as sh
-from raytracer import Camera, DirectionalLight, Hit, Material, Mesh, PointLight, Scene, SceneError, Surface, Texture
+from raytracer import (
+    Camera,
+    DirectionalLight,
+    Hit,
+    Material,
+    Mesh,
+    PointLight,
+    Scene,
+    SceneError,
+    Surface,
+    Texture,
+    shaders,
+)
 from raytracer import render as rendered
 from raytracer.kernels.textures import Atlas
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
@@ -407,3 +419,27 @@ def test_textures_that_are_none(source, options, message):
 def test_a_picture_that_is_not_there():
     with pytest.raises(FileNotFoundError, match=r"nope\.png"):
         Texture("nope.png")
+
+
+SHADERS = [
+    (kind, getattr(shaders, name)())
+    for kind, names in (("surface", "checker marble wood spots bumps"), ("shade", "toon oren_nayar cook_torrance"))
+    for name in names.split()
+]
+
+
+@pytest.mark.parametrize(("kind", "shader"), SHADERS, ids=[shader.__name__ for _, shader in SHADERS])
+def test_the_ready_made_ones_agree_on_every_backend(kind, shader):
+    ball = sphere(1, Material((0.7, 0.5, 0.3), **{kind: shader}), rings=8, segments=12)
+    scene = Scene([ball], SPOTS, AHEAD)
+    first = rendered(scene, (24, 24), backend="numpy")
+    assert np.isfinite(first.pixels).all()
+    assert len(np.unique(first.pixels[first.object_id == 0].round(2), axis=0)) > 5
+    for backend in BACKENDS[1:]:
+        same(first, rendered(scene, (24, 24), backend=backend))
+
+
+def test_a_rough_surface_without_roughness_is_lamberts():
+    ball = sphere(1, rings=12, segments=16)
+    plain = shown(ball, Material(specular=0)).pixels
+    np.testing.assert_allclose(shown(ball, Material(shade=shaders.oren_nayar(0.0))).pixels, plain, atol=1e-6)

@@ -1,0 +1,46 @@
+"""All pictures of the built-in scenes with one command: `raytracer gallery docs/gallery`.
+
+Stage: render. A picture is the same on every backend, so the files do not depend on the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from raytracer.errors import SceneError
+from raytracer.image import Image, writer
+from raytracer.renderer import render
+from raytracer.scene import Scene
+from raytracer.scenes import SCENES
+
+__all__ = ["SIZE", "gallery"]
+
+SIZE: Final = (640, 480)
+SAMPLES: Final = 9
+_BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4}
+"""How often rays are mirrored or refracted, where it is not 3."""
+
+
+def options(name: str) -> dict[str, Any]:
+    """The arguments of `render` for a scene's picture."""
+    return {"bounces": _BOUNCES.get(name, 3), "samples": SAMPLES}
+
+
+def gallery(
+    folder: str, size: tuple[int, int] = SIZE, *, backend: str | None = None, samples: int | None = None
+) -> Iterator[tuple[Path, Image]]:
+    """Render every built-in scene into a PNG file in a folder, which exists; gives each path with its Image.
+
+    `samples` takes the place of the nine rays for each pixel. Raises SceneError where there is no such folder, and as
+    `render` does.
+    """
+    if not Path(folder).is_dir():
+        raise SceneError(f"there is no folder {folder}: make it first")
+    for name in SCENES:
+        path = Path(folder) / f"{name}.png"
+        writer(path)
+        changed = options(name) | ({} if samples is None else {"samples": samples})
+        image = render(Scene.builtin(name), size, backend=backend, **changed)
+        yield image.save(path), image
