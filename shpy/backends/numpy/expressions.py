@@ -62,6 +62,7 @@ _LEVELS: Final = {
     "//": Level.MUL,
     "%": Level.MUL,
 }
+_UFUNCS: Final = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide"}
 _INVERSE: Final = {"==": "!=", "!=": "==", "<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 # How these bind beside + and * few readers know.
 _OBSCURE: Final = frozenset({Level.BIT_OR, Level.BIT_XOR, Level.BIT_AND, Level.SHIFT})
@@ -74,7 +75,8 @@ class Expr:
     `reads`: the slots in it; `depth`: how deeply it nests; `shared`: it may be a view of what a name holds, not a new
     array. `literal`: it is a number that takes its type from the other operand, and `typed` is the same with a type of
     its own. `splat`: the scalar whose broadcast it is. `negated`: what it is the negation of, if it is a uniform bool.
-    `inverse`: the comparison that holds where this one does not.
+    `inverse`: the comparison that holds where this one does not. `into`: a call that gives the same, but for its end:
+    there it may be told the array to write to.
     """
 
     text: str
@@ -87,6 +89,7 @@ class Expr:
     splat: Expr | None = None
     negated: Expr | None = None
     inverse: Expr | None = None
+    into: str = ""
 
     def own(self) -> Expr:
         """The same with a type of its own, where it is a literal."""
@@ -118,7 +121,10 @@ def infix(symbol: str, left: Expr, right: Expr) -> Expr:
     """`left symbol right`, grouping to the left; a comparison brackets comparisons, which Python would chain."""
     level = _LEVELS[symbol]
     a = _operand(left, Level(level + 1) if level is Level.COMPARE else level, level)
-    return _made(f"{a} {symbol} {_operand(right, Level(level + 1), level)}", level, (left, right))
+    made = _made(f"{a} {symbol} {_operand(right, Level(level + 1), level)}", level, (left, right))
+    if symbol in _UFUNCS:
+        return replace(made, into=f"np.{_UFUNCS[symbol]}({left.text}, {right.text}")
+    return made
 
 
 def prefix(symbol: str, e: Expr) -> Expr:

@@ -64,16 +64,18 @@ class Printed:
     An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
     `large`: many lanes are to run together, for they leave loops one by one, and those that are left should still be
     many; or no function is called, so that few arrays live at a time, and numpy reuses temporaries of 256 KiB.
+    `outs`: the numbers of the outputs whose arrays may follow the arguments, to be written; the rest is only returned.
     """
 
     text: str
     entry: str
     arguments: tuple[tuple[str, str], ...]
     large: bool
+    outs: tuple[int, ...]
 
 
-def print_python(vector: VectorModule) -> Printed:
-    """The module's text."""
+def print_python(vector: VectorModule, *, status: bool = False) -> Printed:
+    """The module's text; `status`: its last output says how each element ended."""
     module, use = vector.module, Imports()
     asked = asked_by(module)
     names = Names("python", (*_RESERVED, *(kind for kind, what in asked[module.entry.name] if not what)))
@@ -84,10 +86,11 @@ def print_python(vector: VectorModule) -> Printed:
         facts = _all_of(function) if function.pure else vector.facts[function.name]
         printers.append(_Printer(function, facts, around))
     printers[-1].updates = Updates(module.entry, vector.facts[module.entry.name])
+    printers[-1].writes = ("place", "") in asked[module.entry.name] and not status
     texts = [printer.function() for printer in printers]
     text = "\n\n\n".join([imports_of(use, texts), *texts]) + "\n"
     large = len(printers) == 1 or any(printer.compactions for printer in printers)
-    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]), large)
+    return Printed(text, functions[module.entry.name], tuple(asked[module.entry.name]), large, tuple(printers[-1].outs))
 
 
 def _all_of(function: Function) -> LaneFacts:
@@ -109,6 +112,8 @@ class _Printer(ValuePrinter):
         self.within: list[tuple[Plan, str]] = []
         self.loops: list[Loop] = []
         self.loop_head = -2
+        self.writes = False
+        self.outs: dict[int, str] = {}
 
     def function(self) -> str:
         """The text of the function, whose arguments besides its inputs are those it asks for."""
@@ -133,7 +138,8 @@ class _Printer(ValuePrinter):
             self.line(f"{self.slot_names[slot.id]} = {zeros(slot.type, lanes, slot.length)}")
         if not self.region(self.f.body):
             self.leave(None)
-        head = f"def {self.functions[self.f.name]}({', '.join([*arguments, *self.given.values()])}):"
+        outs = [f"{out}=None" for out in self.outs.values()]
+        head = f"def {self.functions[self.f.name]}({', '.join([*arguments, *self.given.values(), *outs])}):"
         slots = {text for slot, text in self.slot_names.items() if slot in self.varying_slots}
         self.lane_names |= {"grid_index", *slots}
         return compacted("\n".join([head, *self.lines]), self.compactions, self.lane_names, self.names)
@@ -431,11 +437,26 @@ class _Printer(ValuePrinter):
             if any(slot in later.reads for later in texts.values()):
                 break
             texts[slot] = e
-        found = [texts[o].text if o in texts else self.slot_names[o] for o in outputs]
+        written = {o: self.written(at, texts[o]) for at, o in enumerate(outputs) if o in texts}
+        found = [written.get(o, self.slot_names[o]) for o in outputs]
         if texts and sum(map(len, found)) < MAX_LENGTH:
             comment = self.lines[-1].partition("  # ")[2] if len(texts) == 1 else ""
             del self.lines[-len(texts) :]
             text = f"{'    ' * self.indent}return {', '.join(found)}"
             self.lines.append(f"{text}  # {comment}" if comment else text)
             return
+        for line, o in enumerate(reversed(texts), len(self.lines) - len(texts)):
+            self.lines[line] = self.lines[line].replace(f" = {texts[o].text}", f" = {written[o]}", 1)
         self.line(f"return {', '.join(self.slot_names[o] for o in outputs)}", loc)
+
+    def written(self, at: int, e: Expr) -> str:
+        """The text of an output, which writes it where it belongs, if it may be told that.
+
+        A stencil does little for each element, and a copy would take as long as an addition.
+        """
+        slot = self.f.outputs[at]
+        if not (self.writes and e.into and slot.type.size == 1 and slot.id in self.varying_slots):
+            return e.text
+        if at not in self.outs:
+            self.outs[at] = self.names.take("out" if len(self.f.outputs) == 1 else f"{slot.name}_out")
+        return f"{e.into}, out={self.outs[at]})"

@@ -21,10 +21,10 @@ from shpy.backends.dump import dump
 from shpy.backends.numpy.apart import Layout, lay_out
 from shpy.backends.numpy.memory import SPACE, NumpySpace, over_arrays
 from shpy.backends.numpy.printer import Printed, print_python
-from shpy.backends.numpy.tables import Listed, Place, TableView
+from shpy.backends.numpy.tables import Listed, Place, TableView, places_of
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Function, Loc, Module, Status, Value
+from shpy.ir.nodes import Loc, Module, Status, Value
 from shpy.ir.ops import OPS
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
@@ -70,7 +70,7 @@ class NumpyBackend:
         layout = lay_out(prepared.module)
         vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
-        printed = print_python(vector)
+        printed = print_python(vector, status=prepared.status)
         tile = tile or (LARGE_TILE if printed.large else TILE)
         shorter = find_rejection(module)
         rejection = None if shorter is None else self.compile(shorter, options)
@@ -103,6 +103,14 @@ class NumpyExecutable:
     entry: Callable[..., Any]
     rejection: NumpyExecutable | None = None
     views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
+    ports: tuple[Type, ...] = field(init=False)
+    outs: tuple[tuple[int, np.dtype[Any]], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """The types of the inputs; the number and dtype of each output that the text writes where it is told."""
+        self.ports = tuple(port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
+        outputs = self.layout.vector.module.entry.outputs
+        self.outs = tuple((at, np.dtype(DTYPES[outputs[at].type.base])) for at in self.printed.outs)
 
     @property
     def source(self) -> str:
@@ -132,11 +140,8 @@ class NumpyExecutable:
         if live is not None and status is not None:
             self._run_listed(call, live, uniforms, status)
             return status
-        block = self.layout.grid and len(call.shape) == 2 and 0 < call.shape[1] <= self.tile
-        step = self.tile - self.tile % call.shape[1] if block else self.tile
         with np.errstate(all="ignore"):
-            for start in range(0, call.count, step):
-                place = Place(start, min(start + step, call.count), call.shape, block)
+            for place in places_of(call.shape, self.tile, grid=self.layout.grid):
                 self._run_tile(call, place, uniforms, status)
         return None if status is None or np.all(status == Status.WRITTEN) else status
 
@@ -170,15 +175,16 @@ class NumpyExecutable:
 
     def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
         part, extents = slice(place.start, place.stop), place.extents
-        ports = _ports(self.prepared.module.entry)
-        tiles = (_tile(x, port.type, part, call.outputs) for x, port in zip(call.inputs, ports, strict=True))
+        tiles = (_tile(x, type_, part, call.outputs) for x, type_ in zip(call.inputs, self.ports, strict=True))
         inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in tiles]
         given = uniforms | {("lanes", ""): extents if place.block else extents[0]}
         if ("place", "") in self.printed.arguments:
             given["place", ""] = place
         if ("grid_index", "") in self.printed.arguments:
             given["grid_index", ""] = place.index
-        results = self.entry(*inputs, *(given[key] for key in self.printed.arguments))
+        outputs = self._outputs(call, part)
+        told = {} if status is not None else {at: _whole(outputs[at], dtype, extents) for at, dtype in self.outs}
+        results = self.entry(*inputs, *(given[key] for key in self.printed.arguments), *told.values())
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:
@@ -187,8 +193,9 @@ class NumpyExecutable:
             written = status[part] == Status.WRITTEN
             if written.all():
                 written = None
-        for out, result in zip(self._outputs(call, part), results, strict=True):
-            _write(out, result, written, extents)
+        for at, (out, result) in enumerate(zip(outputs, results, strict=True)):
+            if result is not told.get(at):
+                _write(out, result, written, extents)
 
     def _outputs(self, call: Call, part: slice) -> list[Array]:
         """Where the results belong: a vector, or each of its components."""
@@ -211,14 +218,15 @@ class NumpyExecutable:
 
     def _view(self, data: TableData, rank: int, type: Type) -> TableView:
         known = self.views.get(data)
-        if known is None or known[0] != data.version:
-            known = data.version, TableView(np.asarray(data.array, DTYPES[type.base]), rank)
-            self.views[data] = known
-        return known[1]
-
-
-def _ports(entry: Function) -> list[Value]:
-    return [port for port in entry.inputs if isinstance(port, Value)]
+        if known is not None and known[0] == data.version:
+            return known[1]
+        if known is not None and known[1].looks_into(data.array):
+            view = known[1]
+            view.renew()
+        else:
+            view = TableView(np.asarray(data.array, DTYPES[type.base]), rank)
+        self.views[data] = data.version, view
+        return view
 
 
 def _column(values: Array) -> Any:
@@ -239,6 +247,11 @@ def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> 
         np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
     )
     return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
+
+
+def _whole(out: Array, dtype: np.dtype[Any], extents: tuple[int, ...]) -> Array | None:
+    """The memory of an output as what may be written directly: None if numbers lie apart or are converted."""
+    return out.reshape(extents) if out.dtype == dtype and out.flags.c_contiguous else None
 
 
 def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, ...]) -> None:

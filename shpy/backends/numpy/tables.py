@@ -11,7 +11,10 @@ array([20., 30., 30.], dtype=float32)
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,19 +22,22 @@ from numpy.typing import NDArray
 
 from shpy.ir.meaning import floor_mod_int
 
-__all__ = ["Listed", "Place", "TableView"]
+__all__ = ["Listed", "Place", "TableView", "places_of"]
 
 Array = NDArray[Any]
 Range = tuple[int, int]
 
 _FARTHEST = 2**30
-_MARGIN = 16
-"""Columns that are kept on both sides of a tile, for reads beyond the border of a table."""
-_LINES = 2
-"""Lines that are kept above and below it."""
+_LINES = (1, 2)
+"""How many lines may be kept above and below a tile, for reads beyond the border of a table."""
+_COLUMNS = (1, 4, 16)
+"""How many columns on both sides of it: the fewer, the less is copied."""
+_MANY_PIECES = 128
+"""From here on what lies beyond the border is gathered one by one."""
+_KEPT_READS = 1024
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Place:
     """The elements of a tile: from `start` to `stop` in C order, in a grid of this shape; a `block` has whole rows."""
 
@@ -77,7 +83,15 @@ class Place:
         return moved[0] if len(offsets) == 1 else moved
 
 
-@dataclass(frozen=True, slots=True)
+@lru_cache(maxsize=16)
+def places_of(shape: tuple[int, ...], tile: int, *, grid: bool) -> tuple[Place, ...]:
+    """The tiles of a grid, of at most so many elements; blocks if `grid` and whole rows fit. The same for each call."""
+    block = grid and len(shape) == 2 and 0 < shape[1] <= tile
+    count, step = math.prod(shape), tile - tile % shape[1] if block else tile
+    return tuple(Place(start, min(start + step, count), shape, block) for start in range(0, count, step))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Listed(Place):
     """Elements anywhere in a grid, by their numbers in C order."""
 
@@ -95,10 +109,26 @@ class Listed(Place):
         return np.array(every[0] if len(every) == 1 else every, np.int32)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Lines and columns of a table, some of them beyond its border: what is copied to where in an array of them."""
+
+    shape: tuple[int, ...]
+    copies: tuple[tuple[tuple[slice, slice], Array], ...]
+
+    def made(self) -> Array:
+        """A new array of them."""
+        made = np.empty(self.shape, self.copies[0][1].dtype)
+        for into, found in self.copies:
+            made[into] = found
+        return made
+
+
 class TableView:
     """A table as emitted code reads it.
 
-    `at` a uniform index, by a `gather` with one for each lane, or as a `neighbour` of a tile's own place.
+    `at` a uniform index, by a `gather` with one for each lane, or as a `neighbour` of a tile's own place. It looks into
+    the array; after a change of that it is told to `renew` what it has copied.
     """
 
     def __init__(self, array: Array, rank: int) -> None:
@@ -108,9 +138,20 @@ class TableView:
         self._rows = np.ascontiguousarray(array).reshape(-1, *array.shape[rank:])
         self._columns = self._rows[..., None] if self._vectors else self._rows
         self._plane = self._rows.reshape(-1, extents[-1], *self._rows.shape[1:])
-        self._wide: tuple[object, Array] = None, self._plane
+        self._beyond = 0, 0
+        self._blocks: dict[tuple[Any, ...], _Block] = {}
+        self._reads: dict[tuple[Any, ...], tuple[_Block | None, Any]] = {}
+        self._wide: tuple[_Block | None, Array] = None, self._plane
         self.size: Array = np.array(extents, np.int32).reshape(() if rank == 1 else (rank, 1))[()]
         """Its shape, as a uniform."""
+
+    def looks_into(self, array: Array) -> bool:
+        """Whether it reads this array itself, and no copy of it."""
+        return np.may_share_memory(self._rows, array)
+
+    def renew(self) -> None:
+        """Forget what was copied: the array holds something else now."""
+        self._wide = None, self._plane
 
     def at(self, index: Array) -> Array:
         """The element at a uniform index, clamped on every axis."""
@@ -142,71 +183,105 @@ class TableView:
 
         As many moduli may follow the offsets: what an index is taken modulo before it is clamped.
         """
-        given, rank = [o if type(o) is int else int(o.item()) for o in offsets], len(self._extents)
-        down, across = (0, *given[:rank])[-2:]
-        moduli = (given[-2] if rank > 1 else 1, given[-1]) if len(given) > rank else None
-        near = -_FARTHEST < down < _FARTHEST and -_FARTHEST < across < _FARTHEST
-        if near and moduli is not None:
-            down, across = map(_least_offset, (down, across), moduli)
-        if not near or isinstance(place, Listed):
-            moved = place.moved(*(down, across)[-rank:])
-            return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
-        found = self._moved(place.lines, place.columns, (down, across), moduli)
+        given = tuple([o if type(o) is int else int(o.item()) for o in offsets])
+        known = self._reads.get((place, given))
+        if known is None:
+            known = self._read(place, given)
+        if known is None:
+            return self._gathered(place, given)
+        block, at = known
+        found: Array = at if block is None else block.made() if at is ... else self._copied(block)[at]
         if not place.block:
             found = found.reshape(-1, *self._rows.shape[1:])[place.skipped : place.skipped + place.stop - place.start]
         return self._components_first(found) if self._vectors else found
 
-    def _moved(self, lines: Range, columns: Range, by: tuple[int, int], moduli: tuple[int, int] | None) -> Array:
-        """What lies so far from these lines and columns; a margin is kept that serves for other reads too."""
-        (down, across), (height, width) = by, self._plane.shape[:2]
+    def _split(self, given: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int] | None]:
+        """How far down and across, and the moduli of both."""
+        rank = len(self._extents)
+        by = (0, *given[:rank])[-2:]
+        if len(given) == rank:
+            return (by[0], by[1]), None
+        moduli = given[-2] if rank > 1 else 1, given[-1]
+        if _is_near(by):
+            by = tuple(map(_least_offset, by, moduli))
+        return (by[0], by[1]), moduli
+
+    def _gathered(self, place: Place, given: tuple[int, ...]) -> Array:
+        """Such elements, by the index of each."""
+        by, moduli = self._split(given)
+        rank = len(self._extents)
+        moved = place.moved(*by[-rank:])
+        return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
+
+    def _read(self, place: Place, given: tuple[int, ...]) -> tuple[_Block | None, Any] | None:
+        """A view of the table, or a block and what of it is read; None where there is no such thing.
+
+        A block has a margin that serves for other reads too.
+        """
+        (down, across), moduli = self._split(given)
+        read: tuple[_Block | None, Any]
+        if isinstance(place, Listed) or not _is_near((down, across)):
+            return None
+        lines, columns = _widened(place.lines, -down, down), _widened(place.columns, -across, across)
+        height, width = self._plane.shape[:2]
         if moduli is not None:
             height, width = min(height, moduli[0]), min(width, moduli[1])
-        begin, end = columns[0] + across, columns[1] + across
-        if 0 <= begin and end <= width and 0 <= lines[0] + down and lines[1] + down <= height:
-            return self._plane[lines[0] + down : lines[1] + down, begin:end]
-        if not (-_MARGIN <= across <= _MARGIN and -_LINES <= down <= _LINES):
-            return self._around((lines[0] + down, lines[1] + down), (begin, end), moduli)
-        block, wide = self._wide
-        if block != (lines, columns, moduli):
-            beyond = _LINES if len(self._extents) > 1 else 0
-            around = (lines[0] - beyond, lines[1] + beyond), (columns[0] - _MARGIN, columns[1] + _MARGIN)
-            block, wide = (lines, columns, moduli), self._around(*around, moduli)
-            self._wide = block, wide
-        top = _LINES + down if len(self._extents) > 1 else 0
-        left = _MARGIN + across
-        return wide[top : top + lines[1] - lines[0], left : left + columns[1] - columns[0]]
-
-    def _around(self, lines: Range, columns: Range, moduli: tuple[int, int] | None) -> Array:
-        """These lines and columns; those that lie outside as the nearest, or modulo as much as there is."""
-        if moduli is None:
-            return self._clamped(lines, columns)
-        rows, places = (
-            np.clip(floor_mod_int(np.arange(*some), np.array(modulus)), 0, extent - 1)
-            for some, modulus, extent in zip((lines, columns), moduli, self._plane.shape, strict=False)
-        )
-        taken = self._plane[rows]
-        made = np.empty((len(rows), len(places), *taken.shape[2:]), taken.dtype)
-        starts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist()]  # of those that lie side by side
-        for start, stop in zip(starts, [*starts[1:], len(places)], strict=True):
-            made[:, start:stop] = taken[:, places[start] : places[start] + stop - start]
-        return made
-
-    def _clamped(self, lines: Range, columns: Range) -> Array:
-        """These lines and columns, those that lie outside as the nearest."""
-        (top, bottom), (low, high), (height, width) = lines, columns, self._plane.shape[:2]
-        made = np.empty((bottom - top, high - low, *self._plane.shape[2:]), self._plane.dtype)
-        first, last = (min(max(n, 0), bottom - top) for n in (-top, height - top))
-        begin, end = (min(max(n, 0), high - low) for n in (-low, width - low))
-        inside = made[first:last]
-        rows = self._plane[top + first : top + last]
-        inside[:, :begin] = rows[:, :1]
-        inside[:, begin:end] = rows[:, low + begin : low + end]
-        inside[:, end:] = rows[:, -1:]
-        if first < last:
-            made[:first], made[last:] = made[first], made[last - 1]
+        if 0 <= columns[0] and columns[1] <= width and 0 <= lines[0] and lines[1] <= height:
+            read = None, self._plane[slice(*lines), slice(*columns)]
         else:
-            made[...] = self._clamped((0, 1) if bottom <= 0 else (height - 1, height), columns)
-        return made
+            far = abs(down) > _LINES[-1] or abs(across) > _COLUMNS[-1]
+            above, beside = (0, 0) if far else self._margin(abs(down), abs(across))
+            if not far:
+                lines, columns = _widened(place.lines, above, above), _widened(place.columns, beside, beside)
+            block = self._block(lines, columns, moduli)
+            if block is None:
+                return None
+            top, left = above + down, beside + across
+            height, width = place.lines[1] - place.lines[0], place.columns[1] - place.columns[0]
+            read = block, ... if far else (slice(top, top + height), slice(left, left + width))
+        if len(self._reads) >= _KEPT_READS:
+            self._reads.clear()
+        self._reads[place, given] = read
+        return read
+
+    def _margin(self, down: int, across: int) -> tuple[int, int]:
+        """The lines and columns that blocks have around a tile: as many as any read has asked for so far."""
+        lines, columns = self._beyond
+        if down > lines or across > columns:
+            lines = next(n for n in (0, *_LINES) if n >= max(down, lines))
+            columns = next(n for n in (0, *_COLUMNS) if n >= max(across, columns))
+            self._beyond = lines, columns
+            self._reads.clear()
+        return lines, columns
+
+    def _copied(self, block: _Block) -> Array:
+        """The array of a block; that of the last one is kept."""
+        last, wide = self._wide
+        if last is not block:
+            wide = block.made()
+            self._wide = block, wide
+        return wide
+
+    def _block(self, lines: Range, columns: Range, moduli: tuple[int, int] | None) -> _Block | None:
+        """These lines and columns; those that lie outside as the nearest, or modulo as much as there is.
+
+        None if they lie in many pieces.
+        """
+        known = self._blocks.get((lines, columns, moduli))
+        if known is None:
+            height, width = self._plane.shape[:2]
+            down, across = moduli or (None, None)
+            rows, places = _pieces(lines, down, height), _pieces(columns, across, width)
+            if len(rows) * len(places) > _MANY_PIECES:
+                return None
+            copies = tuple(
+                ((into, beside), self._plane[row, place]) for into, row in rows for beside, place in places
+            )
+            known = _Block((lines[1] - lines[0], columns[1] - columns[0], *self._plane.shape[2:]), copies)
+            if len(self._blocks) >= _KEPT_READS:
+                self._blocks.clear()
+            self._blocks[lines, columns, moduli] = known
+        return known
 
     def _flat(self, index: Any) -> Array:
         """The number of the element in memory, from its clamped index on each axis."""
@@ -216,6 +291,37 @@ class TableView:
         for axis, extent in zip(index[1:], self._extents[1:], strict=True):
             flat = flat * flat.dtype.type(extent) + np.clip(axis, 0, extent - 1)
         return flat
+
+
+@lru_cache(maxsize=256)
+def _pieces(some: Range, modulus: int | None, extent: int) -> tuple[tuple[slice, slice], ...]:
+    """The indices of a range, modulo a number and clamped, in pieces.
+
+    Each is where it lies in the range, and the elements that it takes: some that follow each other, or one for all.
+    """
+    places = np.arange(*some)
+    if modulus is not None:
+        places = floor_mod_int(places, np.array(modulus))
+    places = np.clip(places, 0, extent - 1)
+    steps = np.diff(places)
+    ends = {step: [*np.flatnonzero(steps != step).tolist(), len(steps)] for step in (0, 1)}
+    found, at = [], 0
+    while at < len(places):
+        step = int(steps[at]) if at < len(steps) else 0
+        stop = at + 1
+        if step in ends:
+            stop = ends[step][bisect_left(ends[step], at)] + 1
+        found.append((slice(at, stop), slice(int(places[at]), int(places[stop - 1]) + 1)))
+        at = stop
+    return tuple(found)
+
+
+def _widened(some: Range, before: int, after: int) -> Range:
+    return some[0] - before, some[1] + after
+
+
+def _is_near(by: tuple[int, ...]) -> bool:
+    return all(-_FARTHEST < n < _FARTHEST for n in by)
 
 
 def _least_offset(offset: int, modulus: int) -> int:
