@@ -41,6 +41,12 @@ _FEW: Final = 0.7
 """The share of elements below which a list of them pays, though they are gathered and scattered."""
 _WORTH_A_LIST: Final = 4096
 """Elements of a run with fewer of which the condition is not evaluated first."""
+_OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
+    ("place", ""): lambda place: place,
+    ("grid_index", ""): lambda place: place.index,
+    ("lanes", ""): lambda place: place.lanes,
+}
+"""What depends on the tile, of the arguments of a text."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
 TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos", "tan"}), vector=True)
@@ -174,17 +180,14 @@ class NumpyExecutable:
                     out[elements] = found
 
     def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
-        part, extents = slice(place.start, place.stop), place.extents
-        tiles = (_tile(x, type_, part, call.outputs) for x, type_ in zip(call.inputs, self.ports, strict=True))
-        inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in tiles]
-        given = uniforms | {("lanes", ""): extents if place.block else extents[0]}
-        if ("place", "") in self.printed.arguments:
-            given["place", ""] = place
-        if ("grid_index", "") in self.printed.arguments:
-            given["grid_index", ""] = place.index
+        part, extents = place.part, place.extents
+        inputs = [_tile(x, type_, part, call.outputs) for x, type_ in zip(call.inputs, self.ports, strict=True)]
+        if place.block:
+            inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in inputs]
+        given = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
         outputs = self._outputs(call, part)
         told = {} if status is not None else {at: _whole(outputs[at], dtype, extents) for at, dtype in self.outs}
-        results = self.entry(*inputs, *(given[key] for key in self.printed.arguments), *told.values())
+        results = self.entry(*inputs, *given, *told.values())
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:

@@ -46,24 +46,30 @@ class Place:
     shape: tuple[int, ...]
     block: bool = False
 
+    part: slice = field(init=False)
+    extents: tuple[int, ...] = field(init=False)
     lines: tuple[int, int] = field(init=False)
     columns: tuple[int, int] = field(init=False)
     skipped: int = field(init=False)
 
     def __post_init__(self) -> None:
-        """The lines and columns that the tile has a part in, and how many elements of these come before it."""
-        row = self.shape[-1] if self.shape else 1
+        """Find the `extents`, the shape of what varies in the tile: (lanes,), or (rows, columns).
+
+        And the lines and columns that it has a part in, and how many elements of these come before it.
+        """
+        row, lanes = self.shape[-1] if self.shape else 1, self.stop - self.start
         top, bottom = (0, 0) if len(self.shape) < 2 else (self.start // row, (self.stop - 1) // row)
         left, right = (self.start - top * row, self.stop - bottom * row) if top == bottom else (0, row)
+        object.__setattr__(self, "part", slice(self.start, self.stop))
+        object.__setattr__(self, "extents", (lanes // row, row) if self.block else (lanes,))
         object.__setattr__(self, "lines", (top, bottom + 1))
         object.__setattr__(self, "columns", (left, right))
         object.__setattr__(self, "skipped", 0 if top == bottom else self.start - top * row)
 
     @property
-    def extents(self) -> tuple[int, ...]:
-        """The shape of what varies in the tile: (lanes,), or (rows, columns)."""
-        lanes = self.stop - self.start
-        return (lanes // self.shape[-1], self.shape[-1]) if self.block else (lanes,)
+    def lanes(self) -> Any:
+        """What arrays of the tile are made with: a number of lanes, or the extents of a block."""
+        return self.extents if self.block else self.extents[0]
 
     @property
     def index(self) -> Any:
