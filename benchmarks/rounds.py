@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.work import Agreement, Run, Work, compare
+from benchmarks.work import Agreement, Run, Work, judge
 
 ENOUGH = 0.02
 PAUSE = 0.03
@@ -83,7 +83,7 @@ def run(
         measured.first[name] = time.perf_counter() - started
         answer = np.array(answer.get() if hasattr(answer, "get") else answer)
         reference = answer if reference is None else reference
-        measured.agreement[name] = compare(work, answer, reference)
+        measured.agreement[name] = judge(work, answer, reference, inputs)
         ready[name] = (timed, max(1, math.ceil(ENOUGH / max(min(once(timed), once(timed)), 1e-6))))
         measured.seconds[name], measured.cpu[name] = [], []
     gc.collect()

@@ -81,6 +81,18 @@ def test_a_wrong_answer_is_found():
     assert not measured.right
 
 
+def test_sums_in_another_order_than_that_of_the_reference_say_so():
+    """The reference may be the one that is far from the exact sums; what is far from both is wrong."""
+    work = toy(masks=1.5, numba=1.0, jax=2.0)
+    work.exact = lambda a: a * 1.0
+    measured = rounds.run(work, 4, ["masks", "numba", "jax"], rounds=0)
+    texts = {name: agreement.text for name, agreement in measured.agreement.items()}
+    assert texts["masks"] == "0.0e+00"
+    assert texts["numba"] == "3.3e-01, 75.00% beyond, other order"
+    assert texts["jax"].endswith(" WRONG")
+    assert [a.same for a in measured.agreement.values()] == [True, True, False]
+
+
 def test_answers_are_compared_by_size_and_by_share():
     work = toy()
     assert compare(work, [100.0, 0, 0, 0], [100.9, 0.009, 0, 0]).same

@@ -40,6 +40,7 @@ def _work(name: str, title: str, within: float, note: str = "") -> Work:
 SUM = _work("sum", "Pairwise sum", 1e-3)
 SUM_EXACT = _work("sum-exact", "Sum, rounded once,", 1e-6, 'Ours is method="exact"; that of numpy is math.fsum.')
 SCAN = _work("scan", "Prefix sums", 2e-2)
+SCAN.exact = lambda x: np.cumsum(x, dtype=np.float64)
 SORT = _work("sort", "Sorting", 0)
 COMPACT = _work("compact", "Those above 0", 0)
 WORKS = (SUM, SUM_EXACT, SCAN, SORT, COMPACT)

@@ -26,7 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from shpy.ir.builder import Builder
-from shpy.ir.constants import Base, vec
+from shpy.ir.constants import Base, decode, vec
 from shpy.ir.nodes import Function, If, Let, Loop, Module, Region, Stmt, Store
 from shpy.ir.traverse import walk
 from shpy.passes.calls import LaneFacts
@@ -76,6 +76,7 @@ class _Finder:
         self.ranks = {t.name: t.rank for t in module.tables if t.rank in _RANKS}
         self.b = Builder(function=module.entry)
         self.parts: dict[int, Parts] = {}
+        self.constants: dict[int, tuple[int, ...]] = {}
         self.axes = 0
         self.found = False
 
@@ -117,6 +118,8 @@ class _Finder:
         value, args = s.value, s.args
         if value.type.base is not Base.I:
             return
+        if s.op == "const" and isinstance(s.attr, tuple):
+            self.constants[value.id] = decode(value.type, s.attr)
         if value.id not in self.facts.varying:
             self.parts[value.id] = tuple(_Moved(None, ((1, value.id, k),)) for k in range(value.type.size))
             return
@@ -161,6 +164,9 @@ class _Finder:
 
     def offset(self, part: _Moved) -> int:
         """The sum of the terms."""
+        if all(value in self.constants for _, value, _ in part.terms):
+            known = sum(sign * self.constants[value][component] for sign, value, component in part.terms)
+            return self.b.const(_INT, [(known + 2**31) % 2**32 - 2**31]).id
         total: int | None = None
         for sign, value, component in part.terms:
             term = self.component(value, component)
@@ -168,7 +174,8 @@ class _Finder:
                 total = term if sign > 0 else self.b.let("neg", term).id
             else:
                 total = self.b.let("add" if sign > 0 else "sub", total, term).id
-        return self.b.const(_INT, [0]).id if total is None else total
+        assert total is not None, "no terms are a constant"
+        return total
 
 
 def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:

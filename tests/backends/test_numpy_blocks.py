@@ -129,3 +129,27 @@ def test_neighbours_of_any_block_are_the_nearest_elements():
             down, across = (int(n) for n in rng.integers(-reach, reach + 1, 2))
             expected = table[np.clip(y + down, 0, height - 1), np.clip(x + across, 0, width - 1)]
             assert np.array_equal(np.ravel(view.neighbour(place, down, across)), expected)
+
+@sh.program
+def spread_twice(u: sh.Table[sh.Attrib1f, 2], v: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f]:
+    at = sh.grid_index(2)
+    around = u[at + (0, 1)] + u[at - (1, 0)]
+    return around * v, around * v, v - around
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_a_stencil_writes_its_results_where_they_belong(precision):
+    """Several outputs may be equal, an output may be an input, and arrays that numbers lie apart in are written too."""
+    rng = np.random.default_rng(3)
+    u, v = rng.random((9, 300), np.float32), rng.random((9, 300), np.float32)
+    kernel = spread_twice.compile("numpy", precision=precision)
+    assert "out=" in kernel.source
+    wanted = [result.copy() for result in kernel(u, v)]
+    np.testing.assert_array_equal(wanted[0], wanted[1])
+    sh.testing.assert_equivalent(spread_twice, u, v, backends=["interpreter", "numpy"], precision=precision)
+    wide = np.zeros((9, 600), wanted[0].dtype)
+    out = wide[:, ::2], np.zeros_like(wanted[0]), v.astype(wanted[0].dtype)
+    kernel.run(u, out[2], out=out)
+    for one, other in zip(out, kernel(u, v.astype(wanted[0].dtype)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert not wide[:, 1::2].any()

@@ -75,6 +75,16 @@ def test_options_mean_what_they_mean_to_the_unified_kernel(options):
     assert_same(render(small(), (18, 12), tracer="staged", **given), render(small(), (18, 12), **given))
 
 
+@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+def test_half_precision_means_what_it_means_to_the_unified_kernel(backend):
+    given = {"bounces": 1, "backend": backend, "precision": "f16"}
+    unified = render(small(), (24, 16), accel="grid", **given)
+    assert_same(render(small(), (24, 16), tracer="staged", **given), unified)
+    assert len(np.unique(unified.object_id)) == 5, "the floor, three things on it and the sky are in the picture"
+    with pytest.raises(AssertionError):
+        assert_same(unified, render(small(), (24, 16), accel="grid", **(given | {"precision": "f32"})))
+
+
 def test_another_camera_and_size_need_no_new_kernels():
     renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
     renderer.render((8, 8))

@@ -56,7 +56,7 @@ class Updates:
 
 
 def _alike(before: Value, after: Value) -> bool:
-    return before.type is after.type and before.type.size == 1 and before.name == after.name is not None
+    return before.type is after.type and before.type.size == 1 and before.name == after.name
 
 
 def _large(entry: Function, facts: LaneFacts) -> set[int]:
