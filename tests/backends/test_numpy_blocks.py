@@ -130,6 +130,7 @@ def test_neighbours_of_any_block_are_the_nearest_elements():
             expected = table[np.clip(y + down, 0, height - 1), np.clip(x + across, 0, width - 1)]
             assert np.array_equal(np.ravel(view.neighbour(place, down, across)), expected)
 
+
 @sh.program
 def spread_twice(u: sh.Table[sh.Attrib1f, 2], v: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f]:
     at = sh.grid_index(2)

@@ -280,9 +280,7 @@ class TableView:
             rows, places = _pieces(lines, down, height), _pieces(columns, across, width)
             if len(rows) * len(places) > _MANY_PIECES:
                 return None
-            copies = tuple(
-                ((into, beside), self._plane[row, place]) for into, row in rows for beside, place in places
-            )
+            copies = tuple(((into, beside), self._plane[row, place]) for into, row in rows for beside, place in places)
             known = _Block((lines[1] - lines[0], columns[1] - columns[0], *self._plane.shape[2:]), copies)
             if len(self._blocks) >= _KEPT_READS:
                 self._blocks.clear()
