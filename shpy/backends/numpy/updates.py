@@ -4,7 +4,8 @@ Stage: emit. Part of the numpy printer. Takes the entry of a vectorised module; 
 of its first operand may be changed. numpy then neither makes an array nor fills another part of the cache.
 
 What is asked for: the operand is an array that the text has made itself, as large as the result; nothing but operators
-ever reads it, so that no view and no slot holds it too; this is its last use; and both are values of one variable.
+ever reads it, so that no view and no slot holds it too; this is its last use; and both are values of one variable, or
+neither has a name.
 """
 
 from __future__ import annotations
