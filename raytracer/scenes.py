@@ -106,10 +106,10 @@ def mixed() -> Scene:
 
 def spheres() -> Scene:
     """Mirroring balls on balls, four generations: 72,066 triangles."""
-    colors = ((0.55, 0.57, 0.60), (0.75, 0.46, 0.09), (0.10, 0.30, 0.55), (0.55, 0.10, 0.08))
+    colors = ((0.50, 0.52, 0.55), (0.70, 0.38, 0.05), (0.04, 0.22, 0.50), (0.55, 0.05, 0.04))
     shapes = [
         sphere(
-            1.0, Material(color, diffuse=0.6, specular=0.7, shininess=120, reflectivity=0.45), rings=n, segments=2 * n
+            1.0, Material(color, diffuse=0.6, specular=0.7, shininess=120, reflectivity=0.3), rings=n, segments=2 * n
         )
         for color, n in zip(colors, (48, 24, 16, 8), strict=True)
     ]
@@ -128,7 +128,7 @@ def spheres() -> Scene:
     grow(0, 0, 0, 1, 0, (0, 1, 0))
     ground = floor(400, Material((0.42, 0.41, 0.40), specular=0.0, reflectivity=0.15)).moved((0, -1.0, 0))
     lights = (PointLight((-4, 7, 6), (0.9, 0.86, 0.78)), PointLight((6, 4, 1), (0.22, 0.26, 0.34)))
-    return Scene([*meshes, ground], lights, Camera((2.4, 2.0, 4.6), (0, 0.35, 0), fov=42), name="spheres")
+    return Scene([*meshes, ground], lights, Camera((2.5, 2.1, 5.2), (0, 0.55, 0), fov=42), name="spheres")
 
 
 def glass() -> Scene:
@@ -173,7 +173,7 @@ def materials() -> Scene:
     step = box((7.6, 1.15, 1.5), Material((0.44, 0.43, 0.41), specular=0.0)).moved((0, 0.573, -0.9))
     ground = floor(60, Material(surface=checker((0.46, 0.45, 0.43), (0.36, 0.35, 0.34), 60), specular=0.0))
     lights = (PointLight((-5, 8, 7), (0.9, 0.87, 0.8)), PointLight((7, 5, 4), (0.25, 0.28, 0.34)))
-    camera = Camera((0, 3.4, 8.8), (0, 0.95, 0), fov=33)
+    camera = Camera((0, 3.4, 8.8), (0, 0.95, 0), fov=39)
     return Scene([*meshes, step, ground], lights, camera, name="materials")
 
 
