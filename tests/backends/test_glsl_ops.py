@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import shpy as sh
 from shpy.backends.base import Call, Options
 from shpy.backends.glsl import backend
 from shpy.ir import meaning
@@ -237,3 +238,38 @@ def test_a_component_at_an_index_is_the_nearest(base: str, size: int) -> None:
 def test_an_element_is_alone(op: str) -> None:
     arrays = [np.resize([True, False], N)]
     check(run((vec("b"),), vec("b"), arrays, lambda b, i: b.let(op, *i, type=vec("b"))), arrays[0], arrays)
+
+
+CUBED: dict[str, Any] = {
+    "min": lambda y, x: sh.min(y, 0.5),
+    "pow": lambda y, x: sh.pow(y, 0.3),
+    "bits": lambda y, x: sh.bits_from_float(y),
+    "int": lambda y, x: sh.Attrib1i(1e6 * y),
+    "mix": lambda y, x: sh.mix(y, 0.3, x),
+    "length": lambda y, x: sh.length(sh.vec3(x, y, 1) * 2.0),
+    "cond": lambda y, x: sh.cond(y > 0.9 * (x * x * x), y, -y),
+    "call": lambda y, x: halved(y),
+    "call_by_reference": lambda y, x: halve(sh.Attrib1f(x), y),
+}
+
+
+@sh.subroutine
+def halved(y: sh.Attrib1f) -> sh.Attrib1f:
+    return 0.5 * y
+
+
+@sh.subroutine
+def halve(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+    x *= y
+    return x
+
+
+@pytest.mark.parametrize("name", CUBED)
+def test_operands_of_functions_and_choices_keep_their_order(name: str) -> None:
+    """Mesa computed 0.9 * x * x * x in another order there."""
+
+    @sh.program
+    def of_cube(x: sh.Attrib1f):
+        return CUBED[name](0.9 * x * x * x, x)
+
+    sh.testing.assert_equivalent(of_cube, np.linspace(0, 1, 5000), backends=("numpy", "glsl"))

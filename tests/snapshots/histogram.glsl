@@ -39,7 +39,8 @@ void histogram(precise float x, uint bits, precise out vec4 result0, precise out
         if (t >= 0 && t < 4) {
             counts[t] = counts[clamp(t, 0, 3)] + 1;
         }
-        push(stack, (float(counts[clamp(i, 0, 3)]) + zero) * x);  // test_glsl_text.py:53
+        precise float t2 = (float(counts[clamp(i, 0, 3)]) + zero) * x;  // test_glsl_text.py:53
+        push(stack, t2);
     }
     result0 = stack;  // test_glsl_text.py:54
     result1 = sh_floormod(bits >> 3, 2u) == 1u;

@@ -1,4 +1,4 @@
-"""Which conditions must be named, so that they can be `precise`.
+"""Which conditions and operands must be named, so that they can be `precise`.
 
 Stage: emit, before a function is printed. Mesa turns `!(a < b)` into `a >= b`, which is something else where one is
 NaN, and it negates conditions of its own accord (of an `if` with a `return` on both sides, say). It takes `a + b == a`
@@ -11,10 +11,10 @@ compares floats becomes one, where it is not part of a bool or float that become
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
-from shpy.ir.nodes import Function, Let, Store, Variable
+from shpy.ir.nodes import Call, Function, Let, Store, Variable
 from shpy.ir.traverse import defined, uses, walk
 from shpy.ir.types import Type
 
@@ -48,3 +48,34 @@ def _compares(let: Let, types: dict[int, Type], comparing: set[int]) -> bool:
 
 def _is_precise(type: Type) -> bool:
     return type.is_bool or type.is_float
+
+
+_ROUNDED: Final = frozenset({"add", "sub", "mul", "div"})
+_PART_OF_IT: Final = frozenset(
+    {"neg", "abs", "floor", "ceil", "round", "trunc", "sqrt", "any", "all", "and", "or", "xor"}
+)
+"""Operations that Mesa makes part of the expression that they stand in, as it does operators."""
+_PLAIN: Final = _COMPARISONS | _ROUNDED | _PART_OF_IT | {"not", "swizzle", "construct", "splat", "component"}
+
+
+def precise_operands(function: Function, inlined: Collection[int], callees: Mapping[str, Function]) -> set[int]:
+    """Return the values that are rounded twice or more in an argument of a function, or in a choice.
+
+    Mesa computes these in any order, `(0.9 * x) * x` as `0.9 * (x * x)`, whatever becomes of the result: neither a
+    parameter that is `precise` nor the variable that takes `c ? a : b` counts there.
+
+        f(0.9 * x * x)    ->   precise float t = 0.9 * x * x;
+                               f(t)
+    """
+    roundings: dict[int, int] = {}
+    kept: set[int] = set()
+    for s in walk(function.body):
+        if isinstance(s, Let):
+            made = sum(roundings.get(a, 0) for a in s.args if a in inlined and a not in kept)
+            if s.op not in _PLAIN:
+                kept.update(a for a in s.args if roundings.get(a, 0) > 1)
+                made = 0
+            roundings[s.value.id] = made + (s.op in _ROUNDED and s.value.type.is_float)
+        elif isinstance(s, Call):
+            kept.update(a for a in uses(s, callees) if roundings.get(a, 0) > 1)
+    return kept

@@ -13,7 +13,7 @@ from typing import Final
 
 from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
-from shpy.backends.glsl.exactness import precise_conditions
+from shpy.backends.glsl.exactness import precise_conditions, precise_operands
 from shpy.backends.glsl.nesting import sheltered_functions
 from shpy.backends.glsl.prologue import spelled
 from shpy.backends.glsl.shader import (
@@ -208,10 +208,11 @@ class Printer(Spelling):
     # Functions
 
     def begin(self, function: Function) -> None:
-        """Plan the function; conditions on floats are not printed where they are used."""
+        """Plan the function; conditions on floats, and what else would lose its order, are named."""
         super().begin(function)
         if self.exact:
             self.layout.inlined -= precise_conditions(function, self.callees)
+            self.layout.inlined -= precise_operands(function, self.layout.inlined, self.callees)
 
     def _function(self, function: Function) -> str:
         self.begin(function)
