@@ -21,8 +21,8 @@ from shpy.ir.listing import table_of_operations
 
 ROOT = Path(__file__).parents[1]
 RUN = [
-    "README.md", "docs/language.md", "docs/streams.md", "docs/testing.md", "docs/accuracy.md", "docs/raytracer.md",
-    "docs/tutorial.md",
+    "README.md", "docs/language.md", "docs/library.md", "docs/streams.md", "docs/testing.md", "docs/accuracy.md",
+    "docs/raytracer.md", "docs/tutorial.md",
 ]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
 OPERATIONS = re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL)

@@ -48,6 +48,7 @@ def test_examples_run_as_scripts(name, tmp_path):
 SHOWN = {
     "mandelbrot": lambda m, backend: m.draw(60, 40, backend),
     "planet": lambda m, backend: m.draw(48, 48, backend),
+    "patterns": lambda m, backend: m.draw(16, backend),
     "algebra": lambda m, backend: m.draw(40, backend),
     "blur": lambda m, backend: m.blurred(np.linspace(0, 1, 900, dtype=np.float32).reshape(15, 20, 3), 5, backend),
     "nbody": lambda m, backend: np.hstack(m.simulation(*m.galaxies(64), 0.01, backend)()),
@@ -208,6 +209,21 @@ def test_equalize(backend):
     np.testing.assert_allclose(after, share, rtol=1e-6)
     assert np.ptp(before.numpy()) < 0.2
     assert np.ptp(after) > 0.95
+
+
+@on_every_backend
+def test_patterns(backend):
+    m = example("patterns")
+    sheet = m.draw(24, backend)
+    assert sheet.shape == (72, 72, 3)
+    assert sheet.min() >= 0
+    assert sheet.max() <= 1
+    tiles = sheet.reshape(3, 24, 3, 24, 3).swapaxes(1, 2)
+    assert tiles.std(axis=(2, 3)).max(axis=-1).min() > 0.05
+    mosaic = tiles[1, 0]
+    hue, saturation, value = (sh.library.cellnoise(sh.vec2(3, 0), 3)[k] for k in range(3))
+    stone = sh.library.srgb_from_linear(sh.library.rgb_from_hsv((hue, 0.4 + 0.4 * saturation, 0.3 + 0.5 * value)))
+    np.testing.assert_allclose(mosaic[1, 9], np.asarray(stone), atol=1e-5)
 
 
 @on_every_backend
