@@ -126,6 +126,7 @@ from shpy.lang.control import (
     SH_WHILE,
 )
 from shpy.lang.data import Table, Texture2D
+from shpy.lang.derivatives import dFdx, dFdy
 from shpy.lang.foreign import module_cure
 from shpy.lang.library import hash as hash
 from shpy.lang.library import noise, unit_float
@@ -383,6 +384,8 @@ __all__ = [
     "cos",
     "cosh",
     "cross",
+    "dFdx",
+    "dFdy",
     "default_backend",
     "degrees",
     "determinant",

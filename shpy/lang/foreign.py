@@ -48,9 +48,7 @@ _PLAIN = {
     "notEqual": "a != b", "mul": "a * b, or m @ v for matrices", "outer": "sh.library.outer(a, b)",
     "outerProduct": "sh.library.outer(a, b)", "logical_and": "a & b", "logical_or": "a | b",
     "logical_not": "~a",
-    **dict.fromkeys(
-        ("dFdx", "dFdy", "fwidth", "ddx", "ddy"), "the derivative as a formula: no element sees its neighbours' values"
-    ),
+    "ddx": "sh.dFdx(x)", "ddy": "sh.dFdy(x)", "fwidth": "abs(sh.dFdx(x)) + abs(sh.dFdy(x))",
     **{
         name: f"sh.library.{name}"
         for name in (

@@ -206,6 +206,9 @@ def data(
     assert_type(grid[i, 0], sh.Attrib3f)
     assert_type(map(sh.Attrib2f(0.5)), sh.Color3f)
     row, column = sh.grid_index(2)
+    assert_type(sh.dFdx(sh.TexCoord2f(column, row)), sh.TexCoord2f)
+    assert_type(sh.dFdy(sh.Point2f(column, row)), sh.Vector2f)
+    assert_type(sh.dFdx(row), sh.Attrib1f)
     assert_type(row, sh.Attrib1i)
     return map((0.5, 0.5)) + heights[row, column] + sh.Color3f(grid[i, 0]) * line[i].w
 
