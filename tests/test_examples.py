@@ -49,6 +49,7 @@ SHOWN = {
     "mandelbrot": lambda m, backend: m.draw(60, 40, backend),
     "planet": lambda m, backend: m.draw(48, 48, backend),
     "patterns": lambda m, backend: m.draw(16, backend),
+    "textures": lambda m, backend: m.scene.compile(backend)(shape=(18, 32)),
     "algebra": lambda m, backend: m.draw(40, backend),
     "blur": lambda m, backend: m.blurred(np.linspace(0, 1, 900, dtype=np.float32).reshape(15, 20, 3), 5, backend),
     "nbody": lambda m, backend: np.hstack(m.simulation(*m.galaxies(64), 0.01, backend)()),
@@ -224,6 +225,19 @@ def test_patterns(backend):
     hue, saturation, value = (sh.library.cellnoise(sh.vec2(3, 0), 3)[k] for k in range(3))
     stone = sh.library.srgb_from_linear(sh.library.rgb_from_hsv((hue, 0.4 + 0.4 * saturation, 0.3 + 0.5 * value)))
     np.testing.assert_allclose(mosaic[1, 9], np.asarray(stone), atol=1e-5)
+
+
+@on_every_backend
+def test_textures(backend):
+    picture = example("textures").scene.compile(backend)(shape=(90, 160))
+    assert picture.shape == (90, 160, 3)
+    far = picture[34:37]  # below the horizon, beside the balls
+    assert np.diff(far[:, :20], axis=1).std() > 5 * np.diff(far[:, -20:], axis=1).std()
+    assert picture[0].argmax(axis=-1).min() == 2
+    mirror, stone = picture[12:50, 90:128], picture[12:50, 32:70]
+    assert mirror[2, 19].argmax() == 2
+    assert mirror[:19].min(axis=-1).max() > 0.95  # the sun, which is behind the camera
+    assert stone[..., 0].mean() > stone[..., 2].mean() + 0.1
 
 
 @on_every_backend

@@ -31,7 +31,7 @@ def place():
 
 
 def of_noise():
-    return gain * sh.library.fbm(place(), 2)
+    return gain * sh.noise(place())
 
 
 def of_texture():
