@@ -1,37 +1,44 @@
-"""Rays given as arrays against the triangles of a mesh or scene: what is hit, or whether anything is.
+"""Questions about the triangles of a mesh or scene: what rays hit, and which point is the closest.
 
 Stage: query. The same walk as the pictures', without their shading.
 
-    hits = Intersector(mesh, backend="opencl").intersect(origins, directions)
-    hits.t, hits.triangle, hits.u, hits.v
+    shoot = Intersector(mesh, backend="opencl")
+    hits = shoot.intersect(origins, directions)          # hits.t, hits.triangle, hits.u, hits.v
+    every = shoot.all_hits(origins, directions)          # every.t[every.offsets[k] : every.offsets[k + 1]]
+    near = shoot.closest_point(points)                   # near.points, near.distances, near.triangles
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
-from raytracer.accel.bvh import Bvh
-from raytracer.accel.choice import build, check
+from raytracer.accel.bvh import Bvh, build_bvh
+from raytracer.accel.choice import WORKING, build, check
+from raytracer.accel.grid import Grid
 from raytracer.errors import SceneError
-from raytracer.kernels.triangle import FAR
-from raytracer.kernels.walk import Walk, walk_through
+from raytracer.kernels import nearby, queries
+from raytracer.kernels.triangle import AheadBound
+from raytracer.kernels.walk import Walk, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
+from raytracer.rays import Frame, Rays, triples
 from raytracer.scene import Scene
 
-Floats = NDArray[np.float64]
 _NEIGHBOURS, _GROUPS = 16, 64
+START = 16.0
+"""How far the origin of a ray with `leaving=True` may be off its triangle, in roundings of coordinates."""
+_FARTHEST = 2.0**56
+"""Where a point is put that is farther away in the kernel's coordinates: 2**24 times the size of the scene."""
 
 
 class Hits(NamedTuple):
-    """What N rays met: each (N,); t = infinity and triangle = -1 where nothing was met.
+    """What rays met, each of the rays' shape; t = infinity and triangle = -1 where nothing was met.
 
     `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners. On
     a triangle far larger than the distance, `origin + t * direction` is closer to it.
@@ -43,17 +50,52 @@ class Hits(NamedTuple):
     v: NDArray[Any]
 
 
-class _Nearest(NamedTuple):
-    t: sh.Attrib1f
-    triangle: sh.Attrib1i
-    uv: sh.TexCoord2f
+class AllHits(NamedTuple):
+    """Every hit of N rays, ray by ray and in order of (t, triangle), as flat arrays of H hits.
+
+    Those of ray k, counted in C order of the rays' shape, are at `offsets[k] : offsets[k + 1]`; `offsets` (N + 1,).
+    `t`, `triangle`, `u` and `v`, each (H,), are those of `Hits`.
+    """
+
+    offsets: NDArray[np.int64]
+    t: NDArray[Any]
+    triangle: NDArray[np.int32]
+    u: NDArray[Any]
+    v: NDArray[Any]
+
+    @property
+    def ray(self) -> NDArray[np.int64]:
+        """The number of each hit's ray, (H,)."""
+        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+
+
+class Closest(NamedTuple):
+    """The closest `points` (..., 3) of a mesh, their `distances` (...) and `triangles` (...).
+
+    Where there is no triangle: NaN, infinity and -1.
+    """
+
+    points: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    triangles: NDArray[np.int32]
 
 
 class Intersector:
     """Finds hits with the triangles of a mesh, or of all meshes of a scene one after the other.
 
     `accel` is "bvh", "grid" or "brute", which differ in time alone; `backend` one of `sh.backends()`, None for the
-    default. Raises SceneError for what is neither mesh nor scene, and for another accelerator.
+    default; `precision` "f32", "f64" or "f16". Raises SceneError for what is neither mesh nor scene, and for another
+    accelerator.
+
+    Rays are arrays `origins` and `directions` (..., 3) of the same shape, such as (N, 3) or (H, W, 3), and all results
+    have that shape without its last axis. Directions may have any length; `t_min` and `t_max` are numbers or arrays
+    of the results' shape, in lengths of the directions. float32 arrays go to the device as they are, others are rounded
+    to it on the way. Raises SceneError for shapes that do not fit, for what is no real number, for NaN, for infinite
+    origins or directions, and for directions of length zero.
+
+    A ray that starts on a triangle may meet it again at a distance of a few roundings. With `leaving=True` it only
+    meets triangles that lie ahead by more than the rounding errors of an origin on a surface: 16 roundings of the
+    coordinates, across the triangle's plane. `points` gives such origins for hits.
 
     On OpenCL rays that have little in common with their neighbours in the arrays walk through the hierarchy one by one,
     others together; which it is to be is seen from a few of them. The hits are the same.
@@ -67,82 +109,220 @@ class Intersector:
             raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         meshes = [mesh for mesh in meshes if len(mesh)]
+        self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
-        self._walk: Walk | None = None
-        self._alone: Callable[[], Walk] | None = None
-        self._origin, self._scale = np.zeros(3), 1.0
-        self._kernels: dict[tuple[str, bool], Any] = {}
+        self._precision, self._floats = precision, WORKING.get(precision, np.float32)
+        self._frame = Frame(np.zeros(3), 1.0, precision)
+        self._kernels: dict[Any, Any] = {}
+        self._structure: Grid | Bvh | None = None
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
-            self._origin = origin_of(corners)
-            corners -= self._origin
-            self._scale = scale_of(corners, precision)
-            self._corners = rounded(corners * self._scale, precision)
-            structure, rows = build(accel, self._corners, precision), triangle_rows(self._corners)
-            target = backend or sh.default_backend()
-            self._walk = walk_through(structure, rows, target)
-            if isinstance(structure, Bvh) and precision == "f32":
-                self._box = structure.low[0], structure.high[0]
-                self._wide = partial(WideIntersector, structure, rows)
-                self._alone = self._wide if target == "opencl" else None
+            origin = origin_of(corners)
+            corners -= origin
+            self._frame = Frame(origin, scale_of(corners, precision), precision)
+            self._corners = rounded(corners * self._frame.scale, precision)
+            self._structure, self._rows = build(accel, self._corners, precision), triangle_rows(self._corners)
+            self._walk = walk_with(self._structure, self._rows, self._target, None)
 
     def intersect(
-        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        leaving: bool = False,
     ) -> Hits:
-        """The nearest hit of each ray with t in [t_min, t_max).
-
-        `origins` and `directions` (N, 3), `t_min` and `t_max` numbers or (N,). Raises SceneError for wrong shapes,
-        NaN, infinite origins or directions, and directions of length zero.
-        """
-        eye, ray, near, limit, length = _checked(origins, directions, t_min, t_max)
-        if self._walk is None or not len(eye):
-            n = len(eye)
-            return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), *np.zeros((2, n), np.float32))
-        return self._hits(self._run("intersect", eye, ray, near, limit), length)
+        """The nearest hit of each ray with t in [t_min, t_max); arguments and errors as in `Intersector`."""
+        rays = Rays.of(origins, directions, t_min, t_max)
+        shape = rays.shape
+        if self._has_nothing(rays):
+            floats = self._floats
+            return Hits(np.full(shape, np.inf, floats), np.full(shape, -1, np.int32), *np.zeros((2, *shape), floats))
+        (t, triangle, uv), exact = self._run("intersect", rays, leaving)
+        if exact:
+            t = self._frame.distances(t, triangle, rays)
+        return Hits(*(part.reshape(shape) for part in (t, triangle, uv[:, 0], uv[:, 1])))
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, t_max: ArrayLike = np.inf, t_min: ArrayLike = 0.0
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_max: ArrayLike = np.inf,
+        t_min: ArrayLike = 0.0,
+        *,
+        leaving: bool = False,
     ) -> NDArray[np.bool_]:
-        """Whether anything is hit with t in [t_min, t_max), (N,); arguments and errors as in `intersect`."""
-        eye, ray, near, limit, _ = _checked(origins, directions, t_min, t_max)
-        if self._walk is None or not len(eye):
-            return np.zeros(len(eye), dtype=bool)
-        return np.asarray(self._run("occluded", eye, ray, near, limit))
+        """Whether anything is hit with t in [t_min, t_max), bools; arguments and errors as in `Intersector`."""
+        rays = Rays.of(origins, directions, t_min, t_max)
+        if self._has_nothing(rays):
+            return np.zeros(rays.shape, dtype=bool)
+        return np.asarray(self._run("occluded", rays, leaving)[0][0].reshape(rays.shape))
 
-    def _run(self, name: str, eye: Floats, ray: Floats, near: Floats, limit: Floats) -> Any:
-        """What the kernel of this name says of these rays."""
-        eye, near, limit = self._moved(eye, near, limit)
-        return self._kernel(name, eye, ray, near)(eye, ray, near, limit)
+    def count(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        leaving: bool = False,
+    ) -> NDArray[np.int32]:
+        """How many triangles each ray hits with t in [t_min, t_max), int32; arguments and errors as in `Intersector`.
 
-    def _moved(self, eye: Floats, near: Floats, limit: Floats) -> tuple[Floats, Floats, Floats]:
-        """Origins and ranges of rays in the kernels' coordinates."""
-        if self._origin.any():
-            eye = eye - self._origin
-        if self._scale != 1:
-            with np.errstate(over="ignore"):  # a range's end that leaves f64 is clipped
-                eye, near, limit = eye * self._scale, *(np.clip(end * self._scale, -FAR, FAR) for end in (near, limit))
-        return eye, near, limit
+        A ray through an edge or a corner hits every triangle there.
+        """
+        rays = Rays.of(origins, directions, t_min, t_max)
+        if self._has_nothing(rays):
+            return np.zeros(rays.shape, np.int32)
+        return np.asarray(self._run("count", rays, leaving)[0][0].reshape(rays.shape))
 
-    def _hits(self, found: Any, length: Floats) -> Hits:
-        """The outputs of a kernel; distances are in lengths of the directions."""
-        t, triangle, uv = found
-        distance = np.full_like(t, np.inf)
-        np.divide(t, length * self._scale, out=distance, where=triangle >= 0, casting="same_kind")
-        return Hits(distance, triangle, uv[:, 0], uv[:, 1])
+    def all_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        *,
+        leaving: bool = False,
+    ) -> AllHits:
+        """Every hit of each ray with t in [t_min, t_max), as many as `count` says; arguments and errors as there.
 
-    def _kernel(self, name: str, eye: Floats, ray: Floats, near: Floats) -> Any:
+        A walk finds four hits; rays with more go on from their last one.
+        """
+        rays = Rays.of(origins, directions, t_min, t_max)
+        working = self._floats
+        rounds = [] if self._has_nothing(rays) else self._rounds(rays, leaving)
+        counts = np.zeros(len(rays), np.int64)
+        for here, _, triangle, *_ in rounds:
+            counts[here] += (triangle >= 0).sum(axis=1)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        flat = [np.empty(offsets[-1], dtype) for dtype in (working, np.int32, working, working)]
+        for number, (here, *columns) in enumerate(rounds):
+            is_hit = columns[1] >= 0
+            places = (offsets[here, None] + number * queries.AT_ONCE + np.arange(queries.AT_ONCE))[is_hit]
+            for whole, part in zip(flat, columns, strict=True):
+                whole[places] = part[is_hit]
+        t, triangle, u, v = flat
+        return AllHits(offsets, t, triangle, u, v)
+
+    def _rounds(self, rays: Rays, leaving: bool) -> list[tuple[NDArray[Any], ...]]:
+        """Walk by walk the numbers of the rays that walk (n,), and the t, triangle, u and v of their next hits."""
+        here, after = np.arange(len(rays)), (-np.inf, -1)
+        rounds: list[tuple[NDArray[Any], ...]] = []
+        while len(here):
+            going = rays if not rounds else rays[here]
+            (t, triangle, u, v, last), exact = self._run("list_hits", going, leaving, *after)
+            if exact:
+                t = self._frame.distances(t, triangle, going)
+            rounds.append((here, t, triangle, u, v))
+            more = triangle[:, -1] >= 0
+            here, after = here[more], (last[more], triangle[more, -1])
+        return rounds
+
+    def closest_point(self, points: ArrayLike) -> Closest:
+        """The point of the mesh that is closest to each of `points` (..., 3).
+
+        Of triangles at the same distance that of the lowest number. Errors are a few roundings of float32 of the mesh's
+        size and of the distance. Raises SceneError for other shapes, for what is no real number or not finite, and for
+        another precision than "f32".
+        """
+        if self._precision != "f32":
+            raise SceneError(f'closest_point works at precision="f32", not {self._precision!r}')
+        given = triples("points", points)
+        finite = np.isfinite(given).all(axis=-1)
+        if not finite.all():
+            raise SceneError(f"points contain NaN or infinity, first in point {np.argwhere(~finite)[0].tolist()}")
+        shape, flat = given.shape[:-1], given.reshape(-1, 3).astype(np.float64, copy=False)
+        if self._structure is None or not len(flat):
+            return Closest(np.full(given.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
+        place = (flat - self._frame.origin) * self._frame.scale
+        far = np.abs(place).max(axis=1)
+        place = (place * (_FARTHEST / np.maximum(far, _FARTHEST))[:, None]).astype(np.float32)
+        way, triangle = self._closest(place)
+        found = (place + way.astype(np.float64)) / self._frame.scale + self._frame.origin
+        distance = np.linalg.norm(found - flat, axis=1)
+        return Closest(found.reshape(given.shape), distance.reshape(shape), triangle.reshape(shape))
+
+    def points(self, hits: Hits | AllHits) -> NDArray[np.float64]:
+        """The points of hits, (..., 3), as means of the triangles' corners; NaN where nothing was met.
+
+        Rays that go on from there take `leaving=True`.
+        """
+        found = np.full((*hits.triangle.shape, 3), np.nan)
+        met = hits.triangle >= 0
+        if met.any():
+            corners = self._corners[hits.triangle[met]]
+            u, v = (part[met].astype(np.float64)[:, None] for part in (hits.u, hits.v))
+            mean = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
+            found[met] = mean / self._frame.scale + self._frame.origin
+        return found
+
+    def _has_nothing(self, rays: Rays) -> bool:
+        """Return whether there is no triangle or no ray; the rays are checked then."""
+        if self._structure is None:
+            rays.check()
+        return self._structure is None or not len(rays)
+
+    def _run(self, name: str, rays: Rays, leaving: bool, *more: Any) -> tuple[tuple[Any, ...], bool]:
+        """The outputs of a query's kernel, and whether the rays had to be converted before it."""
+        for exact in (False, True) if self._frame.is_direct else (True,):
+            if exact:
+                rays.check()
+            *found, wrong = self._kernel(name, rays, leaving, exact)(*self._frame.inputs(rays, exact), *more)
+            if exact or not wrong.any():
+                break
+        return tuple(found), exact
+
+    def _kernel(self, name: str, rays: Rays, leaving: bool, exact: bool) -> Any:
         """The kernel for these rays."""
-        assert self._walk is not None
-        alone = self._alone is not None and bool(np.all(near >= 0)) and not alike(eye, ray, *self._box)
-        if (name, alone) not in self._kernels:
-            walk = self._alone() if alone and self._alone is not None else self._walk
-            program = {"intersect": _intersect, "occluded": _occluded}[name](walk)
-            lanes: dict[str, Any] = {"lanes": 1} if alone else {}
-            self._kernels[name, alone] = program.compile(**self._options, **lanes)
-        return self._kernels[name, alone]
+        key = name, self._walks_alone(rays), leaving, exact
+        if key not in self._kernels:
+            program = getattr(queries, name)(self._walk_for(*key[:3]), exact)
+            lanes: dict[str, Any] = {"lanes": 1} if key[1] else {}
+            self._kernels[key] = program.compile(**self._options, **lanes)
+        return self._kernels[key]
+
+    def _walk_for(self, name: str, alone: bool, leaving: bool) -> Walk:
+        """The walk for a query. Of a grid a triangle is offered more than once, so a hierarchy is built for some."""
+        roundoff = float(np.finfo(self._floats).eps) / 2
+        bound = AheadBound(roundoff, START) if leaving else None
+        assert self._structure is not None
+        if alone:
+            assert isinstance(self._structure, Bvh)
+            return WideIntersector(self._structure, self._rows, bound)
+        repeats = isinstance(self._structure, Grid) and self._structure.shape != (1, 1, 1)
+        structure = self._tree if repeats and name in ("count", "list_hits") else self._structure
+        if structure is self._structure and not leaving:
+            return self._walk
+        return walk_with(structure, self._rows, self._target, bound)
+
+    def _walks_alone(self, rays: Rays) -> bool:
+        """Whether rays walk through the hierarchy one by one."""
+        if self._target != "opencl" or self._precision != "f32" or not isinstance(self._structure, Bvh):
+            return False
+        if np.any(rays.near < 0):
+            return False
+        low, high = (
+            side[0] / self._frame.scale + self._frame.origin for side in (self._structure.low, self._structure.high)
+        )
+        return not alike(rays.eye, rays.ray, low, high)
+
+    @cached_property
+    def _tree(self) -> Bvh:
+        """The hierarchy over the triangles."""
+        if isinstance(self._structure, Bvh):
+            return self._structure
+        return build_bvh(self._corners, self._floats)
+
+    @cached_property
+    def _closest(self) -> Any:
+        """The kernel for closest points."""
+        program = nearby.closest_point(WideIntersector(self._tree, self._rows))
+        return program.compile(**self._options, **({"lanes": 1} if self._target == "opencl" else {}))
 
 
-def alike(eye: Floats, ray: Floats, low: NDArray[Any], high: NDArray[Any]) -> bool:
+def alike(eye: NDArray[Any], ray: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> bool:
     """Whether neighbouring rays (N, 3) go through much the same parts of a box.
 
     Judged by some groups of neighbours: at the middle of the box and a little farther on, half of the groups keep
@@ -151,67 +331,10 @@ def alike(eye: Floats, ray: Floats, low: NDArray[Any], high: NDArray[Any]) -> bo
     size = float(np.max(high - low))
     first = np.linspace(0, max(len(ray) - _NEIGHBOURS, 0), _GROUPS, dtype=np.int64)
     some = np.minimum(first[:, None] + np.arange(_NEIGHBOURS), len(ray) - 1)
-    eye, ray = eye[some], ray[some]
-    along = np.sum(((low + high) / 2 - eye) * ray, axis=-1, keepdims=True)
-    middle = eye + np.maximum(along, 0) * ray
-    apart = [np.ptp(points, axis=1).max(axis=-1) for points in (middle, middle + size / 2 * ray)]
-    return bool(np.median(np.maximum(*apart)) < size / 10)
-
-
-def _intersect(walk: Walk) -> Any:
-    @sh.program
-    def intersect(eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f) -> _Nearest:
-        hit = walk(ray, eye, near, limit, False)
-        return _Nearest(hit.l, hit.id, hit.uv)
-
-    return intersect
-
-
-def _occluded(walk: Walk) -> Any:
-    @sh.program
-    def occluded(eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f) -> sh.Attrib1b:
-        hit = walk(ray, eye, near, limit, True)
-        found = sh.Attrib1b(hit.id >= 0)
-        return found
-
-    return occluded
-
-
-def _checked(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Origins, unit directions, and the range in units of those; with the lengths that the directions had."""
-    eye, ray = (np.asarray(a, dtype=np.float64) for a in (origins, directions))
-    for what, array in (("origins", eye), ("directions", ray)):
-        if array.ndim != 2 or array.shape[1] != 3:
-            raise SceneError(f"{what} have the shape (N, 3), not {array.shape}")
-        if not np.isfinite(array.sum()) and not np.all(np.isfinite(array)):
-            raise SceneError(f"{what} contain NaN or infinity, first in ray {_first(~np.isfinite(array).all(axis=1))}")
-    if len(eye) != len(ray):
-        raise SceneError(f"there are {len(eye)} origins but {len(ray)} directions")
-    ray, length = _unit(ray)
-    ends = []
-    for what, values in (("t_min", t_min), ("t_max", t_max)):
-        end = np.asarray(values, dtype=np.float64)
-        if end.shape not in ((), eye.shape[:1]):
-            raise SceneError(f"{what} is a number or has the shape ({len(eye)},), not {end.shape}")
-        if np.any(np.isnan(end)):
-            raise SceneError(f"{what} contains NaN")
-        ends.append(np.clip(end * length, -FAR, FAR) if np.any(end) else np.zeros(len(eye)))
-    return eye, ray, ends[0], ends[1], length
-
-
-def _unit(ray: Floats) -> tuple[Floats, Floats]:
-    """Directions of unit length, and the lengths that they had."""
-    square = np.einsum("ij,ij->i", ray, ray)
-    if len(ray) and 1e-200 < square.min() and square.max() < 1e200:
-        length = np.sqrt(square)
-        return ray / length[:, None], length
-    largest = np.abs(ray).max(axis=1, initial=0)
-    if np.any(largest == 0):
-        raise SceneError(f"a direction has length zero, first that of ray {_first(largest == 0)}")
-    scaled = ray / largest[:, None]
-    short = np.linalg.norm(scaled, axis=1)
-    return scaled / short[:, None], short * largest
-
-
-def _first(wrong: Any) -> int:
-    return int(np.flatnonzero(wrong)[0])
+    with np.errstate(all="ignore"):  # of NaN nothing is said here
+        eye, ray = eye[some].astype(np.float64), ray[some].astype(np.float64)
+        ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+        along = np.sum(((low + high) / 2 - eye) * ray, axis=-1, keepdims=True)
+        middle = eye + np.maximum(along, 0) * ray
+        apart = [np.ptp(points, axis=1).max(axis=-1) for points in (middle, middle + size / 2 * ray)]
+        return bool(np.median(np.maximum(*apart)) < size / 10)

@@ -17,7 +17,7 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest, farther, higher, is_ray, lower
+from raytracer.kernels.triangle import FAR, AheadBound, Hit, Triangles, TriangleTest, farther, higher, is_ray, lower
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -28,11 +28,11 @@ where a triangle is met so are the boxes that hold it."""
 class BvhIntersector:
     """The tables of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk through them.
 
-    `together`: rays that run side by side look into the same node. `roundoff`: see `TriangleTest`.
+    `together`: rays that run side by side look into the same node. `bound` is for rays that may start from a triangle.
     """
 
-    def __init__(self, bvh: Bvh, triangles: Any, together: bool, roundoff: float | None = None) -> None:
-        self.roundoff = roundoff
+    def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
+        self.bound = bound
         self.triangles = Triangles(triangles)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.leaves = Triangles(leaves, "leaves", sh.Table(bvh.items, sh.Attrib1i, "items"))
@@ -51,15 +51,19 @@ class BvhIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        box = BoxTest(ray, eye, near, self.margin, self.steepest)
-        reach = farther(limit)
-        with SH_IF((near < limit) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
-            self.walk(ray, eye, near, any_hit, box, reach, hit)
+        self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
-    def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Hit) -> None:
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
+        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
+        box = BoxTest(ray, eye, begin, self.margin, self.steepest)
+        reach = farther(hit.l)
+        with SH_IF((near < hit.l) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
+            self.walk(ray, eye, near, any_hit, box, reach, hit)
+
+    def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:
         """Go through all nodes whose boxes are met no farther than `reach`."""
-        test = TriangleTest(ray, eye, self.roundoff)
+        test = TriangleTest(ray, eye, self.bound)
         octant = sh.Attrib1i(0)
         for axis in range(3):
             with SH_IF(self.vote(ray[axis] < 0)):

@@ -14,15 +14,15 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.cells import CellWalk
-from raytracer.kernels.triangle import Hit, Triangles, TriangleTest, farther, is_ray
+from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
 class GridIntersector:
     """The tables of a grid over `triangles` (see `layout.triangle_rows`), and the walk through them."""
 
-    def __init__(self, grid: Grid, triangles: Any, roundoff: float | None = None) -> None:
-        self.roundoff = roundoff
+    def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
+        self.bound = bound
         self.triangles = Triangles(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
@@ -33,8 +33,16 @@ class GridIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        test = TriangleTest(ray, eye, self.roundoff)
-        cells = self.walk(ray, eye, near)
+        self.collect(hit, ray, eye, near, near, any_hit)
+        return hit
+
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
+        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), cells from `begin` on.
+
+        A triangle is offered for each cell in which it lies.
+        """
+        test = TriangleTest(ray, eye, self.bound)
+        cells = self.walk(ray, eye, begin)
 
         # The triangles outside of the grid are tried before the first cell.
         item = sh.Attrib1i(0)
@@ -46,7 +54,6 @@ class GridIntersector:
             with SH_ELSE():
                 SH_BREAK(is_over(cells, hit))
                 self.enter(cells, item, end)
-        return hit
 
     def walk(self, ray: Any, eye: Any, near: Any) -> CellWalk:
         """The cells that a ray goes through from the distance `near` on."""

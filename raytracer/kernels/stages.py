@@ -246,7 +246,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
         SH_DISCARD(state != WAIT)
         hit: Any = nearest
-        test = TriangleTest(ray.direction, ray.eye, walk.roundoff)
+        test = TriangleTest(ray.direction, ray.eye, walk.bound)
         tests = sh.Attrib1i(0)
         with SH_DO():
             walk.try_next(test, items.item, 0.0, hit)

@@ -21,6 +21,7 @@ behind its nearest hit then finds the same hit in whatever order it goes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -49,13 +50,29 @@ EDGE_ON = 2.0**24
 
 
 class Hit:
-    """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none."""
+    """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
+
+    `kernels.hits` has other ways to keep hits. A walk asks each of them how far it has to go (`l`), and whether there
+    is a hit (`id`), and offers it the triangles that are met.
+    """
 
     def __init__(self, limit: Any) -> None:
         l = sh.Attrib1f(limit)  # noqa: E741 - the paper's name
         uv = sh.TexCoord2f(0, 0)
         id = sh.Attrib1i(-1)
         self.l, self.uv, self.id = l, uv, id
+
+    def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
+        """Take the triangle `number` if it is `met` at a distance `t` less than `l`.
+
+        Of triangles at the same distance the lowest number is taken, whichever is offered first. `weights` are those of
+        corners 1 and 2, and the sum of all three.
+        """
+        with SH_IF(met & ((t < self.l) | ((t == self.l) & (number < self.id)))):
+            wb, wc, whole = weights
+            self.l[:] = t
+            self.uv[:] = sh.TexCoord2f(wb, wc) / whole
+            self.id[:] = number
 
 
 class Sight:
@@ -156,21 +173,16 @@ class PlaneView:
 
 
 class TriangleTest:
-    """What a ray needs to be tried against many triangles.
+    """What a ray needs to be tried against many triangles; `bound` is for rays that may start from one."""
 
-    With `roundoff`, the largest relative error of one rounding, only triangles are met that lie ahead beyond doubt:
-    a ray of unit length that starts from a triangle does not meet it again, however far its corners are.
-    """
-
-    def __init__(self, ray: Any, eye: Any, roundoff: float | None = None) -> None:
-        self.sight, self.roundoff = Sight(ray, eye), roundoff
+    def __init__(self, ray: Any, eye: Any, bound: AheadBound | None = None) -> None:
+        self.sight, self.bound = Sight(ray, eye), bound
         self.ray, self.eye = ray, eye
 
     def __call__(self, triangles: Triangles, k: Any, near: Any, hit: Hit) -> None:
-        """Store the triangle at place `k` in `hit` if the ray meets it at a distance in [near, hit.l).
+        """Offer the triangle at place `k` to `hit`, which takes it if the ray meets it at a distance in [near, hit.l).
 
-        Of triangles at the same distance that of the lowest number is stored, whichever is tried first. A triangle
-        without area, or edge-on, is never met.
+        A triangle without area, or edge-on, is never met.
         """
         sight = self.sight
         rows = triangles[k]
@@ -183,27 +195,38 @@ class TriangleTest:
             enter, leave = sight.span(a, b, c)
             t = within(enter, leave, sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane))
             met = (t >= near) & meets(enter, leave, near)
-            if self.roundoff is not None:
-                met &= self.surely_ahead(plane, normal, rows[0].xyz - self.eye)
-            number = triangles.number(k)
-            with SH_IF(met & ((t < hit.l) | ((t == hit.l) & (number < hit.id)))):
-                hit.l[:] = t
-                hit.uv[:] = sh.TexCoord2f(wb, wc) / whole
-                hit.id[:] = number
+            if self.bound is not None:
+                met &= self.bound(plane, normal, rows[0].xyz - self.eye)
+            hit.offer(met, t, triangles.number(k), (wb, wc, whole))
 
-    def surely_ahead(self, plane: PlaneView, normal: Any, corner: Any) -> Any:
+
+@dataclass(frozen=True)
+class AheadBound:
+    """Tells which planes lie ahead beyond doubt: a ray of unit length at most that starts from one is not on it.
+
+    `roundoff` is the largest relative error of one rounding. `start` is how far an origin may be off its triangle's
+    plane, in roundings of the plane's level and the origin; 0 if it is known to lie outside.
+    """
+
+    roundoff: float
+    start: float = 0.0
+
+    def __call__(self, plane: PlaneView, normal: Sequence[Any], corner: Any) -> Any:
         """Return whether a plane lies ahead in spite of rounding, as one of its corners or its level says.
 
-        Both products have five roundings at most: of the corner's difference from the eye, or of the level and of the
-        difference from it; of the normal, of the product and of two sums. Of the slope, where no factor is larger
-        than 1, that is less than 6 roundings of 1.
+        `corner` is relative to the ray's origin. Both products have five roundings at most: of the corner's difference
+        from the eye, or of the level and of the difference from it; of the normal, of the product and of two sums. Of
+        the slope, where no factor is larger than 1, that is less than 6 roundings of 1. The distance to a corner says
+        nothing of an origin that is itself rounded.
         """
-        assert self.roundoff is not None
         doubt = 6 * self.roundoff
         away = product(normal, corner)
         size = product([abs(n) for n in normal], [abs(corner[k]) for k in range(3)])
         toward = sh.cond(plane.slope < 0, -1.0, 1.0)
-        ahead = (toward * away > doubt * size) | (toward * plane.height > doubt * plane.size)
+        if self.start:
+            ahead = toward * plane.height > (doubt + self.start * self.roundoff) * plane.size
+        else:
+            ahead = (toward * away > doubt * size) | (toward * plane.height > doubt * plane.size)
         return ahead & (abs(plane.slope) > doubt)
 
 

@@ -11,7 +11,7 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
-from raytracer.kernels.triangle import Hit, Triangles
+from raytracer.kernels.triangle import AheadBound, Hit, Triangles
 
 _TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
@@ -26,12 +26,22 @@ class Walk(Protocol):
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         ...
 
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
+        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
+        ...
+
 
 def walk_through(structure: Grid | Bvh, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
     """The walk through a structure over `triangles` (see `layout.triangle_rows`), in the way that suits a backend.
 
-    `roundoff` is for rays of unit length that may start from a triangle (see `TriangleTest`).
+    `roundoff` is for rays of unit length that may start from a triangle (see `AheadBound`).
     """
+    bound = None if roundoff is None else AheadBound(roundoff)
+    return walk_with(structure, triangles, backend, bound)
+
+
+def walk_with(structure: Grid | Bvh, triangles: Any, backend: str, bound: AheadBound | None) -> Walk:
+    """The walk as in `walk_through`, with the bound of rays that may start from a triangle."""
     if isinstance(structure, Bvh):
-        return BvhIntersector(structure, triangles, together=backend in _TOGETHER, roundoff=roundoff)
-    return GridIntersector(structure, triangles, roundoff)
+        return BvhIntersector(structure, triangles, together=backend in _TOGETHER, bound=bound)
+    return GridIntersector(structure, triangles, bound)

@@ -23,6 +23,7 @@ from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROW
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
     FAR,
+    AheadBound,
     Hit,
     PlaneView,
     Sight,
@@ -47,10 +48,11 @@ LEAST = 2.0**-126
 class WideIntersector:
     """The table of the wide form of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk.
 
-    It works at f32, on ranges that begin at 0 or beyond.
+    It works at f32, on ranges that begin at 0 or beyond. `bound` is for rays that may start from a triangle.
     """
 
-    def __init__(self, bvh: Bvh, triangles: NDArray[Any]) -> None:
+    def __init__(self, bvh: Bvh, triangles: NDArray[Any], bound: AheadBound | None = None) -> None:
+        self.bound = bound
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = Triangles(triangles)
         self.last = len(wide.records) - 1
@@ -63,12 +65,16 @@ class WideIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
         """The nearest hit at a distance in [near, limit); with `any_hit` the first that is found."""
         hit = Hit(limit)
-        walk = self.find_any if any_hit else self.find_nearest
-        with SH_IF((near < limit) & is_ray(ray, eye)):
-            walk(NodeTest(ray, eye, near, self.margin), BlockTest(ray, eye, near), hit)
+        self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
-    def find_nearest(self, node: NodeTest, block: BlockTest, hit: Hit) -> None:
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: bool) -> None:
+        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
+        walk = self.find_any if any_hit else self.find_nearest
+        with SH_IF((near < hit.l) & is_ray(ray, eye)):
+            walk(NodeTest(ray, eye, begin, self.margin), BlockTest(ray, eye, near, self.bound), hit)
+
+    def find_nearest(self, node: Any, block: Any, hit: Any) -> None:
         """Look into the nearest box first, and into none that begins behind the nearest hit."""
         stack = Stack((WIDTH - 1) * self.depth + 2)
         reach = farther(hit.l) + LEAST
@@ -94,7 +100,7 @@ class WideIntersector:
             key[:] = met
             SH_UNTIL(stack.top == 0)
 
-    def find_any(self, node: NodeTest, block: BlockTest, hit: Hit) -> None:
+    def find_any(self, node: NodeTest, block: BlockTest, hit: Any) -> None:
         """Look into boxes in the order in which they stand: a bit for each sibling that is met says what is left."""
         held = sh.Array(sh.Attrib2u, self.depth + 2)
         top = sh.Attrib1i(1)
@@ -122,6 +128,17 @@ class WideIntersector:
     def number(self, read: Any) -> Any:
         """A record's number as it is read: the last at most, as it is anyway, so that it is known to be in range."""
         return sh.Attrib1i(sh.min(read, sh.Attrib1u(self.last)))
+
+
+def keys_of(halves: list[tuple[Any, Any, Any]]) -> list[Any]:
+    """The keys of boxes, of four each: where they begin, 0 or beyond, whether they are met, and their tags.
+
+    A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
+    """
+    return [
+        sh.cond(met, (sh.bits_from_float(begin) & (NONE - 2 * LEAF + 1)) | tags, sh.Attrib4u(NONE))
+        for begin, met, tags in halves
+    ]
 
 
 def least_of(keys: list[Any]) -> Any:
@@ -198,14 +215,8 @@ class NodeTest:
         self.last = [4 * axis + 6 - first for axis, first in enumerate(self.first)]
 
     def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
-        """The keys of a node's boxes, in two halves.
-
-        A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
-        """
-        return [
-            sh.cond(met, (sh.bits_from_float(begin) & (NONE - 2 * LEAF + 1)) | tags, sh.Attrib4u(NONE))
-            for begin, met, tags in self.halves(records, row, reach)
-        ]
+        """The keys of a node's boxes, in two halves; see `keys_of`."""
+        return keys_of(self.halves(records, row, reach))
 
     def bits(self, records: Any, row: Any, reach: Any) -> Any:
         """A bit for each of a node's boxes that is met, at the place that is the box's tag."""
@@ -234,15 +245,15 @@ class NodeTest:
 class BlockTest:
     """`TriangleTest` for four triangles at a time; the axes are turned by the choice of rows."""
 
-    def __init__(self, ray: Any, eye: Any, near: Any) -> None:
-        self.near = near
+    def __init__(self, ray: Any, eye: Any, near: Any, bound: AheadBound | None) -> None:
+        self.near, self.bound = near, bound
         self.ray, self.eye = ray, eye
         self.sight = Sight(ray, eye)
         by_x, by_xy = self.sight.by_x, self.sight.by_xy
         self.rows = (sh.cond(by_x, 1, 0), sh.cond(by_xy, 2, 1), sh.cond(by_x, 0, sh.cond(by_xy, 1, 2)))
 
-    def __call__(self, records: Any, row: Any, hit: Hit) -> None:
-        """Store a block's triangle in `hit` if the ray meets it; see `TriangleTest`."""
+    def __call__(self, records: Any, row: Any, hit: Any) -> None:
+        """Offer a block's triangles to `hit`; see `TriangleTest`."""
         sight = self.sight
         a, b, c = ([self.side(records, row + 3 * k, axis) for axis in range(3)] for k in range(3))
         wa, wb, wc = sight.edges(a, b, c)
@@ -254,13 +265,12 @@ class BlockTest:
             enter, leave = sight.span(a, b, c)
             t = within(enter, leave, sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane))
             met = met & (t >= self.near) & meets(enter, leave, self.near)
+            if self.bound is not None:
+                corner = [sh.float_from_bits(records[row + axis]) - self.eye[axis] for axis in range(3)]
+                met = met & self.bound(plane, normal, corner)
             numbers = sh.Attrib4i(records[row + NUMBERS])
             for k in range(HALF):
-                nearer = (t[k] < hit.l) | ((t[k] == hit.l) & (numbers[k] < hit.id))
-                with SH_IF(met[k] & nearer):
-                    hit.l[:] = t[k]
-                    hit.uv[:] = sh.TexCoord2f(wb[k], wc[k]) / whole[k]
-                    hit.id[:] = numbers[k]
+                hit.offer(met[k], t[k], numbers[k], (wb[k], wc[k], whole[k]))
 
     def side(self, records: Any, row: Any, axis: int) -> Any:
         """A coordinate of a corner of each triangle, relative to the ray's origin."""

@@ -151,7 +151,7 @@ def test_nothing_to_hit_and_no_rays():
 @pytest.mark.parametrize(
     ("origins", "directions", "more", "words"),
     [
-        ([0, 0, 0], [[1, 0, 0]], {}, r"origins have the shape \(N, 3\), not \(3,\)"),
+        ([0, 0, 0], [[1, 0, 0]], {}, r"origins have the shape \(3,\), but directions \(1, 3\)"),
         ([[0, 0]], [[1, 0, 0]], {}, "origins"),
         ([[0, 0, 0]], [[1, 0, 0]] * 2, {}, "1 origins but 2 directions"),
         ([[0, np.nan, 0]], [[1, 0, 0]], {}, "origins contain NaN or infinity, first in ray 0"),

@@ -1,0 +1,166 @@
+"""Queries of rays: the nearest hit, whether there is any, how many there are, and the next ones after a hit.
+
+Stage: kernel. Rays arrive as the user gives them. The kernel moves and scales them exactly where it can: a subtraction,
+and products with powers of two. It also says which of them are no rays, so that the host need not look at them.
+
+Directions keep their direction to the bit: they are not brought to length 1 but divided by a power of two, so that
+their largest component is in [1/4, 1/2). So they are shorter than 1, as bounds of rounding errors need it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import shpy as sh
+from raytracer.kernels.hits import HitCount, HitList
+from raytracer.kernels.triangle import FAR, REACH, higher, highest
+from raytracer.kernels.walk import Walk
+
+SHORTEST, LONGEST = 2.0**-60, 2.0**60
+"""Largest components of directions with which no number of a kernel leaves the range of f32."""
+AT_ONCE = 4
+"""Hits that a ray finds in one walk."""
+_EXPONENT = 0x7F800000
+_QUARTER = 252 << 23
+
+
+class Nearest(NamedTuple):
+    """A ray's nearest hit, and whether it is no ray."""
+
+    t: sh.Attrib1f
+    triangle: sh.Attrib1i
+    uv: sh.TexCoord2f
+    wrong: sh.Attrib1b
+
+
+class Met(NamedTuple):
+    """Whether a ray meets anything, and whether it is no ray."""
+
+    met: sh.Attrib1b
+    wrong: sh.Attrib1b
+
+
+class Counted(NamedTuple):
+    """How many triangles a ray meets, and whether it is no ray."""
+
+    number: sh.Attrib1i
+    wrong: sh.Attrib1b
+
+
+class Listed(NamedTuple):
+    """The next hits of a ray, triangle -1 where there are no more, and whether it is no ray.
+
+    `last` is the distance of the last of them in the kernel's coordinates, which the next walk begins with.
+    """
+
+    t: sh.Attrib4f
+    triangle: sh.Attrib4i
+    u: sh.Attrib4f
+    v: sh.Attrib4f
+    last: sh.Attrib1f
+    wrong: sh.Attrib1b
+
+
+class GivenRay:
+    """A ray in a kernel's coordinates, made of a user's: `(eye - origin) * scale`, and distances in `pace` of theirs.
+
+    `wrong` holds for NaN and infinity, and for directions that are too long or too short for f32, 0 included. Such rays
+    meet nothing. With `exact` the ray is in the kernel's coordinates already, and is not wrong.
+    """
+
+    def __init__(self, eye: Any, ray: Any, near: Any, limit: Any, origin: Any, scale: Any, exact: bool) -> None:
+        if exact:
+            self.eye, self.ray, self.near, self.limit = eye, ray, near, limit
+            self.wrong, self.pace = sh.Attrib1b(False), None
+            return
+        along = abs(ray.x) + abs(ray.y) + abs(ray.z)
+        size = highest(abs(ray.x), abs(ray.y), abs(ray.z))
+        right = (along <= 3 * LONGEST) & (size >= SHORTEST) & (size <= LONGEST)
+        right = right & (abs(eye.x) + abs(eye.y) + abs(eye.z) <= FAR) & ~sh.isnan(near) & ~sh.isnan(limit)
+        self.wrong = ~right
+        held = sh.bits_from_float(sh.cond(right, size, 1.0)) & sh.Attrib1u(_EXPONENT)
+        shrink = sh.float_from_bits(sh.Attrib1u(_QUARTER) - held)
+        self.eye = (eye - origin) * scale
+        self.ray = ray * shrink
+        self.pace = scale / shrink
+        self.near = self.inside(near)
+        self.limit = sh.cond(right, self.inside(limit), -FAR)
+
+    def inside(self, t: Any) -> Any:
+        """A distance of the user's in the kernel's coordinates."""
+        return t if self.pace is None else sh.clamp(t * self.pace, -FAR, FAR)
+
+    def outside(self, t: Any, number: Any) -> Any:
+        """A distance in the kernel's coordinates as one of the user's; infinite where the triangle's number is -1."""
+        return sh.cond(number >= 0, t if self.pace is None else t / self.pace, sh.Attrib1f(float("inf")))
+
+
+def intersect(walk: Walk, exact: bool) -> Any:
+    """The program for the nearest hit of a ray at a distance in [near, limit)."""
+
+    @sh.program
+    def intersect(
+        eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
+    ) -> Nearest:
+        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hit = walk(given.ray, given.eye, given.near, given.limit, False)
+        return Nearest(given.outside(hit.l, hit.id), hit.id, hit.uv, given.wrong)
+
+    return intersect
+
+
+def occluded(walk: Walk, exact: bool) -> Any:
+    """The program for whether a ray meets anything at a distance in [near, limit)."""
+
+    @sh.program
+    def occluded(
+        eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
+    ) -> Met:
+        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hit = walk(given.ray, given.eye, given.near, given.limit, True)
+        return Met(sh.Attrib1b(hit.id >= 0), given.wrong)
+
+    return occluded
+
+
+def count(walk: Walk, exact: bool) -> Any:
+    """The program for the number of triangles that a ray meets at a distance in [near, limit)."""
+
+    @sh.program
+    def count(
+        eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
+    ) -> Counted:
+        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hits = HitCount(given.limit)
+        walk.collect(hits, given.ray, given.eye, given.near, given.near, False)
+        return Counted(hits.count, given.wrong)
+
+    return count
+
+
+def list_hits(walk: Walk, exact: bool) -> Any:
+    """The program for the hits of a ray in [near, limit) that come next after the hit (`after`, `number`).
+
+    `after` is in the kernel's coordinates; -infinity and -1 come before the first hit.
+    """
+
+    @sh.program
+    def list_hits(
+        eye: sh.Point3f,
+        ray: sh.Vector3f,
+        near: sh.Attrib1f,
+        limit: sh.Attrib1f,
+        origin: sh.Point3f,
+        scale: sh.Attrib1f,
+        after: sh.Attrib1f,
+        number: sh.Attrib1i,
+    ) -> Listed:
+        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hits = HitList(AT_ONCE, given.limit, after, number)
+        begin = higher(given.near, after - REACH * abs(after))
+        walk.collect(hits, given.ray, given.eye, given.near, begin, False)
+        t = [given.outside(held, taken) for held, taken in zip(hits.t, hits.id_of, strict=True)]
+        u, v = sh.Attrib4f(*hits.u), sh.Attrib4f(*hits.v)
+        return Listed(sh.Attrib4f(*t), sh.Attrib4i(*hits.id_of), u, v, hits.l, given.wrong)
+
+    return list_hits

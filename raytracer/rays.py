@@ -1,0 +1,157 @@
+"""Rays that a user gives as arrays: checked, and brought into the coordinates of kernels.
+
+Stage: query. Arrays go to the kernel as they are where f32 holds their numbers: it converts them by itself, and tells
+which of them are no rays (`kernels.queries.GivenRay`). Only numbers out of its range are converted here, in f64.
+
+    rays = Rays.of(origins, directions, t_min, t_max)
+    inputs = frame.inputs(rays, exact=False)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.errors import SceneError
+from raytracer.kernels.triangle import FAR
+
+Floats = NDArray[np.floating[Any]]
+_DIRECT = 2.0**-40, 2.0**60
+"""Scales with which f32 holds all numbers of the conversion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """N rays: `eye` and `ray` (N, 3), the range `near` and `limit`, each () or (N,), all f32 or f64.
+
+    `shape` is the one that the user's arrays have, without the last axis.
+    """
+
+    shape: tuple[int, ...]
+    eye: Floats
+    ray: Floats
+    near: Floats
+    limit: Floats
+
+    @classmethod
+    def of(cls, origins: Any, directions: Any, t_min: Any, t_max: Any) -> Rays:
+        """The rays in arrays of any leading shape; SceneError for shapes and types that do not fit."""
+        eye, ray = triples("origins", origins), triples("directions", directions)
+        if eye.shape != ray.shape:
+            if eye.ndim == ray.ndim == 2:
+                raise SceneError(f"there are {len(eye)} origins but {len(ray)} directions")
+            raise SceneError(f"origins have the shape {eye.shape}, but directions {ray.shape}")
+        shape = eye.shape[:-1]
+        near, limit = (_ends(what, values, shape) for what, values in (("t_min", t_min), ("t_max", t_max)))
+        return cls(shape, eye.reshape(-1, 3), ray.reshape(-1, 3), near, limit)
+
+    def __len__(self) -> int:
+        return len(self.eye)
+
+    def __getitem__(self, places: NDArray[Any]) -> Rays:
+        """The rays at these places."""
+        near, limit = (end[places] if end.ndim else end for end in (self.near, self.limit))
+        return Rays(places.shape, self.eye[places], self.ray[places], near, limit)
+
+    def check(self) -> None:
+        """Raise SceneError for NaN, infinite origins and directions, and directions of length zero."""
+        for what, array in (("origins", self.eye), ("directions", self.ray)):
+            finite = np.isfinite(array).all(axis=1)
+            if not finite.all():
+                raise SceneError(f"{what} contain NaN or infinity, first in ray {self._first(~finite)}")
+        zero = ~self.ray.any(axis=1)
+        if zero.any():
+            raise SceneError(f"a direction has length zero, first that of ray {self._first(zero)}")
+        for what, end in (("t_min", self.near), ("t_max", self.limit)):
+            if np.isnan(end).any():
+                where = f", first for ray {self._first(np.isnan(end))}" if end.ndim else ""
+                raise SceneError(f"{what} contains NaN{where}")
+
+    def _first(self, wrong: Any) -> str:
+        """The place of the first ray that is wrong, as an index of the user's array."""
+        index = np.unravel_index(int(np.argmax(wrong)), self.shape)
+        return ", ".join(str(int(k)) for k in index) or "0"
+
+
+def triples(what: str, values: Any) -> Floats:
+    """An array (..., 3) of f32 or f64; SceneError for other shapes and for what is no number."""
+    array = _numbers(what, values)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise SceneError(f"{what} have the shape (..., 3), not {array.shape}")
+    return array
+
+
+def _numbers(what: str, values: Any) -> Floats:
+    """An array of f32 or f64 that keeps all digits of the given one."""
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise SceneError(f"{what} are rows of different lengths: give an array of numbers") from None
+    if array.dtype.kind not in "biufO" or isinstance(values, np.ma.MaskedArray):
+        kind = "a masked array" if isinstance(values, np.ma.MaskedArray) else str(array.dtype)
+        raise SceneError(f"{what} are real numbers, not {kind}")
+    if array.dtype in (np.float32, np.float16):
+        return array.astype(np.float32, copy=False)
+    try:
+        return array.astype(np.float64, copy=False)
+    except (TypeError, ValueError):
+        raise SceneError(f"{what} are real numbers, not {array.dtype}") from None
+
+
+def _ends(what: str, values: Any, shape: tuple[int, ...]) -> Floats:
+    """The begin or end of ranges: () or (N,)."""
+    end = _numbers(what, values)
+    if end.shape not in ((), shape):
+        raise SceneError(f"{what} is a number or has the shape {shape}, not {end.shape}")
+    return end.reshape(-1) if end.ndim else end
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A kernel's coordinates: those of the user less `origin` (3,), times `scale`, a power of two."""
+
+    origin: NDArray[np.float64]
+    scale: float
+    precision: str
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether a kernel can convert rays by itself."""
+        return self.precision == "f32" and _DIRECT[0] <= self.scale <= _DIRECT[1]
+
+    def inputs(self, rays: Rays, exact: bool) -> tuple[Any, ...]:
+        """What a kernel takes of rays: eye, ray, near, limit, origin, scale; all in its coordinates if `exact`."""
+        if exact:
+            eye, ray, near, limit = self._converted(rays)
+            return eye, ray, near, limit, np.zeros(3), 1.0
+        eye, origin = rays.eye, self.origin
+        if origin.any() and (eye.dtype != np.float32 or np.any(origin != np.float32(origin))):
+            with np.errstate(over="ignore"):  # a kernel says that it cannot use infinity
+                eye = np.subtract(eye, origin, out=np.empty(eye.shape, np.float32), casting="same_kind")
+            origin = np.zeros(3)
+        return eye, rays.ray, rays.near, rays.limit, origin.astype(np.float32), np.float32(self.scale)
+
+    def _converted(self, rays: Rays) -> tuple[Floats, Floats, Floats, Floats]:
+        """Rays in the kernel's coordinates, for numbers that f32 does not hold before they are."""
+        exponent = _exponents(rays.ray)
+        with np.errstate(over="ignore"):  # a range's end that leaves f64 is clipped
+            eye = (rays.eye - self.origin) * self.scale
+            ends = (np.ldexp(end.astype(np.float64) * self.scale, exponent) for end in (rays.near, rays.limit))
+            near, limit = (np.clip(end, -FAR, FAR) for end in ends)
+        return eye, np.ldexp(rays.ray.astype(np.float64), -exponent[:, None]), near, limit
+
+    def distances(self, t: NDArray[Any], triangle: NDArray[Any], rays: Rays) -> NDArray[Any]:
+        """Distances (N,) or (N, K) in lengths of directions, for rays that were converted here; infinite for no hit."""
+        pace = np.ldexp(self.scale, _exponents(rays.ray)).reshape(-1, *[1] * (t.ndim - 1))
+        found = np.full_like(t, np.inf)
+        np.divide(t, pace, out=found, where=triangle >= 0, casting="same_kind")
+        return found
+
+
+def _exponents(ray: Floats) -> NDArray[Any]:
+    """By how many powers of two directions are divided, so that their largest component is in [1/4, 1/2)."""
+    _, exponent = np.frexp(np.abs(ray).max(axis=1, initial=0).astype(np.float64))
+    return np.asarray(exponent + 1)
