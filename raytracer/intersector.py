@@ -10,6 +10,7 @@ Stage: query. The same walk as the pictures', without their shading.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -191,34 +192,31 @@ class Intersector:
         A walk finds four hits; rays with more go on from their last one.
         """
         rays = Rays.of(origins, directions, t_min, t_max)
-        working = self._floats
-        rounds = [] if self._has_nothing(rays) else self._rounds(rays, leaving)
-        counts = np.zeros(len(rays), np.int64)
-        for here, _, triangle, *_ in rounds:
-            counts[here] += (triangle >= 0).sum(axis=1)
-        offsets = np.concatenate([[0], np.cumsum(counts)])
-        flat = [np.empty(offsets[-1], dtype) for dtype in (working, np.int32, working, working)]
-        for number, (here, *columns) in enumerate(rounds):
-            is_hit = columns[1] >= 0
-            places = (offsets[here, None] + number * queries.AT_ONCE + np.arange(queries.AT_ONCE))[is_hit]
-            for whole, part in zip(flat, columns, strict=True):
-                whole[places] = part[is_hit]
-        t, triangle, u, v = flat
-        return AllHits(offsets, t, triangle, u, v)
+        if self._has_nothing(rays):
+            nothing = np.zeros(0, self._floats)
+            return AllHits(np.zeros(len(rays) + 1, np.int64), nothing, np.zeros(0, np.int32), nothing, nothing)
+        rounds = list(self._rounds(rays, leaving))
+        ray, rank, *columns = (np.concatenate(parts) for parts in zip(*rounds, strict=True))
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(ray, minlength=len(rays)))])
+        if len(rounds) > 1:
+            places = offsets[ray] + rank
+            for column in columns:
+                column[places] = column.copy()
+        return AllHits(offsets, *columns)
 
-    def _rounds(self, rays: Rays, leaving: bool) -> list[tuple[NDArray[Any], ...]]:
-        """Walk by walk the numbers of the rays that walk (n,), and the t, triangle, u and v of their next hits."""
-        here, after = np.arange(len(rays)), (-np.inf, -1)
-        rounds: list[tuple[NDArray[Any], ...]] = []
+    def _rounds(self, rays: Rays, leaving: bool) -> Iterator[tuple[NDArray[Any], ...]]:
+        """The hits of each walk in flat arrays: ray, place among the ray's hits, t, triangle, u and v."""
+        here, after, done = np.arange(len(rays)), (-np.inf, -1), 0
         while len(here):
-            going = rays if not rounds else rays[here]
+            going = rays[here] if done else rays
             (t, triangle, u, v, last), exact = self._run("list_hits", going, leaving, *after)
             if exact:
                 t = self._frame.distances(t, triangle, going)
-            rounds.append((here, t, triangle, u, v))
+            hits = np.flatnonzero(triangle.reshape(-1) >= 0)
+            each, rank = np.divmod(hits, queries.AT_ONCE)
+            yield here[each], done + rank, *(column.reshape(-1)[hits] for column in (t, triangle, u, v))
             more = triangle[:, -1] >= 0
-            here, after = here[more], (last[more], triangle[more, -1])
-        return rounds
+            here, after, done = here[more], (last[more], triangle[more, -1]), done + queries.AT_ONCE
 
     def closest_point(self, points: ArrayLike) -> Closest:
         """The point of the mesh that is closest to each of `points` (..., 3).
