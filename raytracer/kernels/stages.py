@@ -19,7 +19,7 @@ import shpy as sh
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.intersector import GridIntersector, is_over
 from raytracer.kernels.tracer import Path, Pixel, Tracer
-from raytracer.kernels.triangle import FAR, TriangleTest, is_ray
+from raytracer.kernels.triangle import FAR, Hit, TriangleTest, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 ACTIVE, WAIT, DEAD, INACTIVE, OVERFLOW, FINISHED = range(6)
@@ -245,7 +245,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
     def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
         SH_DISCARD(state != WAIT)
-        hit: Any = nearest
+        hit = Hit.held_in(nearest)
         test = TriangleTest(ray.direction, ray.eye, walk.bound)
         tests = sh.Attrib1i(0)
         with SH_DO():

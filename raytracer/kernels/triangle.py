@@ -62,6 +62,13 @@ class Hit:
         id = sh.Attrib1i(-1)
         self.l, self.uv, self.id = l, uv, id
 
+    @classmethod
+    def held_in(cls, place: Any) -> Hit:
+        """The hit whose variables are those of `place`."""
+        hit = cls.__new__(cls)
+        hit.l, hit.uv, hit.id = place.l, place.uv, place.id
+        return hit
+
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` if it is `met` at a distance `t` less than `l`.
 

@@ -6,8 +6,10 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_scenes import Part, Sketch, known, rays, sketches
 
 from raytracer import Intersector, Mesh
-from raytracer import intersector as queries
 from raytracer.intersector import Hits
+from raytracer.kernels import queries
+from raytracer.kernels.wide_walk import WideIntersector
+from raytracer.rays import Rays
 
 CELLS = 2**12
 """Cells from the grid's middle within which a ray must begin for the grid to give the hits of the others.
@@ -41,24 +43,23 @@ def check(sketch, backend, count=300):
 def intersector_eye(intersector, origins):
     """The origins as the kernels see them, from the middle of the grid."""
     walk = intersector._walk
-    return intersector._moved(origins, 0.0, 0.0)[0] - (walk.low + walk.size * walk.shape / 2)
+    return (origins - intersector._frame.origin) * intersector._frame.scale - (walk.low + walk.size * walk.shape / 2)
 
 
 def by_wide(intersector, origins, directions, backend):
     """The hits of the wide walk, on any backend."""
-    walk = intersector._wide()
-    eye, ray, near, limit, length = queries._checked(origins, directions, 0.0, np.inf)
-    eye, near, limit = intersector._moved(eye, near, limit)
-    kernel = queries._intersect(walk).compile(backend, loop_limit=None)
-    return intersector._hits(kernel(eye, ray, near, limit), length)
+    walk = WideIntersector(intersector._structure, intersector._rows)
+    frame, rays = intersector._frame, Rays.of(origins, directions, 0.0, np.inf)
+    kernel = queries.intersect(walk, exact=True).compile(backend, loop_limit=None)
+    t, triangle, uv, _ = kernel(*frame.inputs(rays, exact=True))
+    return Hits(frame.distances(t, triangle, rays), triangle, uv[:, 0], uv[:, 1])
 
 
 def agree_with_f64(intersector, origins, directions, hits):
-    eye, ray, near, limit, length = queries._checked(origins, directions, 0.0, np.inf)
-    eye, near, limit = intersector._moved(eye, near, limit)
+    eye, ray, *_ = intersector._frame.inputs(Rays.of(origins, directions, 0.0, np.inf), exact=True)
     eye, ray = (np.asarray(a, np.float32).astype(float) for a in (eye, ray))
-    of = known(intersector._corners, eye, ray)
-    t = hits.t * length * intersector._scale
+    of = known(intersector._corners, eye, ray / np.linalg.norm(ray, axis=1, keepdims=True))
+    t = hits.t * np.linalg.norm(directions, axis=1) * intersector._frame.scale
     n = np.arange(len(t))
     hit = hits.triangle >= 0
     assert not of.never[n, hits.triangle][hit].any(), (n[hit][of.never[n, hits.triangle][hit]], "met beside")
