@@ -189,7 +189,7 @@ class Intersector:
     ) -> AllHits:
         """Every hit of each ray with t in [t_min, t_max), as many as `count` says; arguments and errors as there.
 
-        A walk finds four hits; rays with more go on from their last one.
+        The first walk finds four hits; rays with more go on from their last one.
         """
         rays = Rays.of(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
@@ -209,14 +209,15 @@ class Intersector:
         here, after, done = np.arange(len(rays)), (-np.inf, -1), 0
         while len(here):
             going = rays[here] if done else rays
-            (t, triangle, u, v, last), exact = self._run("list_hits", going, leaving, *after)
+            (*fours, last), exact = self._run("list_more" if done else "list_hits", going, leaving, *after)
+            t, triangle, u, v = fours[0] if len(fours) == 1 else map(np.hstack, zip(*fours, strict=True))
             if exact:
                 t = self._frame.distances(t, triangle, going)
             hits = np.flatnonzero(triangle.reshape(-1) >= 0)
-            each, rank = np.divmod(hits, queries.AT_ONCE)
+            each, rank = np.divmod(hits, triangle.shape[1])
             yield here[each], done + rank, *(column.reshape(-1)[hits] for column in (t, triangle, u, v))
             more = triangle[:, -1] >= 0
-            here, after, done = here[more], (last[more], triangle[more, -1]), done + queries.AT_ONCE
+            here, after, done = here[more], (last[more], triangle[more, -1]), done + triangle.shape[1]
 
     def closest_point(self, points: ArrayLike) -> Closest:
         """The point of the mesh that is closest to each of `points` (..., 3).
@@ -234,12 +235,14 @@ class Intersector:
         shape, flat = given.shape[:-1], given.reshape(-1, 3).astype(np.float64, copy=False)
         if self._structure is None or not len(flat):
             return Closest(np.full(given.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
-        place = (flat - self._frame.origin) * self._frame.scale
-        far = np.abs(place).max(axis=1)
-        place = (place * (_FARTHEST / np.maximum(far, _FARTHEST))[:, None]).astype(np.float32)
+        place, farthest = flat - self._frame.origin, _FARTHEST / self._frame.scale
+        place *= (farthest / np.maximum(np.abs(place).max(axis=1), farthest))[:, None]
+        place = (place * self._frame.scale).astype(np.float32)
         way, triangle = self._closest(place)
         found = (place + way.astype(np.float64)) / self._frame.scale + self._frame.origin
-        distance = np.linalg.norm(found - flat, axis=1)
+        apart = found - flat
+        large = np.abs(apart).max(axis=1)  # whose square may leave f64
+        distance = large * np.linalg.norm(apart / np.where(large > 0, large, 1)[:, None], axis=1)
         return Closest(found.reshape(given.shape), distance.reshape(shape), triangle.reshape(shape))
 
     def points(self, hits: Hits | AllHits) -> NDArray[np.float64]:
@@ -290,7 +293,7 @@ class Intersector:
             assert isinstance(self._structure, Bvh)
             return WideIntersector(self._structure, self._rows, bound)
         repeats = isinstance(self._structure, Grid) and self._structure.shape != (1, 1, 1)
-        structure = self._tree if repeats and name in ("count", "list_hits") else self._structure
+        structure = self._tree if repeats and name in ("count", "list_hits", "list_more") else self._structure
         if structure is self._structure and not leaving:
             return self._walk
         return walk_with(structure, self._rows, self._target, bound)

@@ -147,7 +147,8 @@ class Frame:
         """Distances (N,) or (N, K) in lengths of directions, for rays that were converted here; infinite for no hit."""
         pace = np.ldexp(self.scale, _exponents(rays.ray)).reshape(-1, *[1] * (t.ndim - 1))
         found = np.full_like(t, np.inf)
-        np.divide(t, pace, out=found, where=triangle >= 0, casting="same_kind")
+        with np.errstate(over="ignore", under="ignore"):
+            np.divide(t, pace, out=found, where=triangle >= 0, casting="same_kind")
         return found
 
 

@@ -18,8 +18,9 @@ from raytracer.kernels.walk import Walk
 
 SHORTEST, LONGEST = 2.0**-60, 2.0**60
 """Largest components of directions with which no number of a kernel leaves the range of f32."""
-AT_ONCE = 4
-"""Hits that a ray finds in one walk."""
+FEW, MANY = 4, 16
+"""Hits that a ray finds in its first walk, and in each of the others."""
+_KINDS = sh.Attrib4f, sh.Attrib4i, sh.Attrib4f, sh.Attrib4f
 _EXPONENT = 0x7F800000
 _QUARTER = 252 << 23
 
@@ -47,18 +48,13 @@ class Counted(NamedTuple):
     wrong: sh.Attrib1b
 
 
-class Listed(NamedTuple):
-    """The next hits of a ray, triangle -1 where there are no more, and whether it is no ray.
-
-    `last` is the distance of the last of them in the kernel's coordinates, which the next walk begins with.
-    """
+class Four(NamedTuple):
+    """Four hits of a ray, triangle -1 where there are no more."""
 
     t: sh.Attrib4f
     triangle: sh.Attrib4i
     u: sh.Attrib4f
     v: sh.Attrib4f
-    last: sh.Attrib1f
-    wrong: sh.Attrib1b
 
 
 class GivenRay:
@@ -138,11 +134,15 @@ def count(walk: Walk, exact: bool) -> Any:
     return count
 
 
-def list_hits(walk: Walk, exact: bool) -> Any:
-    """The program for the hits of a ray in [near, limit) that come next after the hit (`after`, `number`).
+def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
+    """The program for the next `size` hits of a ray in [near, limit) after the hit (`after`, `number`).
 
-    `after` is in the kernel's coordinates; -infinity and -1 come before the first hit.
+    `after` is in the kernel's coordinates; -infinity and -1 come before the first hit. The outputs are hits in fours,
+    the last hit's distance in the kernel's coordinates, and whether it is no ray.
     """
+    made: Any = NamedTuple  # whose fields depend on the size
+    fours = [(f"hits_{k}", Four) for k in range(0, size, 4)]
+    outputs: Any = made("outputs", [*fours, ("last", sh.Attrib1f), ("wrong", sh.Attrib1b)])
 
     @sh.program
     def list_hits(
@@ -154,13 +154,21 @@ def list_hits(walk: Walk, exact: bool) -> Any:
         scale: sh.Attrib1f,
         after: sh.Attrib1f,
         number: sh.Attrib1i,
-    ) -> Listed:
+    ) -> outputs:
         given = GivenRay(eye, ray, near, limit, origin, scale, exact)
-        hits = HitList(AT_ONCE, given.limit, after, number)
+        hits = HitList(size, given.limit, after, number)
         begin = higher(given.near, after - REACH * abs(after))
         walk.collect(hits, given.ray, given.eye, given.near, begin, False)
         t = [given.outside(held, taken) for held, taken in zip(hits.t, hits.id_of, strict=True)]
-        u, v = sh.Attrib4f(*hits.u), sh.Attrib4f(*hits.v)
-        return Listed(sh.Attrib4f(*t), sh.Attrib4i(*hits.id_of), u, v, hits.l, given.wrong)
+        found = []
+        for k in range(0, size, 4):
+            parts = (t, hits.id_of, hits.u, hits.v)
+            found.append(Four(*(kind(*part[k : k + 4]) for kind, part in zip(_KINDS, parts, strict=True))))
+        return outputs(*found, hits.l, given.wrong)
 
     return list_hits
+
+
+def list_more(walk: Walk, exact: bool) -> Any:
+    """The program for the next hits of rays that are known to have many; see `list_hits`."""
+    return list_hits(walk, exact, MANY)

@@ -30,6 +30,37 @@ def closest(corners, origins, directions, t_max=np.inf):
     return t, triangle, u, v
 
 
+def crossings(corners, origins, directions):
+    """t (R, N) of every ray with every triangle, infinite where it misses: Moller-Trumbore 1997, all in f64."""
+    a, b, c = corners.transpose(1, 0, 2)
+    e1, e2 = b - a, c - a
+    p = np.cross(directions[:, None], e2)
+    s = origins[:, None] - a
+    q = np.cross(s, e1)
+    with np.errstate(all="ignore"):
+        det = np.einsum("rni,ni->rn", p, e1)
+        u = np.einsum("rni,rni->rn", s, p) / det
+        v = np.einsum("ri,rni->rn", directions, q) / det
+        t = np.einsum("rni,ni->rn", q, e2) / det
+        return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0), t, np.inf)
+
+
+def distances(corners, points):
+    """(P, N): how far every point is from every triangle: from its edges, or from its plane above the inside."""
+    least = np.full((len(points), len(corners)), np.inf)
+    inside = np.ones(least.shape, bool)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    for k in range(3):
+        start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        away = points[:, None] - start
+        part = np.clip(np.einsum("pni,ni->pn", away, side) / np.einsum("ni,ni->n", side, side), 0, 1)
+        least = np.minimum(least, np.linalg.norm(away - part[..., None] * side, axis=2))
+        inside &= np.einsum("pni,ni->pn", np.cross(side, away), normal) >= 0
+    height = np.abs(np.einsum("pni,ni->pn", points[:, None] - corners[:, 0], normal))
+    return np.where(inside, np.minimum(least, height), least)
+
+
 class Picture:
     """The picture of a scene, ray by ray in f64."""
 

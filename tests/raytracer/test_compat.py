@@ -1,0 +1,132 @@
+"""`RayMeshIntersector` against trimesh's own methods, in its place."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.ray.ray_triangle import RayMeshIntersector as Theirs
+
+from raytracer import Mesh, SceneError
+from raytracer.compat import RayMeshIntersector
+
+SHAPES = {
+    "ball": trimesh.creation.icosphere(2),
+    "ring": trimesh.creation.annulus(0.5, 1.0, 0.7),
+    "two boxes": trimesh.util.concatenate(
+        [trimesh.creation.box((1, 2, 3)), trimesh.creation.box((0.5, 0.5, 0.5)).apply_translation((2, 0, 0))]
+    ),
+}
+
+
+class EveryTriangle:
+    """In place of the tree of rtree, which may not be installed: all triangles are candidates."""
+
+    def __init__(self, mesh):
+        self.bounds, self.all = mesh.bounds.reshape(-1), range(len(mesh.faces))
+
+    def intersection(self, _):
+        return self.all
+
+
+def theirs(mesh):
+    mesh = mesh.copy()
+    mesh._cache["triangles_tree"] = EveryTriangle(mesh)
+    return Theirs(mesh)
+
+
+def rays(count=300):
+    rng = np.random.default_rng(1)
+    origins = rng.normal(size=(count, 3)) * 2
+    return origins, rng.normal(size=(count, 3)) * 0.7 - origins
+
+
+def by_ray(triangle, ray, *more):
+    order = np.lexsort((triangle, ray))
+    return [part[order] for part in (triangle, ray, *more)]
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_answers_are_trimeshs(name, backend):
+    mesh = SHAPES[name].copy()
+    mesh.ray, expected = RayMeshIntersector(mesh, backend=backend), theirs(mesh)
+    origins, directions = rays()
+    ours, other = mesh.ray.intersects_id(origins, directions), expected.intersects_id(origins, directions)
+    for one, two in zip(by_ray(*ours), by_ray(*other), strict=True):
+        assert one.dtype == two.dtype
+        np.testing.assert_array_equal(one, two)
+    assert len(ours[0]) > 300
+    for more in ({}, {"multiple_hits": False}):
+        at, ray, triangle = mesh.ray.intersects_location(origins, directions, **more)
+        at_2, ray_2, triangle_2 = expected.intersects_location(origins, directions, **more)
+        for one, two in zip(by_ray(triangle, ray, at), by_ray(triangle_2, ray_2, at_2), strict=True):
+            np.testing.assert_allclose(one, two, atol=1e-9)
+    for method in ("intersects_first", "intersects_any"):
+        one, two = (getattr(of, method)(origins, directions) for of in (mesh.ray, expected))
+        assert one.dtype == two.dtype
+        np.testing.assert_array_equal(one, two)
+    points = np.random.default_rng(2).uniform(*mesh.bounds, (500, 3))
+    inside = mesh.contains(points)
+    np.testing.assert_array_equal(inside, expected.contains_points(points))
+    assert 10 < inside.sum() < 490
+
+
+def test_hits_come_in_order_and_no_more_than_asked_for():
+    mesh = SHAPES["ring"]
+    shoot = RayMeshIntersector(mesh, "numpy")
+    origins, directions = (
+        np.array([[3.0, 0.1, 0], [9, 9, 9], [-3, 0.05, 0.1]]),
+        np.array([[-1.0, 0, 0]] * 2 + [[1, 0, 0]]),
+    )
+    at, ray, _ = shoot.intersects_location(origins, directions)
+    assert ray.tolist() == [0] * 4 + [2] * 4
+    assert np.all(np.diff(at[:4, 0]) < 0)
+    assert np.all(np.diff(at[4:, 0]) > 0)
+    for locations in (False, True):
+        _, few, *_ = shoot.intersects_id(origins, directions, locations, max_hits=3)
+        assert few.tolist() == [0] * 3 + [2] * 3
+
+
+def test_a_hit_on_an_edge_is_one_location_and_two_triangles():
+    shoot = RayMeshIntersector(trimesh.creation.box(), "numpy")
+    ray = [[0.0, 0, 3]], [[0.0, 0, -1]]
+    assert len(shoot.intersects_id(*ray)[0]) == 4
+    np.testing.assert_allclose(shoot.intersects_location(*ray)[0], [[0, 0, 0.5], [0, 0, -0.5]])
+
+
+def test_a_changed_mesh_is_seen():
+    mesh = trimesh.creation.box()
+    mesh.ray = RayMeshIntersector(mesh, "numpy")
+    ray = [[0.1, 0.2, 9]], [[0.0, 0, -1]]
+    assert mesh.ray.intersects_location(*ray, multiple_hits=False)[0][0, 2] == pytest.approx(0.5)
+    mesh.apply_scale(3)
+    assert mesh.ray.intersects_location(*ray, multiple_hits=False)[0][0, 2] == pytest.approx(1.5)
+
+
+def test_copies_answer_for_their_own_mesh():
+    mesh = trimesh.creation.box()
+    mesh.ray = RayMeshIntersector(mesh, "numpy")
+    ray = [[0.1, 0.2, 9]], [[0.0, 0, -1]]
+    assert mesh.ray.intersects_any(*ray)[0]
+    for other in (pickle.loads(pickle.dumps(mesh)), copy.deepcopy(mesh)):
+        other.apply_translation((5, 0, 0))
+        assert isinstance(copy.copy(mesh.ray), RayMeshIntersector)
+        if isinstance(other.ray, RayMeshIntersector):
+            assert not other.ray.intersects_any(*ray)[0]
+    assert mesh.ray.intersects_any(*ray)[0]
+
+
+def test_no_rays_no_hits_and_no_mesh():
+    shoot = RayMeshIntersector(trimesh.creation.box(), "numpy")
+    nothing = np.zeros((0, 3))
+    assert [part.shape for part in shoot.intersects_location(nothing, nothing)] == [(0, 3), (0,), (0,)]
+    assert [part.shape for part in shoot.intersects_location([[9.0, 9, 9]], [[1.0, 0, 0]])] == [(0, 3), (0,), (0,)]
+    assert shoot.intersects_first([[9.0, 9, 9]], [[1.0, 0, 0]]).tolist() == [-1]
+    empty = RayMeshIntersector(Mesh(np.zeros((0, 3)), []), "numpy")
+    assert len(empty.intersects_location([[0.0, 0, 0]], [[1.0, 0, 0]])[0]) == 0
+    with pytest.raises(SceneError, match=r"takes a trimesh\.Trimesh, not ndarray"):
+        RayMeshIntersector(np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="length zero"):
+        shoot.intersects_first([[0.0, 0, 0]], [[0.0, 0, 0]])

@@ -1,0 +1,353 @@
+"""All hits, counts, closest points, rays that leave surfaces, and arrays of all shapes and kinds."""
+
+import numpy as np
+import pytest
+from oracle import crossings, distances
+
+from raytracer import Intersector, Mesh, Scene, SceneError
+from raytracer.accel.bvh import build_bvh
+from raytracer.kernels import nearby
+from raytracer.kernels.queries import FEW, MANY, list_hits
+from raytracer.kernels.walk import walk_with
+from raytracer.kernels.wide_walk import WideIntersector
+from raytracer.layout import triangle_rows
+from raytracer.meshes.mesh import joined
+from raytracer.meshes.shapes import box, floor, knot, sphere
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+SOUP = Mesh(np.random.default_rng(5).normal(size=(600, 3)), np.arange(600).reshape(-1, 3))
+SLABS = joined([box((1, 1, 0.01)).moved((0, 0, 0.1 * k)) for k in range(30)])
+MESHES = {"soup": SOUP, "five in one place": joined([knot(segments=20, sides=6)] * 5), "slabs": SLABS}
+
+
+def rays(count, seed=1):
+    rng = np.random.default_rng(seed)
+    origins = rng.normal(size=(count, 3)) * 2
+    return origins.astype(np.float32), (rng.normal(size=(count, 3)) - origins / 2).astype(np.float32)
+
+
+def same(found, expected):
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", MESHES)
+def test_all_hits_are_those_of_brute_force_in_order(name, backend):
+    mesh = MESHES[name]
+    origins, directions = rays(800)
+    t = crossings(mesh.corners, origins.astype(float), directions.astype(float))
+    shoot = Intersector(mesh, backend=backend)
+    every, count = shoot.all_hits(origins, directions), shoot.count(origins, directions)
+    np.testing.assert_array_equal(np.diff(every.offsets), count)
+    assert count.max() > FEW + MANY  # three walks
+    np.testing.assert_array_equal(count, np.isfinite(t).sum(axis=1))
+    np.testing.assert_allclose(every.t, t[every.ray, every.triangle], rtol=1e-3, atol=1e-5)
+    same_ray = every.ray[1:] == every.ray[:-1]
+    follows = (every.t[1:] > every.t[:-1]) | (
+        (every.t[1:] == every.t[:-1]) & (every.triangle[1:] > every.triangle[:-1])
+    )
+    assert np.all(follows | ~same_ray)
+    first, hits = every.offsets[:-1][count > 0], shoot.intersect(origins, directions)
+    same((part[first] for part in every[1:]), (part[count > 0] for part in hits))
+    np.testing.assert_array_equal(hits.triangle >= 0, count > 0)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_all_accelerators_and_backends_find_the_same(backend):
+    origins, directions = rays(300)
+    expected = Intersector(SOUP, accel="brute", backend="numpy").all_hits(origins, directions)
+    for accel in ("bvh", "grid", "brute"):
+        shoot = Intersector(SOUP, accel=accel, backend=backend)
+        same(shoot.all_hits(origins, directions), expected)
+        np.testing.assert_array_equal(shoot.count(origins, directions), np.diff(expected.offsets))
+
+
+def test_every_width_and_walk_lists_the_same_hits():
+    origins, directions = rays(300)
+    structure, rows = build_bvh(SOUP.corners), triangle_rows(SOUP.corners)
+    walks = [walk_with(structure, rows, "opencl", None), WideIntersector(structure, rows)]
+    inputs = (origins, directions, 0.0, np.inf, (0, 0, 0), 1.0, -np.inf, -1)
+    kernels = [
+        list_hits(w, exact=False).compile("opencl", lanes=n, loop_limit=None) for w in walks for n in (1, 4, 8, 16)
+    ]
+    kernels += [list_hits(walk, exact=False).compile("numpy", loop_limit=None) for walk in walks]
+    (first, *_), *others = (kernel(*inputs) for kernel in kernels)
+    assert (first.triangle[:, -1] >= 0).any()
+    for other, *_ in others:
+        same(other, first)
+
+
+def test_a_ray_through_edges_and_corners_hits_every_triangle_there():
+    cube = box()
+    shoot = Intersector(cube, backend="numpy")
+    through_corners = shoot.all_hits([[2.0, 2, 2]], [[-1.0, -1, -1]])
+    at = np.isclose(cube.corners, 0.5).all(axis=2).any(axis=1).sum(), np.isclose(cube.corners, -0.5).all(2).any(1).sum()
+    assert through_corners.offsets.tolist() == [0, sum(at)]
+    np.testing.assert_allclose(through_corners.t, [1.5] * at[0] + [2.5] * at[1])
+    along_diagonals = shoot.count([[0.1, 0.1, 3.0]], [[0.0, 0, -1]])
+    assert along_diagonals[0] in (3, 4)  # the diagonal of one face or of both
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+def test_the_range_is_that_of_the_hits(backend):
+    origins, directions = rays(500)
+    shoot = Intersector(SOUP, backend=backend)
+    rng = np.random.default_rng(2)
+    low = rng.uniform(-1, 0.5, 500).astype(np.float32)
+    high = low + rng.uniform(-0.1, 1.5, 500).astype(np.float32)
+    every, some = shoot.all_hits(origins, directions, -100), shoot.all_hits(origins, directions, low, high)
+    inside = (every.t >= low[every.ray]) & (every.t < high[every.ray])
+    assert (every.t < 0).any()
+    same((some.ray, *some[1:]), (every.ray[inside], *(part[inside] for part in every[1:])))
+
+
+def test_distances_too_small_for_f32_do_not_repeat_a_hit():
+    flat = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]] * 7)
+    for length in (1.0, 1e18, 1e30):
+        every = Intersector(flat, backend="numpy").all_hits([[0, 0, 1e-37]], [[0, 0, -length]])
+        assert every.triangle.tolist() == list(range(7))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_results_have_the_rays_shape(backend, dtype):
+    mesh = MESHES["five in one place"]
+    origins, directions = (a[:120].reshape(10, 12, 3).astype(dtype) for a in rays(200))
+    shoot = Intersector(mesh, backend=backend)
+    flat = [a.reshape(-1, 3) for a in (origins, directions)]
+    limit = np.linspace(0, 3, 120).reshape(10, 12)
+    for name in ("intersect", "occluded", "count"):
+        whole, expected = getattr(shoot, name)(origins, directions), getattr(shoot, name)(*flat)
+        pairs = zip(whole, expected, strict=True) if name == "intersect" else [(whole, expected)]
+        for one, other in pairs:
+            np.testing.assert_array_equal(one.reshape(-1), other)
+        assert np.shape(whole)[-2:] == (10, 12)
+        within = getattr(shoot, name)(origins, directions, t_max=limit)
+        assert np.shape(within)[-2:] == (10, 12)
+    assert shoot.all_hits(origins, directions).offsets.shape == (121,)
+    one = shoot.intersect(origins[0, 0], directions[0, 0])
+    assert one.t.shape == ()
+    assert shoot.closest_point(origins).points.shape == (10, 12, 3)
+
+
+def test_arrays_of_all_kinds_are_the_same_rays():
+    origins, directions = (np.round(a * 4).astype(np.int64) for a in rays(1000))
+    directions[~directions.any(axis=1)] = 1
+    shoot = Intersector(SOUP, backend="numpy")
+    expected = shoot.intersect(origins, directions)
+    assert (expected.triangle >= 0).sum() > 50
+    backwards = [np.ascontiguousarray(a[::-1])[::-1].astype(np.float32) for a in (origins, directions)]
+    wide = [np.asfortranarray(np.repeat(a, 2, axis=1).astype(float))[:, ::2] for a in (origins, directions)]
+    swapped = [a.astype(">f8") for a in (origins, directions)]
+    narrow = [a.astype(np.float16) for a in (origins, directions)]
+    for given in ([a.tolist() for a in (origins, directions)], backwards, wide, swapped, narrow):
+        same(shoot.intersect(*given), expected)
+    for array in backwards:
+        array.setflags(write=False)
+    same(shoot.intersect(*backwards), expected)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_numbers_that_f32_does_not_hold_are_converted_in_f64(backend):
+    """The kernel refuses them; converted beforehand they give what rays of moderate size give."""
+    origins, directions = (a.astype(float) for a in rays(100))
+    shoot = Intersector(SOUP, backend=backend)
+    expected = shoot.intersect(origins, directions)
+    for exponent in (-900, -130, 200, 900):
+        hits = shoot.intersect(origins, directions * 2.0**exponent)
+        same(hits[1:], expected[1:])
+    mixed = directions * np.where(np.arange(100) == 50, 2.0**-100, 1)[:, None]
+    hits = shoot.intersect(origins, mixed)
+    np.testing.assert_array_equal(hits.triangle, expected.triangle)
+    np.testing.assert_array_equal(hits.t[:50], expected.t[:50])
+    far = shoot.intersect(np.array([[1e300, 0, 0], [3.0, 0.01, 0.02]]), np.array([[-1.0, 0, 0]] * 2))
+    assert far.triangle[0] == -1
+    assert far.triangle[1] >= 0
+
+
+@pytest.mark.parametrize(
+    ("origins", "words"),
+    [
+        (["a", "b", "c"], "real numbers, not <U1"),
+        ([[1j, 0, 0]], "real numbers, not complex128"),
+        ([[0, 0], [0, 0, 0]], "rows of different lengths"),
+        ([[None, 0, 0]], "origins contain NaN or infinity, first in ray 0"),
+        ([["x", object(), 0]], "real numbers, not object"),
+        (np.ma.masked_array([[0.0, 0, 0]], [[True, False, False]]), "real numbers, not a masked array"),
+        (np.zeros((1, 4)), r"shape \(\.\.\., 3\), not \(1, 4\)"),
+        (3.0, r"shape \(\.\.\., 3\), not \(\)"),
+        (np.zeros((2, 2, 3)), r"origins have the shape \(2, 2, 3\), but directions \(1, 3\)"),
+    ],
+)
+def test_arrays_that_are_no_rays(origins, words):
+    shoot = Intersector(box(), backend="numpy")
+    for name in ("intersect", "occluded", "count", "all_hits"):
+        with pytest.raises(SceneError, match=words):
+            getattr(shoot, name)(origins, [[1.0, 0, 0]])
+    if "directions" not in words:
+        with pytest.raises(SceneError, match=words.replace("origins", "points").replace("ray 0", "point .0.")):
+            shoot.closest_point(origins)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_wrong_ray_among_many_is_named(backend, dtype):
+    origins, directions = (a[:60].reshape(6, 10, 3).astype(dtype) for a in rays(60))
+    shoot = Intersector(box(), backend=backend)
+    for array, value, words in (
+        (0, np.nan, "origins contain NaN"),
+        (1, -np.inf, "directions contain NaN"),
+        (1, 0, "zero"),
+    ):
+        given = [origins.copy(), directions.copy()]
+        given[array][4, 7] = value
+        with pytest.raises(SceneError, match=f"{words}.* ray 4, 7"):
+            shoot.intersect(*given)
+    limit = np.full((6, 10), 2.0)
+    limit[2, 3] = np.nan
+    with pytest.raises(SceneError, match="t_max contains NaN, first for ray 2, 3"):
+        shoot.count(origins, directions, t_max=limit)
+    given[0][4, 7, 1] = np.inf
+    with pytest.raises(SceneError, match=r"points contain NaN or infinity, first in point \[4, 7\]"):
+        shoot.closest_point(given[0])
+
+
+def test_nothing_to_meet_and_nobody_who_asks():
+    empty, some = Intersector(Scene(), backend="numpy"), Intersector(box(), backend="numpy")
+    none, one = np.zeros((0, 4, 3)), np.ones((1, 3))
+    for shoot, given in ((empty, one), (some, none), (empty, none)):
+        every = shoot.all_hits(given, given)
+        assert len(every.t) == len(every.ray) == 0
+        assert every.offsets.tolist() == [0] * (len(given) + 1)
+        assert shoot.count(given, given).shape == given.shape[:-1]
+        assert shoot.points(shoot.intersect(given, given)).shape == given.shape
+        closest = shoot.closest_point(given)
+        assert closest.points.shape == given.shape
+        assert np.all(closest.triangles == -1)
+        assert np.all(np.isinf(closest.distances))
+    with pytest.raises(SceneError, match="origins contain NaN"):
+        empty.intersect([[np.nan, 0, 0]], one)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("alone", [False, True])
+def test_rays_that_leave_a_surface_do_not_meet_it(backend, alone, monkeypatch):
+    """From points of a ball, and of a floor far larger than it, computed in f32 by a user."""
+    mesh = joined([sphere(rings=30, segments=60), floor(1e4).moved((0, -1.5, 0), tilt=20)]).moved((3, 2, 1))
+    monkeypatch.setattr(Intersector, "_walks_alone", lambda self, rays: alone)
+    shoot = Intersector(mesh, backend=backend)
+    rng = np.random.default_rng(3)
+    origins = (rng.normal(size=(2000, 3)) * 2 + [3, 8, 1]).astype(np.float32)
+    hits = shoot.intersect(origins, (rng.normal(size=(2000, 3)) + [3, 2, 1] - origins).astype(np.float32))
+    met = hits.triangle >= 0
+    assert met.sum() > 1000
+    from_below = origins[met] - shoot.points(hits)[met]
+    start = shoot.points(hits)[met].astype(np.float32)
+    normal = mesh.face_normals[hits.triangle[met]]
+    normal *= np.sign(np.sum(normal * from_below, axis=1))[:, None]
+    away = rng.normal(size=normal.shape)
+    away *= np.sign(np.sum(away * normal, axis=1))[:, None]
+    away[np.abs(np.sum(away * normal, axis=1)) < 0.05] = normal[np.abs(np.sum(away * normal, axis=1)) < 0.05]
+    again, leaving = (shoot.intersect(start, away, leaving=leaves) for leaves in (False, True))
+    own = hits.triangle[met]
+    assert (again.triangle == own).sum() > 50
+    assert not (leaving.triangle == own).any()
+    ahead = again.t > 1e-2  # what lies farther ahead is met all the same
+    same((part[ahead] for part in leaving), (part[ahead] for part in again))
+    far = shoot.count(start, away, 1e-3)
+    np.testing.assert_array_equal(shoot.count(start, away, leaving=True), far)
+    np.testing.assert_array_equal(shoot.occluded(start, away, leaving=True), far > 0)
+
+
+POINTS = np.concatenate(
+    [
+        np.random.default_rng(6).normal(size=(400, 3)),
+        np.random.default_rng(7).normal(size=(50, 3)) * 1e5,
+        SOUP.vertices[:60],
+        SOUP.corners.mean(axis=1)[:60],
+        SOUP.corners[:60, :2].mean(axis=1),
+    ]
+)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_closest_points_are_those_of_brute_force(backend):
+    found = Intersector(SOUP, backend=backend).closest_point(POINTS)
+    expected = distances(SOUP.corners, POINTS)
+    least = expected.min(axis=1)
+    np.testing.assert_allclose(found.distances, least, rtol=2e-6, atol=2e-6)
+    np.testing.assert_allclose(expected[np.arange(len(POINTS)), found.triangles], least, rtol=2e-6, atol=2e-6)
+    np.testing.assert_allclose(found.distances, np.linalg.norm(found.points - POINTS, axis=1))
+    on = distances(SOUP.corners, found.points)[np.arange(len(POINTS)), found.triangles]
+    near = np.linalg.norm(POINTS, axis=1) < 10
+    assert on[near].max() < 2e-6
+    same(found, Intersector(SOUP, backend="numpy").closest_point(POINTS))
+
+
+def test_closest_points_have_the_same_bits_at_every_width():
+    program = nearby.closest_point(WideIntersector(build_bvh(SOUP.corners), triangle_rows(SOUP.corners)))
+    first, *others = (program.compile("opencl", lanes=lanes, loop_limit=None)(POINTS) for lanes in (1, 4, 8, 16))
+    for other in others:
+        same(other, first)
+
+
+def test_closest_points_of_triangles_without_area():
+    """Points and lines among triangles: the closest is found on them too."""
+    corners = np.array(
+        [
+            [[0.0, 0, 0]] * 3,
+            [[5.0, 0, 0], [5, 1, 0], [5, 3, 0]],
+            [[0.0, 9, 0], [1, 9, 0], [0, 9, 0]],
+            [[0.0, 0, 7], [1, 0, 7], [0, 1, 7]],
+        ]
+    )
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(12).reshape(-1, 3))
+    points = [[0.1, 0.2, 0.3], [6, 2, 0], [0.5, 8.5, 0], [0.2, 0.2, 7.5]]
+    found = Intersector(mesh, backend="numpy").closest_point(points)
+    assert found.triangles.tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(found.points, [[0, 0, 0], [5, 2, 0], [0.5, 9, 0], [0.2, 0.2, 7]], atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-5, 1e5, 1e30])
+def test_closest_points_in_scenes_of_all_sizes_and_places(scale):
+    place = np.array([3.0, -2, 1]) * 1e3
+    ball = sphere(rings=20, segments=40)
+    mesh = Mesh((ball.vertices + place) * scale, ball.faces)
+    points = (POINTS[:100] * 2 + place) * scale
+    found = Intersector(mesh, backend="numpy").closest_point(points)
+    np.testing.assert_allclose(
+        found.distances / scale, distances(ball.corners, POINTS[:100] * 2).min(axis=1), atol=3e-6
+    )
+
+
+def test_points_far_away_have_a_closest_point():
+    """Their distance is exact in f32; which point of the ball is closest is not known any more."""
+    found = Intersector(sphere(), backend="numpy").closest_point([[1e12, 0, 0], [0, -1e30, 0], [0, 0, 1e200]])
+    np.testing.assert_allclose(found.distances, [1e12, 1e30, 1e200], rtol=1e-6)
+    assert np.abs(found.points).max() < 1.01
+    assert np.all(found.triangles >= 0)
+
+
+def test_of_triangles_in_one_place_the_first_is_closest():
+    found = Intersector(joined([SOUP] * 3), backend="numpy").closest_point(POINTS)
+    assert found.triangles.max() < len(SOUP)
+
+
+def test_another_precision_has_no_closest_point():
+    with pytest.raises(SceneError, match="closest_point works at precision=\"f32\", not 'f64'"):
+        Intersector(box(), backend="numpy", precision="f64").closest_point([[0, 0, 0]])
+
+
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+def test_all_hits_at_other_precisions(precision):
+    origins, directions = rays(200)
+    shoot = Intersector(MESHES["slabs"], backend="numpy", precision=precision)
+    every = shoot.all_hits(origins, directions)
+    np.testing.assert_array_equal(np.diff(every.offsets), shoot.count(origins, directions))
+    assert every.t.dtype == {"f16": np.float16, "f64": np.float64}[precision]
+    t = crossings(MESHES["slabs"].corners, origins.astype(float), directions.astype(float))
+    if precision == "f64":
+        np.testing.assert_allclose(every.t, t[every.ray, every.triangle], rtol=1e-11)
+        assert len(every.t) == np.isfinite(t).sum()
+    assert len(every.t) > 100
