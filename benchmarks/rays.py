@@ -52,7 +52,7 @@ def _work(mesh: Mesh, name: str) -> Work:
     ours = ours_primary if primary else ours_given
     work.ours_on("opencl", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
     work.version("mitsuba")(partial(mitsuba, mesh=mesh, any_hit=any_hit))
-    work.version("embreex")(partial(_embreex, mesh=mesh, any_hit=any_hit))
+    work.version("embreex")(partial(embreex, mesh=mesh, any_hit=any_hit))
     return work
 
 
@@ -182,7 +182,7 @@ def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
     return lambda: _traced(scene, ray, primary, any_hit).reshape(shape)
 
 
-def _embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
+def embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
     """One thread, rays one by one, which is what its Python interface offers; primary rays are made beforehand."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene

@@ -19,7 +19,7 @@ import numpy as np
 import shpy as sh
 from benchmarks import frames, peers, rays
 from benchmarks.rounds import PAUSE, once
-from raytracer import Mesh, Scene
+from raytracer import Intersector, Mesh, Scene
 from raytracer.accel.choice import build
 from raytracer.meshes.shapes import knot
 from raytracer.renderer import Renderer
@@ -130,6 +130,38 @@ def bad_rays(mesh: Mesh, quick: bool) -> Table:
     return Table("bad-rays", note, ["directions", "ms", "of the time without"], rows)
 
 
+def queries(mesh: Mesh, quick: bool) -> Table:
+    """Queries from the host beside their kernel over the same rays: what checks, conversions and results cost."""
+    size = 32 if quick else 1024
+    compiled = partial(sh.Program.compile, backend=backend())
+    shoot = Intersector(mesh, backend=backend())
+    with_embree = not quick and not peers.available(["embreex"])[1]
+    rows = []
+    for kind, given in (
+        ("coherent", rays.primary_rays(mesh, size)),
+        ("incoherent", rays.secondary_rays(mesh, size // 2)),
+    ):
+        for name, any_hit in (("intersect", False), ("occluded", True)):
+            runs = [rays.ours_given(compiled, *given, mesh, any_hit)]
+            runs += [partial(getattr(shoot, name), *(a.astype(t) for a in given)) for t in (np.float32, np.float64)]
+            runs += [rays.embreex(*given, mesh=mesh, any_hit=any_hit)] if with_embree else []
+            kernel, *asked = (best(run, 15)[1] for run in runs)
+            row = [f"{name}, {kind}", f"{len(given[0]):,}", f"{1e3 * kernel:.1f}"]
+            rows.append([*row, *(f"{seconds / kernel:.2f}" for seconds in asked)])
+    origins, directions = given
+    for name, arrays in (("count", given), ("all_hits", given), ("closest_point", (origins + directions,))):
+        _, seconds = best(partial(getattr(shoot, name), *arrays))
+        rows.append([f"{name}, incoherent", f"{len(origins):,}", f"{1e3 * seconds:.1f}"])
+    head = ["query", "rays", "CPU ms", "float32", "float64", *(["Embree"] if with_embree else [])]
+    rows = [row + [""] * (len(head) - len(row)) for row in rows]
+    note = (
+        f"{mesh.name}, {len(mesh):,} triangles, on {backend()}. CPU time of a kernel alone that gives distances, and "
+        "how many times as much an Intersector takes from arrays of the host to its results. Of the last three queries: "
+        "in all."
+    )
+    return Table("queries", note, head, rows)
+
+
 def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, int, int]]) -> Table:
     rows = []
     for case, scene, size, bounces in cases:
@@ -169,6 +201,7 @@ STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {
     "triangles": triangles,
     "accelerators": accelerators,
     "bad-rays": bad_rays,
+    "queries": queries,
     "pixels": pixels,
     "bounces": bounces,
     "lights": lights,

@@ -7,7 +7,7 @@ render(Scene.builtin("mixed"), size=(512, 512), backend="opencl", bounces=3).sav
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image
-from raytracer.intersector import Hits, Intersector
+from raytracer.intersector import AllHits, Closest, Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
 from raytracer.lights import DirectionalLight, PointLight
 from raytracer.materials import Material
@@ -18,7 +18,9 @@ from raytracer.textures import Texture
 from raytracer.trade import tradeoff
 
 __all__ = [
+    "AllHits",
     "Camera",
+    "Closest",
     "DirectionalLight",
     "Hit",
     "Hits",
