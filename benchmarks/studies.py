@@ -156,8 +156,7 @@ def queries(mesh: Mesh, quick: bool) -> Table:
     rows = [row + [""] * (len(head) - len(row)) for row in rows]
     note = (
         f"{mesh.name}, {len(mesh):,} triangles, on {backend()}. CPU time of a kernel alone that gives distances, and "
-        "how many times as much an Intersector takes from arrays of the host to its results. Of the last three queries: "
-        "in all."
+        "how many times as much an Intersector takes from arrays of the host to its results. The last three: in all."
     )
     return Table("queries", note, head, rows)
 
