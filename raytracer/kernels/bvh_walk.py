@@ -51,14 +51,17 @@ class BvhIntersector:
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit)
-        self.collect(hit, ray, eye, near, near, any_hit)
+        self._collect_before(limit, hit, ray, eye, near, near, any_hit)
         return hit
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
+        self._collect_before(hit.l, hit, ray, eye, near, begin, any_hit)
+
+    def _collect_before(self, limit: Any, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         box = BoxTest(ray, eye, begin, self.margin, self.steepest)
-        reach = farther(hit.l)
-        with SH_IF((near < hit.l) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
+        reach = farther(limit)
+        with SH_IF((near < limit) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
             self.walk(ray, eye, near, any_hit, box, reach, hit)
 
     def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:
