@@ -9,7 +9,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.intersector import Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
-from raytracer.lights import DirectionalLight, PointLight
+from raytracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.renderer import Renderer, render
@@ -20,6 +20,7 @@ from raytracer.trade import tradeoff
 __all__ = [
     "Camera",
     "DirectionalLight",
+    "EnvironmentLight",
     "Hit",
     "Hits",
     "Image",
