@@ -304,12 +304,11 @@ def render(
     max_error: float | None = None,
     progress: Progress | None = None,
 ) -> Image:
-    """The picture of a scene from its camera, `size` = (width, height) pixels.
+    """The picture of a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
 
     `bounces` (3) is how often a ray may be mirrored; `samples` (1) how many rays there are for each pixel, a square
     number, on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are
-    those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone. An empty scene shows
-    its background.
+    those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone.
 
     `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays that the
     host runs one after the other (Christen 2005), which differ in time alone. The staged tracer walks through a grid,
@@ -318,16 +317,14 @@ def render(
 
     `integrator` is "whitted", for light that comes from lights directly and by mirrors, or "path": an unbiased estimate
     of all light that surfaces scatter up to `bounces` (8) times, from `samples` (64, any number) paths a pixel. Their
-    random numbers are hashed from `seed`, 0 to 2**32 - 1, and are the same on every backend. `resume` is a picture of
-    the same scene, camera, seed and bounces with fewer samples, or the path of its .exr or .npy file: it is continued
-    as if it had never ended. The layers but `pixels` and `rays` are those of the first sample.
+    random numbers are hashed from `seed`, 0 to 2**32 - 1, the same on every backend. `resume` continues a picture of
+    fewer samples, or its .exr or .npy file, as if it had never ended. Other layers are those of the first sample.
 
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
-    Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for another
-    accelerator or tracer, for options of one tracer that the other has not, and for an error that no variant keeps;
-    sh.BackendUnavailable for a backend that is not there.
+    Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for options
+    that do not go together, and for an error that no variant keeps; sh.BackendUnavailable for a missing backend.
     """
     _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
