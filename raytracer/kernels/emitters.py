@@ -201,20 +201,21 @@ def padded(image: NDArray[np.float32]) -> NDArray[np.float32]:
 def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:
     """The mean brightness of parts of the sphere that are equally large: rows by height, columns by angle.
 
-    The light of a texel is spread as far as filtering spreads it. Cells are larger than texels, so none is missed.
+    The light of a texel is spread as far as filtering spreads it, so that no cell is missed, where texels are large.
     """
     height, width = image.shape[:2]
-    rows, columns = min(max(height // 2, 1), FINEST), min(max(width // 2, 1), 2 * FINEST)
+    rows, columns = min(height, FINEST), min(width, 2 * FINEST)
+    offsets = np.linspace(-0.8, 0.8, 5) if height <= 2 * FINEST else np.zeros(1)
     y, x = np.mgrid[:height, :width] + 0.5
     edges = np.cos(np.linspace(0, pi, height + 1))
     light = image.mean(axis=2, dtype=np.float64) * (edges[:-1] - edges[1:])[:, None] / (2 * width)
     found = np.zeros(rows * columns)
-    for down in (-2 / 3, 0, 2 / 3):
-        for across in (-2 / 3, 0, 2 / 3):
+    for down in offsets:
+        for across in offsets:
             level = np.cos(np.clip((y + down) / height, 0, 1) * pi)
             row = np.minimum(((1 - level) * (rows / 2)).astype(int), rows - 1)
             column = ((x + across) % width * (columns / width)).astype(int) % columns
-            found += np.bincount((row * columns + column).ravel(), (light / 9).ravel(), len(found))
+            found += np.bincount((row * columns + column).ravel(), (light / len(offsets) ** 2).ravel(), len(found))
     return (found * len(found)).reshape(rows, columns)
 
 

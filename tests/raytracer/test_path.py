@@ -107,7 +107,7 @@ def test_point_lights_are_those_of_the_other_integrator(falloff):
 def test_many_lights_are_one_after_the_other():
     ground = floor(9, Material((1, 1, 1), diffuse=0.5, specular=0))
     lights = [
-        PointLight((0, 2, 0), (1, 1, 1)),
+        PointLight((0, 3, 0), (1, 1, 1)),
         DirectionalLight((0, -1, 0), (0.2, 0.2, 0.2)),
         EnvironmentLight((2, 2, 2)),
     ]
@@ -177,7 +177,7 @@ def test_a_picture_of_the_sky_lights_a_floor():
     scene = Scene([floor(9, WHITE)], [EnvironmentLight(light)], DOWN)
     agrees(traced(scene, samples=64), expected)
     mean, error = mean_of(traced(scene, samples=64))
-    assert error < 0.02 * mean  # as the bright cells are aimed at
+    assert error < 0.02 * mean  # where it is 0.17 if directions are chosen evenly
     bright = traced(Scene([icosahedron(1e-3, BLACK)], [EnvironmentLight(light)], Camera((0, 0, 4), fov=150)), (64, 64))
     seen = np.unique(bright.pixels)
     assert seen.max() <= 50
