@@ -201,7 +201,7 @@ def _read_npy(path: Path) -> tuple[dict[str, Array], int, str]:
 
 def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
     with _openexr().File(str(path), separate_channels=True) as file:
-        header = file.header()
+        header = dict(file.header())  # the file empties its own when it is closed
         channels = {name: channel.pixels for name, channel in file.channels().items()}
     found = {
         "pixels": np.stack([channels[c] for c in "RGB"], axis=-1),
