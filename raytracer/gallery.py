@@ -37,8 +37,8 @@ def gallery(
 ) -> Iterator[tuple[Path, Image]]:
     """Render every built-in scene into a PNG file in a folder, which exists; gives each path with its Image.
 
-    `samples` takes the place of the nine rays for each pixel, and of the paths. Raises SceneError where there is no such folder, and as
-    `render` does.
+    `samples` takes the place of the nine rays for each pixel, and of the paths. Raises SceneError where there is no
+    such folder, and as `render` does.
     """
     if not Path(folder).is_dir():
         raise SceneError(f"there is no folder {folder}: make it first")
