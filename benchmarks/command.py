@@ -24,6 +24,7 @@ from benchmarks import (
     frames,
     functions,
     machine,
+    paths,
     peers,
     plot,
     rays,
@@ -48,7 +49,7 @@ from shpy.files import replacing
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 CHAINS = {w.name: w for w in (*(m.WORK for m in (gray_scott, jacobi, life, particles)), *collectives.WORKS)}
-WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES)
+WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES, *paths.NAMES)
 """The names of what is run side by side."""
 STUDIES = (
     studies.STUDIES
@@ -60,6 +61,7 @@ STUDIES = (
         "modes": functions.modes,
         "widths": widths.widths,
         "calls": calls.calls,
+        "path-z": lambda mesh, quick: paths.z_test(quick),
         "chaining": chaining.chaining,
         "early": chaining.early,
     }
@@ -69,7 +71,7 @@ STUDIES = (
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
     """The works of these names; those with triangles have the mesh's."""
-    known = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
+    known = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh), *paths.works())}
     return [known[name] for name in names]
 
 

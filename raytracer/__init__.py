@@ -9,7 +9,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.intersector import AllHits, Closest, Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
-from raytracer.lights import DirectionalLight, PointLight
+from raytracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.renderer import Renderer, render
@@ -22,6 +22,7 @@ __all__ = [
     "Camera",
     "Closest",
     "DirectionalLight",
+    "EnvironmentLight",
     "Hit",
     "Hits",
     "Image",

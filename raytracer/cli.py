@@ -2,6 +2,7 @@
 
 raytracer render bunny.obj -o bunny.png
 raytracer render mixed --size 1024x768 --backend opencl --bounces 3 --samples 4
+raytracer render cornell --integrator path --samples 1024 -o cornell.exr --resume
 raytracer tradeoff mixed --error 0.5 -o tradeoff.png
 """
 
@@ -19,13 +20,15 @@ import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
-from raytracer.image import SAVING, Image, writer
+from raytracer.image import READING, SAVING, Image, writer
 from raytracer.memory import check_fits
-from raytracer.renderer import THRESHOLD, TRACERS, Progress, render
+from raytracer.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRACERS, Progress, Renderer, render
 from raytracer.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.trade import new_figure, tradeoff
 
+_SAVING = 300.0
+"""Seconds after which a picture that takes long is written, though it is not finished."""
 _PATIENCE = 2.0
 """Seconds until a progress bar appears."""
 
@@ -50,24 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="raytracer", description="A ray tracer written once in shpy.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser("render", help="render a built-in scene or a mesh file")
-    command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
-    command.add_argument("-o", "--output", type=Path, help="a .png, .exr or .npy file; by default SCENE.png")
-    command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
-    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
-    command.add_argument("--bounces", type=_whole, default=3, help="how often a ray may be mirrored (3)")
-    command.add_argument("--samples", type=_positive, default=1, help="rays for each pixel: 1, 4, 9, 16, ... (1)")
-    command.add_argument("--accel", choices=ACCELERATORS, help="how rays find triangles (bvh; grid if staged)")
-    command.add_argument(
-        "--tracer", choices=TRACERS, default="unified", help="one kernel, or stages over streams of rays (unified)"
-    )
-    command.add_argument(
-        "--threshold", type=_share, default=THRESHOLD, help="staged: share of rays that wait to be intersected (0.2)"
-    )
-    command.add_argument(
-        "--grid", type=_positive, help="cells of a grid along each axis (as many as suit the triangles)"
-    )
-    command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
-    command.set_defaults(run=_render)
+    _add_render_arguments(command)
     command = commands.add_parser("tradeoff", help="time and error of every variant of a scene, and the one to take")
     command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
     command.add_argument("--error", type=_error, default=1.0, help="root mean square error allowed, in 255ths (1)")
@@ -97,6 +83,38 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_render_arguments(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
+    command.add_argument("-o", "--output", type=Path, help="a .png, .exr or .npy file; by default SCENE.png")
+    command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
+    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    command.add_argument(
+        "--integrator", choices=INTEGRATORS, default="whitted", help="direct light and mirrors, or all light (whitted)"
+    )
+    command.add_argument(
+        "--bounces", type=_whole, help="how often a ray may be mirrored (3), or light be scattered (path: 8)"
+    )
+    command.add_argument(
+        "--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (1), or any number (path: 64)"
+    )
+    command.add_argument("--seed", type=_whole, default=0, help="path: another seed, other noise (0)")
+    command.add_argument(
+        "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
+    )
+    command.add_argument("--accel", choices=ACCELERATORS, help="how rays find triangles (bvh; grid if staged)")
+    command.add_argument(
+        "--tracer", choices=TRACERS, default="unified", help="one kernel, or stages over streams of rays (unified)"
+    )
+    command.add_argument(
+        "--threshold", type=_share, default=THRESHOLD, help="staged: share of rays that wait to be intersected (0.2)"
+    )
+    command.add_argument(
+        "--grid", type=_positive, help="cells of a grid along each axis (as many as suit the triangles)"
+    )
+    command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
+    command.set_defaults(run=_render)
+
+
 _whole, _positive, _error, _share = sh.command.whole(0), sh.command.whole(1), sh.command.real(0), sh.command.real(0)
 
 
@@ -113,6 +131,10 @@ def _render(options: argparse.Namespace) -> int:
     writer(output)  # complains now about a path that cannot be written later
     width, height = options.size
     check_fits(width, height, SAVING[output.suffix.lower()])
+    if options.integrator == "path":
+        return _render_path(options, scene, output)
+    if options.resume:
+        raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
     with progress_bar(f"{scene.name}, {scene.triangles:,} triangles") as progress:
         image = render(
             scene,
@@ -131,6 +153,41 @@ def _render(options: argparse.Namespace) -> int:
         print(f"within {options.error:g}/255: {image.stats.picked}")
     print(f"{image.save(output)}: {_summary(image)}")
     return 0
+
+
+def _render_path(options: argparse.Namespace, scene: Scene, output: Path) -> int:
+    """Render in passes, and write what there is every few minutes, after Ctrl-C, and at the end."""
+    if options.error is not None or options.grid is not None:
+        raise SceneError("--error and --grid are for --integrator whitted")
+    if options.resume and output.suffix.lower() not in READING:
+        raise SceneError(f"{output}: samples are added to files that hold all numbers: {' or '.join(READING)}")
+    renderer = Renderer(
+        scene,
+        backend=options.backend,
+        bounces=options.bounces,
+        accel=options.accel,
+        tracer=options.tracer,
+        integrator="path",
+        seed=options.seed,
+    )
+    samples = options.samples or SAMPLES["path"]
+    found = output if options.resume and output.exists() else None
+    image, saved = None, time.monotonic()
+    with progress_bar(f"{scene.name}, {scene.triangles:,} triangles, {samples:,} samples") as progress:
+        try:
+            for image in renderer.passes(options.size, samples=samples, progress=progress, resume=found):
+                if time.monotonic() - saved > _SAVING:
+                    image.save(output)
+                    saved = time.monotonic()
+        except KeyboardInterrupt:
+            if image is None:
+                raise
+    assert image is not None  # there is at least one pass
+    print(f"{image.save(output)}: {_summary(image)}")
+    if image.samples == samples:
+        return 0
+    print(f"raytracer: stopped after {image.samples:,} of {samples:,} samples, which were written", file=sys.stderr)
+    return int(sh.command.INTERRUPTED)
 
 
 def _tradeoff(options: argparse.Namespace) -> int:

@@ -19,13 +19,17 @@ __all__ = ["SIZE", "gallery"]
 
 SIZE: Final = (640, 480)
 SAMPLES: Final = 9
+_PATHS: Final = {"cornell": 256}
+"""The samples of pictures that are path traced, as large as the shorter side along both."""
 _BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4}
 """How often rays are mirrored or refracted, where it is not 3."""
 
 
-def options(name: str) -> dict[str, Any]:
+def options(name: str, size: tuple[int, int] = SIZE) -> dict[str, Any]:
     """The arguments of `render` for a scene's picture."""
-    return {"bounces": _BOUNCES.get(name, 3), "samples": SAMPLES}
+    if name in _PATHS:
+        return {"size": (min(size), min(size)), "integrator": "path", "samples": _PATHS[name]}
+    return {"size": size, "bounces": _BOUNCES.get(name, 3), "samples": SAMPLES}
 
 
 def gallery(
@@ -33,14 +37,14 @@ def gallery(
 ) -> Iterator[tuple[Path, Image]]:
     """Render every built-in scene into a PNG file in a folder, which exists; gives each path with its Image.
 
-    `samples` takes the place of the nine rays for each pixel. Raises SceneError where there is no such folder, and as
-    `render` does.
+    `samples` takes the place of the nine rays for each pixel, and of the paths. Raises SceneError where there is no
+    such folder, and as `render` does.
     """
     if not Path(folder).is_dir():
         raise SceneError(f"there is no folder {folder}: make it first")
     for name in SCENES:
         path = Path(folder) / f"{name}.png"
         writer(path)
-        changed = options(name) | ({} if samples is None else {"samples": samples})
-        image = render(Scene.builtin(name), size, backend=backend, **changed)
+        changed = options(name, size) | ({} if samples is None else {"samples": samples})
+        image = render(Scene.builtin(name), backend=backend, **changed)
         yield image.save(path), image

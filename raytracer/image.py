@@ -61,7 +61,8 @@ class Image:
 
     `pixels` (H, W, 3) float32 linear RGB; `depth` (H, W) float32 along the eye ray, infinity where nothing is hit;
     `normal` (H, W, 3) float32 unit shading normals, zero there; `object_id` (H, W) int32 the mesh's place in the
-    scene, -1 there; `rays` (H, W) int32 how many rays were traced for the pixel.
+    scene, -1 there; `rays` (H, W) int32 how many rays were traced for the pixel. `samples` is how many eye rays the
+    pixels are the means of, and `origin` names what a path traced picture was made from: see `render(resume=...)`.
     """
 
     pixels: Array
@@ -70,6 +71,13 @@ class Image:
     object_id: Array
     rays: Array
     stats: Stats
+    samples: int = 1
+    origin: str = ""
+
+    @property
+    def layers(self) -> dict[str, Array]:
+        """The arrays by name."""
+        return {name: getattr(self, name) for name in ("pixels", "depth", "normal", "object_id", "rays")}
 
     @property
     def srgb(self) -> NDArray[np.uint8]:
@@ -83,7 +91,8 @@ class Image:
     def save(self, path: str | PathLike[str]) -> Path:
         """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); gives the path.
 
-        The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays.
+        The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays; a second array
+        after it holds `samples` and `origin`, which are attributes of the EXR file's header.
         Raises SceneError for another ending and where a package is missing, OSError for a path that cannot be written:
         FileNotFoundError where the folder does not exist.
         """
@@ -92,6 +101,30 @@ class Image:
         with sh.files.replacing(path) as temporary:
             write(self, str(temporary))
         return path
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Image:
+        """Read a picture that `save` wrote as `.exr` or `.npy`; its `stats` are empty.
+
+        Raises FileNotFoundError, and SceneError for another ending and a file that `save` did not write.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in _READERS:
+            raise SceneError(
+                f"{path}: pictures are read from {' and '.join(_READERS)}, not from {path.suffix or 'this'}"
+            )
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no picture {path}")
+        try:
+            layers, samples, origin = _READERS[path.suffix.lower()](path)
+        except SceneError:
+            raise
+        # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
+        except Exception as error:
+            raise SceneError(
+                f"{path}: no picture that raytracer saved ({' '.join(str(error).split())[:200]})"
+            ) from error
+        return cls(**layers, stats=Stats("", 0.0, 0.0, 0.0, 0.0, 0, 0), samples=samples, origin=origin)
 
     def _repr_png_(self) -> bytes:
         buffer = io.BytesIO()
@@ -136,6 +169,7 @@ def _write_exr(image: Image, name: str) -> None:
     channels |= {f"normal.{axis}": np.ascontiguousarray(image.normal[..., k]) for k, axis in enumerate("XYZ")}
     channels |= {"object.id": image.object_id.astype(np.float32), "rays.count": image.rays.astype(np.float32)}
     header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    header |= {"samples": image.samples, "origin": image.origin}
     with exr.File(header, channels) as file:
         try:
             file.write(name)
@@ -144,17 +178,44 @@ def _write_exr(image: Image, name: str) -> None:
 
 
 def _write_npy(image: Image, name: str) -> None:
-    layers = {
-        "pixels": image.pixels, "depth": image.depth, "normal": image.normal,
-        "object_id": image.object_id, "rays": image.rays,
-    }  # fmt: skip
+    layers = image.layers
     kinds = np.dtype([(key, layer.dtype, layer.shape[2:]) for key, layer in layers.items()])
     record = np.empty(image.depth.shape, dtype=kinds)
     for key, layer in layers.items():
         record[key] = layer
-    np.save(name, record)
+    state = np.array((image.samples, image.origin), dtype=_STATE)
+    with open(name, "wb") as file:
+        np.save(file, record)
+        np.save(file, state)
 
 
+_STATE = [("samples", np.int64), ("origin", "U16")]
+_KINDS = {"pixels": np.float32, "depth": np.float32, "normal": np.float32, "object_id": np.int32, "rays": np.int32}
+
+
+def _read_npy(path: Path) -> tuple[dict[str, Array], int, str]:
+    with open(path, "rb") as file:
+        record, state = np.load(file), np.load(file)
+    return {name: np.ascontiguousarray(record[name], kind) for name, kind in _KINDS.items()}, *state.item()
+
+
+def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
+    with _openexr().File(str(path), separate_channels=True) as file:
+        header = dict(file.header())  # the file empties its own when it is closed
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    found = {
+        "pixels": np.stack([channels[c] for c in "RGB"], axis=-1),
+        "depth": channels["depth.Z"],
+        "normal": np.stack([channels[f"normal.{axis}"] for axis in "XYZ"], axis=-1),
+        "object_id": channels["object.id"],
+        "rays": channels["rays.count"],
+    }
+    layers = {name: np.ascontiguousarray(layer, _KINDS[name]) for name, layer in found.items()}
+    return layers, int(header["samples"]), str(header["origin"])
+
+
+_READERS: dict[str, Callable[[Path], tuple[dict[str, Array], int, str]]] = {".exr": _read_exr, ".npy": _read_npy}
+READING = tuple(_READERS)
 _WRITERS: dict[str, Callable[[Image, str], None]] = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}
 SAVING: Mapping[str, int] = {".png": 10, ".exr": 56, ".npy": 36}
 """Bytes of a pixel that saving needs besides the layers: the file's own copies of them."""

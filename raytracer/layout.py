@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import WORKING, build
 from raytracer.accel.grid import Grid
-from raytracer.lights import Light, PointLight
+from raytracer.lights import PlacedLight, PointLight
 from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.meshes.mesh import normals_of
@@ -133,7 +133,7 @@ class Layout:
             materials=_material_rows(looks),
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=np.repeat(places, sizes).astype(np.int32),
-            lights=light_rows(scene.lights, origin, scale),
+            lights=light_rows(scene.placed_lights, origin, scale),
             looks=looks,
             bare=tuple(_bare(meshes, look) for look in looks),
             uvs=_uvs(meshes) if any(look.textures or look.surface for look in looks) else None,
@@ -151,7 +151,7 @@ class Layout:
         return bool((self.materials[::2, 3] > 0).any())
 
 
-def light_rows(lights: Sequence[Light], origin: NDArray[np.float64], scale: float) -> Rows:
+def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float) -> Rows:
     """(2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then its colour.
 
     The colour is followed by 1 where the light falls off by the square of the distance, by 0 where it does not.

@@ -1,19 +1,26 @@
-"""Where light comes from: points, and directions from infinitely far away.
+"""Where light comes from: points, directions from infinitely far away, and everything around the scene.
 
-Stage: scene description. Each light costs one shadow ray per surface that is seen.
+Stage: scene description. Each point and direction costs one shadow ray per surface that is seen.
 
 >>> DirectionalLight(direction=(0, -2, 0)).direction
 (0, -2, 0)
+>>> EnvironmentLight((1, 1, 0.5)).color
+(1.0, 1.0, 0.5)
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from os import PathLike
+from typing import Any, Literal, get_args
+
+import numpy as np
 
 from raytracer.errors import SceneError
 from raytracer.materials import Triple
+from raytracer.textures import Texture
 
 Falloff = Literal["none", "square"]
 
@@ -25,7 +32,7 @@ def _finite(what: str, values: Triple) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PointLight:
-    """A light at `position`; `color` is linear RGB.
+    """A light at `position`; `color` is linear RGB: the radiance of a white matt surface that faces the light.
 
     With the `falloff` "none" it is equally bright at every distance (as in the tracer of 2004). With "square" it shines
     as a light does, with `color` at the distance 1 and by the square of the distance less farther away.
@@ -45,7 +52,7 @@ class PointLight:
 
 @dataclass(frozen=True, slots=True)
 class DirectionalLight:
-    """A light shining along `direction` (of any length but zero) from infinitely far; `color` is linear RGB."""
+    """A light shining along `direction` (of any length but zero) from infinitely far; `color` as in a PointLight."""
 
     direction: Triple
     color: Triple = (1.0, 1.0, 1.0)
@@ -57,4 +64,47 @@ class DirectionalLight:
             raise SceneError("a directional light needs a direction that is not zero")
 
 
-Light = PointLight | DirectionalLight
+class EnvironmentLight:
+    """Light from everywhere around the scene, for `integrator="path"`; it is also what is seen where nothing is.
+
+    `source` is a colour (r, g, b), linear radiance; an equirectangular picture, as an array (H, W, 3), the path of a
+    file or a `Texture`; or a program from a unit `direction`, an sh.Vector3f, to an sh.Color3f. The middle of a picture
+    lies in the direction (0, 0, -1), its right half in that of x, and its top row in that of y.
+
+    A picture is sampled by its brightness, a colour and a program are sampled evenly.
+    Raises SceneError for negative colours and other sources; see `Texture` for the errors of pictures.
+    """
+
+    color: Triple | None = None
+    picture: Texture | None = None
+    program: Callable[..., Any] | None = None
+
+    def __init__(self, source: Any) -> None:
+        if callable(source):
+            self.program = source
+        elif isinstance(source, Texture):
+            self.picture = source
+        elif isinstance(source, str | PathLike) or np.ndim(source) in (2, 3):
+            self.picture = Texture(source)
+        else:
+            color = np.asarray(source)
+            if (
+                color.shape != (3,)
+                or color.dtype.kind not in "iuf"
+                or not np.all(np.isfinite(color))
+                or color.min() < 0
+            ):
+                raise SceneError(
+                    "the source of an EnvironmentLight is a colour (r, g, b), not negative, an equirectangular picture "
+                    f"or a program of the direction, not {source!r}"
+                )
+            r, g, b = map(float, color)
+            self.color = (r, g, b)
+
+    def __repr__(self) -> str:
+        source = next(s for s in (self.color, self.picture, self.program) if s is not None)
+        return f"EnvironmentLight({source!r})"
+
+
+PlacedLight = PointLight | DirectionalLight
+Light = PointLight | DirectionalLight | EnvironmentLight

@@ -39,7 +39,10 @@ class Material:
     distance) is left). Light goes in where the corners of a triangle run counter-clockwise, and out where they do not:
     a mesh of glass is closed.
 
-    Each number but `ior` and `absorption` may be a `Texture`, which is read at the mesh's uv coordinates.
+    `emission` (r, g, b) is the linear radiance that the surface sends out, on both sides: it is an area light for
+    `integrator="path"`; for the other integrator it is a colour that is seen and lights nothing.
+
+    Each number but `ior`, `absorption` and `emission` may be a `Texture`, which is read at the mesh's uv coordinates.
 
     `surface` is a function from a `Hit` to a `Surface`, recorded into the tracer and run once for each hit: what it
     leaves open is as the material says. It may also be an `sh.Program` whose inputs have names of a Hit and whose
@@ -64,6 +67,7 @@ class Material:
     transmission: float | Texture = 0.0
     ior: float = 1.5
     absorption: Triple = (0.0, 0.0, 0.0)
+    emission: Triple = (0.0, 0.0, 0.0)
     surface: Callable[..., Any] | None = None
     shade: Callable[..., Any] | None = None
 
@@ -86,12 +90,12 @@ class Material:
                 raise SceneError(f"a {name} lies in [0, 1], not {share}")
         if not (isinstance(self.ior, float | int | np.number) and 0 < self.ior < math.inf):
             raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
-        lost = np.shape(self.absorption) == (3,) and all(
-            isinstance(x, float | int | np.number) for x in self.absorption
-        )
-        if not lost or not all(0 <= x < math.inf for x in self.absorption):
-            raise SceneError(f"an absorption is (r, g, b) per unit of length, 0 or more, not {self.absorption!r}")
-        object.__setattr__(self, "absorption", tuple(map(float, self.absorption)))
+        for name, what in (("absorption", "per unit of length"), ("emission", "of linear radiance")):
+            triple = getattr(self, name)
+            known = np.shape(triple) == (3,) and all(isinstance(x, float | int | np.number) for x in triple)
+            if not known or not all(0 <= x < math.inf for x in triple):
+                raise SceneError(f"an {name} is (r, g, b) {what}, 0 or more, not {triple!r}")
+            object.__setattr__(self, name, tuple(map(float, triple)))
         for name in ("surface", "shade"):
             program = getattr(self, name)
             if program is not None and not callable(program):

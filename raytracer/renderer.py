@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import isqrt
-from typing import Any
+from os import PathLike
+from typing import Any, Final
 
 import numpy as np
 
@@ -24,9 +25,11 @@ from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
+from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
+from raytracer.progressive import MOST_SAMPLES, origin_of, passes, resumed
 from raytracer.scene import Scene
 from raytracer.staged import Log, StagedTracer
 
@@ -40,6 +43,12 @@ _DEVICE_BAND = 1 << 19
 _STAGED_BAND = 1 << 18
 """Rays of a band of the staged tracer, whose streams take about 300 bytes for each."""
 TRACERS = ("unified", "staged")
+INTEGRATORS = ("whitted", "path")
+BOUNCES: Final = {"whitted": 3, "path": 8}
+SAMPLES: Final = {"whitted": 1, "path": 64}
+"""What an integrator does where nothing is said."""
+PASSING = 36
+"""Bytes of a pixel that path tracing needs besides the layers: those of the pass before."""
 THRESHOLD = 0.2
 """The share of waiting rays in the thesis."""
 
@@ -48,8 +57,8 @@ class Renderer:
     """The compiled tracer of one scene, for pictures of any size from any camera.
 
     `backend` is one of `sh.backends()`, None for the default one; `bounces` how often a ray may be mirrored; `accel`
-    one of `accel.choice.ACCELERATORS`, None for the one that suits the tracer. `tracer`, `threshold` and `grid` are
-    those of `render`.
+    one of `accel.choice.ACCELERATORS`, None for the one that suits the tracer. `tracer`, `threshold`, `grid`,
+    `integrator` and `seed` are those of `render`.
     """
 
     def __init__(
@@ -57,14 +66,18 @@ class Renderer:
         scene: Scene,
         *,
         backend: str | None = None,
-        bounces: int = 3,
+        bounces: int | None = None,
         precision: str = "f32",
         math: str = "strict",
         accel: str | None = None,
         tracer: str = "unified",
         threshold: float = THRESHOLD,
         grid: int | None = None,
+        integrator: str = "whitted",
+        seed: int = 0,
     ) -> None:
+        _check_integrator(integrator, seed, scene, tracer, precision)
+        bounces = BOUNCES[integrator] if bounces is None else bounces
         if isinstance(bounces, bool) or not isinstance(bounces, int) or not 0 <= bounces <= 64:
             raise SceneError(f"bounces is a number from 0 to 64, not {bounces!r}")
         accel = _checked_tracer(tracer, accel, threshold, grid)
@@ -79,22 +92,30 @@ class Renderer:
         self.program: Any = None
         self.kernel: Any = None
         self.params: dict[str, Any] = {}
+        self.integrator, self.seed = integrator, seed
         if self.layout is None:
             return
         self._options: dict[str, Any] = {"precision": precision, "math": math}
         self._threshold = threshold if tracer == "staged" else None
         started = time.perf_counter()
-        given: Any = (self.layout, scene.background, scene.ambient, bounces, self.backend)
-        self._tracer = Tracer(*given)
-        if self._tracer.surfaces.clear:
-            if tracer == "staged":
-                raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
-            self._tracer = GlassTracer(*given)
+        self._tracer = self._tracer_of(self.layout, bounces)
         self.features = self._tracer.features
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
         self._choose(scene.camera)
+
+    def _tracer_of(self, layout: Layout, bounces: int) -> Tracer | PathTracer:
+        """The tracer of the integrator and of what the scene has."""
+        if self.integrator == "path":
+            return PathTracer(layout, self.scene, bounces, self.backend)
+        given: Any = (layout, self.scene.background, self.scene.ambient, bounces, self.backend)
+        tracer = Tracer(*given)
+        if not tracer.surfaces.clear:
+            return tracer
+        if self._threshold is not None:
+            raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
+        return GlassTracer(*given)
 
     def _choose(self, camera: Camera) -> None:
         """Take the kernels for a camera's projection, compiled once."""
@@ -106,11 +127,14 @@ class Renderer:
     def _compiled(self, camera: Camera) -> dict[str, Any]:
         """The kernels for a camera's projection, as attributes."""
         started, rays = time.perf_counter(), eye_rays_of(camera)
-        if self._threshold is not None:
+        if isinstance(self._tracer, PathTracer):
+            program = self._tracer.program(rays)
+        elif self._threshold is not None:
             staged = StagedTracer(self._tracer, rays, backend=self.backend, threshold=self._threshold, **self._options)
             self.compile_seconds += time.perf_counter() - started
             return {"staged": staged, "params": staged.params}
-        program = eye_rays(self._tracer, rays)
+        else:
+            program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
         # No budget of iterations: each one of the walk finishes a triangle or a cell, each one of the tracer a ray.
         kernel = program.compile(self.backend, **self._options, loop_limit=None)
@@ -123,10 +147,17 @@ class Renderer:
         size: tuple[int, int] = (512, 512),
         *,
         camera: Camera | None = None,
-        samples: int = 1,
+        samples: int | None = None,
         progress: Progress | None = None,
+        resume: Image | str | PathLike[str] | None = None,
     ) -> Image:
         """A picture of `size` = (width, height) pixels; see `render`."""
+        samples = SAMPLES[self.integrator] if samples is None else samples
+        if self.integrator == "path":
+            *_, image = self.passes(size, camera=camera, samples=samples, progress=progress, resume=resume)
+            return image
+        if resume is not None:
+            raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
         width, height = _checked(size)
         fine = isqrt(samples) if isinstance(samples, int) and samples > 0 else 0
         if fine < 1 or fine * fine != samples or fine > 8:
@@ -148,7 +179,51 @@ class Renderer:
                 self._band(layers, top, count, width, fine)
                 if progress is not None:
                     progress(top + count, height)
-        stats = Stats(
+        return Image(**layers, stats=self._stats(layers, started), samples=samples)
+
+    def passes(
+        self,
+        size: tuple[int, int] = (512, 512),
+        *,
+        camera: Camera | None = None,
+        samples: int | None = None,
+        progress: Progress | None = None,
+        resume: Image | str | PathLike[str] | None = None,
+    ) -> Iterator[Image]:
+        """Yield the path traced picture as it is after each pass over all pixels, the last one with all `samples`.
+
+        For `integrator="path"`; see `render`.
+        """
+        if self.integrator != "path":
+            raise SceneError('passes are those of integrator="path"')
+        samples = SAMPLES["path"] if samples is None else samples
+        if isinstance(samples, bool) or not isinstance(samples, int) or not 1 <= samples <= MOST_SAMPLES:
+            raise SceneError(f"samples is a number from 1 to {MOST_SAMPLES:,}, not {samples!r}")
+        width, height = _checked(size, PASSING)
+        started, layers, first, origin = time.perf_counter(), _unset(width, height), 0, ""
+        _clear(layers, self.scene.background)
+        if self.layout is None:
+            first = samples
+        else:
+            assert isinstance(self._tracer, PathTracer)
+            camera = camera or self.scene.camera
+            assert camera is not None  # a scene frames one if it has none
+            self._choose(camera)
+            self._aim(camera, width, height)
+            self.params["seed"].value = self.seed
+            origin = origin_of(self.scene, self.layout, self._tracer, camera, self.seed)
+            layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
+            if resume is not None:
+                layers, first = resumed(resume, (width, height), origin, samples)
+        if first == samples:
+            yield Image(**layers, stats=self._stats(layers, started), samples=samples, origin=origin)
+            return
+        scale = 1.0 if self.layout is None else self.layout.scale
+        for found, done in passes(self.kernel, self.params, self.backend, scale, layers, first, samples, progress):
+            yield Image(**found, stats=self._stats(found, started), samples=done, origin=origin)
+
+    def _stats(self, layers: dict[str, Any], started: float) -> Stats:
+        return Stats(
             backend=self.backend,
             seconds=time.perf_counter() - started,
             build_seconds=self.build_seconds,
@@ -160,7 +235,6 @@ class Renderer:
             calls={} if self.staged is None else dict(self.staged.log.calls),
             alive=() if self.staged is None else tuple(self.staged.log.alive),
         )
-        return Image(**layers, stats=stats)
 
     @property
     def _rays_at_once(self) -> int:
@@ -216,50 +290,88 @@ def render(
     size: tuple[int, int] = (512, 512),
     *,
     backend: str | None = None,
-    bounces: int = 3,
-    samples: int = 1,
+    bounces: int | None = None,
+    samples: int | None = None,
     precision: str = "f32",
     math: str = "strict",
     accel: str | None = None,
     tracer: str = "unified",
     threshold: float = THRESHOLD,
     grid: int | None = None,
+    integrator: str = "whitted",
+    seed: int = 0,
+    resume: Image | str | PathLike[str] | None = None,
     max_error: float | None = None,
     progress: Progress | None = None,
 ) -> Image:
-    """The picture of a scene from its camera, `size` = (width, height) pixels.
+    """The picture of a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
 
-    `bounces` is how often a ray may be mirrored; `samples` how many rays there are for each pixel, a square number,
-    on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are those of
-    `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone. An empty scene shows its
-    background.
+    `bounces` (3) is how often a ray may be mirrored; `samples` (1) how many rays there are for each pixel, a square
+    number, on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are
+    those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone.
 
     `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays that the
     host runs one after the other (Christen 2005), which differ in time alone. The staged tracer walks through a grid,
     or tries every triangle; its intersector runs once the share `threshold`, from 0 to 1, of the rays on their way
     waits for it. `grid` is how many cells a grid has along each axis, None for as many as suit the triangles.
 
+    `integrator` is "whitted", for light that comes from lights directly and by mirrors, or "path": an unbiased estimate
+    of all light that surfaces scatter up to `bounces` (8) times, from `samples` (64, any number) paths a pixel. Their
+    random numbers are hashed from `seed`, 0 to 2**32 - 1, the same on every backend. `resume` continues a picture of
+    fewer samples, or its .exr or .npy file, as if it had never ended. Other layers are those of the first sample.
+
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
-    Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for another
-    accelerator or tracer, for options of one tracer that the other has not, and for an error that no variant keeps;
-    sh.BackendUnavailable for a backend that is not there.
+    Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for options
+    that do not go together, and for an error that no variant keeps; sh.BackendUnavailable for a missing backend.
     """
     _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
-        from raytracer.trade import fastest
+        if tracer != "unified" or grid is not None or accel is not None or integrator != "whitted":
+            raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
+        return _render_fastest(scene, size, max_error, backend, bounces, samples, progress)
+    walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid, "seed": seed}
+    options: dict[str, Any] = {"backend": backend, "bounces": bounces, "precision": precision, "math": math}
+    renderer = Renderer(scene, integrator=integrator, **options, **walk)
+    return renderer.render(size, samples=samples, progress=progress, resume=resume)
 
-        if tracer != "unified" or grid is not None or accel is not None:
+
+def _render_fastest(
+    scene: Scene,
+    size: tuple[int, int],
+    max_error: float,
+    backend: str | None,
+    bounces: int | None,
+    samples: int | None,
+    progress: Progress | None,
+) -> Image:
+    """The picture by the fastest variant that keeps an error."""
+    from raytracer.trade import fastest  # here: it needs this module
+
+    variant, renderer = fastest(scene, max_error, backend, BOUNCES["whitted"] if bounces is None else bounces)
+    image = renderer.render(size, samples=samples, progress=progress)
+    return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))
+
+
+def _check_integrator(integrator: str, seed: int, scene: Scene, tracer: str, precision: str) -> None:
+    """Raise SceneError for an integrator that does not go with the scene, the tracer or the precision."""
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
+        raise SceneError(f"a seed is a whole number from 0 to 2**32 - 1, not {seed!r}")
+    if integrator not in INTEGRATORS:
+        raise SceneError(f"the integrator is one of {', '.join(map(repr, INTEGRATORS))}, not {integrator!r}")
+    if integrator == "whitted":
+        if scene.environment is not None:
             raise SceneError(
-                "max_error chooses among the variants of the unified tracer: without tracer, accel and grid"
+                'an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out'
             )
-        variant, chosen = fastest(scene, max_error, backend, bounces)
-        image = chosen.render(size, samples=samples, progress=progress)
-        return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))
-    walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid}
-    renderer = Renderer(scene, backend=backend, bounces=bounces, precision=precision, math=math, **walk)
-    return renderer.render(size, samples=samples, progress=progress)
+        return
+    if tracer != "unified":
+        raise SceneError(f'tracer={tracer!r} is for integrator="whitted": leave it out')
+    if precision != "f32":
+        raise SceneError(f'integrator="path" works at precision="f32", not {precision!r}')
+    if not scene.triangles and scene.environment is not None:
+        raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
 
 
 def _checked_tracer(tracer: str, accel: str | None, threshold: float, grid: int | None) -> str:
@@ -281,14 +393,14 @@ def _checked_tracer(tracer: str, accel: str | None, threshold: float, grid: int 
     return chosen
 
 
-def _checked(size: tuple[int, int]) -> tuple[int, int]:
+def _checked(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
     try:
         width, height = (int(n) for n in size if int(n) == n)
     except (TypeError, ValueError):
         raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
     if not (1 <= width <= 32768 and 1 <= height <= 32768):
         raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
-    check_fits(width, height)
+    check_fits(width, height, saving)
     return width, height
 
 

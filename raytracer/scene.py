@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from raytracer.camera import Camera, radius_of
 from raytracer.errors import SceneError
-from raytracer.lights import Light, PointLight
+from raytracer.lights import EnvironmentLight, Light, PlacedLight, PointLight
 from raytracer.materials import Material, Triple
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import floor
@@ -36,6 +36,9 @@ class Scene:
 
     `ambient` is the share of a surface's colour that is seen without any light. A scene may be empty: its picture is
     the background. Without a camera one is framed that sees every mesh.
+
+    With `integrator="path"` there is no ambient light, and the background is seen, directly and in mirrors, but lights
+    nothing: that is for an `EnvironmentLight`, which is then seen instead.
     """
 
     meshes: Sequence[Mesh] = ()
@@ -52,6 +55,8 @@ class Scene:
             raise SceneError(f"a background is three finite numbers, not {self.background!r}")
         if not 0 <= self.ambient <= 1:
             raise SceneError(f"ambient lies in [0, 1], not {self.ambient}")
+        if sum(isinstance(light, EnvironmentLight) for light in self.lights) > 1:
+            raise SceneError("a scene has at most one EnvironmentLight")
         if self.camera is None:
             object.__setattr__(self, "camera", Camera.framing(*self.bounds))
 
@@ -59,6 +64,16 @@ class Scene:
     def triangles(self) -> int:
         """The number of triangles."""
         return sum(len(mesh) for mesh in self.meshes)
+
+    @property
+    def placed_lights(self) -> list[PlacedLight]:
+        """The lights but the environment's."""
+        return [light for light in self.lights if not isinstance(light, EnvironmentLight)]
+
+    @property
+    def environment(self) -> EnvironmentLight | None:
+        """The light from around the scene, if there is one."""
+        return next((light for light in self.lights if isinstance(light, EnvironmentLight)), None)
 
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

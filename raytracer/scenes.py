@@ -7,7 +7,8 @@ docstring is what `raytracer scenes` prints.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from raytracer import shaders
 from raytracer.camera import Camera
 from raytracer.lights import DirectionalLight, PointLight
-from raytracer.materials import Material
+from raytracer.materials import Material, Triple
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.scene import Scene
@@ -177,6 +178,51 @@ def materials() -> Scene:
     return Scene([*meshes, step, ground], lights, camera, name="materials")
 
 
+def cornell() -> Scene:
+    """The Cornell box: two blocks in a room under an area light, 38 triangles, for `--integrator path`.
+
+    Lengths are in millimetres and the camera's place as they were measured at Cornell (Goral and others 1984; Cornell
+    University Program of Computer Graphics 1998, Cornell Box Data). Walls and light have colours instead of spectra.
+    The ceiling has a hole, which the light fills; the side by which the camera looks in is open.
+    """
+    white, red, green = (
+        Material(color, diffuse=1.0, specular=0.0)
+        for color in ((0.725, 0.71, 0.68), (0.63, 0.065, 0.05), (0.14, 0.45, 0.091))
+    )
+    light = Material((0.78, 0.78, 0.78), diffuse=1.0, specular=0.0, emission=(17.0, 12.0, 4.0))
+    corners = [(556.0, 548.8, 0.0), (556.0, 548.8, 559.2), (0.0, 548.8, 559.2), (0.0, 548.8, 0.0)]
+    lamp = [(343.0, 548.8, 227.0), (343.0, 548.8, 332.0), (213.0, 548.8, 332.0), (213.0, 548.8, 227.0)]
+    frame = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]
+    ground = [(552.8, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 559.2), (549.6, 0.0, 559.2)]
+    short = [(130.0, 65.0), (82.0, 225.0), (240.0, 272.0), (290.0, 114.0)]
+    tall = [(423.0, 247.0), (265.0, 296.0), (314.0, 456.0), (472.0, 406.0)]
+    meshes = (
+        _quads(ground, [(0, 1, 2, 3)], white, "floor"),
+        _quads(corners + lamp, frame, white, "ceiling"),
+        _quads([*ground[2:], *corners[1:3]], [(0, 1, 2, 3)], white, "back wall"),
+        _quads([ground[0], ground[3], corners[1], corners[0]], [(0, 1, 2, 3)], red, "left wall"),
+        _quads([ground[2], ground[1], corners[3], corners[2]], [(0, 1, 2, 3)], green, "right wall"),
+        _block(short, 165.0, white, "short block"),
+        _block(tall, 330.0, white, "tall block"),
+        _quads(lamp, [(0, 1, 2, 3)], light, "light"),
+    )
+    camera = Camera((278, 273, -800), (278, 273, 0), fov=math.degrees(2 * math.atan2(0.025 / 2, 0.035)))
+    return Scene(meshes, (), camera, background=(0, 0, 0), ambient=0.0, name="cornell")
+
+
+def _quads(corners: Sequence[Triple], quads: Sequence[tuple[int, ...]], material: Material, name: str) -> Mesh:
+    """A mesh of quadrilaterals, two triangles each."""
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    return Mesh(corners, faces, material=material, name=name)
+
+
+def _block(base: Sequence[tuple[float, float]], height: float, material: Material, name: str) -> Mesh:
+    """A block on the floor with these corners (x, z) and vertical sides: 10 triangles."""
+    corners = [(x, y, z) for y in (0.0, height) for x, z in base]
+    sides = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]
+    return _quads(corners, [*sides, (4, 5, 6, 7)], material, name)
+
+
 SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "boxes": boxes,
     "cubes": cubes,
@@ -185,4 +231,5 @@ SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "spheres": spheres,
     "glass": glass,
     "materials": materials,
+    "cornell": cornell,
 }

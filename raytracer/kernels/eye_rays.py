@@ -1,6 +1,7 @@
 """The eye rays of a picture, as its camera projects the scene.
 
-Stage: kernel. `Camera.uniforms` gives the values of the params, of which each projection has its own.
+Stage: kernel. `Camera.uniforms` gives the values of the params, of which each projection has its own. `lens` are two
+numbers in [0, 1) that choose the point of a lens; without them the pixel does.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class EyeRays:
         self.down = sh.Param(sh.Vector3f, (0, 0, 0), name="down")
         self.first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
 
-    def __call__(self, row: Any, column: Any) -> tuple[Any, Any]:
+    def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
         """The ray through a pixel of the band, of unit length, and where it starts."""
         ray = sh.normalize(self.through(row, column))
         return ray, sh.Point3f(self.eye)
@@ -43,10 +44,12 @@ class LensRays(EyeRays):
         self.lens_right = sh.Param(sh.Vector3f, (0, 0, 0), name="lens_right")
         self.lens_above = sh.Param(sh.Vector3f, (0, 0, 0), name="lens_above")
 
-    def __call__(self, row: Any, column: Any) -> tuple[Any, Any]:
+    def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
         """The ray through a pixel of the band, of unit length, and where it starts."""
-        place = column, sh.Attrib1i(row + self.first_row)
-        angle, radius = (sh.unit_float(sh.hash(*place, k)) for k in range(2))
+        if lens is None:
+            place = column, sh.Attrib1i(row + self.first_row)
+            lens = [sh.unit_float(sh.hash(*place, k)) for k in range(2)]
+        angle, radius = lens
         angle, radius = 2 * pi * angle, sh.sqrt(radius)
         beside = radius * (sh.cos(angle) * self.lens_right + sh.sin(angle) * self.lens_above)
         ray = sh.normalize(self.focus * self.through(row, column) - beside)
@@ -56,7 +59,7 @@ class LensRays(EyeRays):
 class ParallelRays(EyeRays):
     """Those of an orthographic picture: `eye` is where the ray of its corner starts, `corner` where all of them go."""
 
-    def __call__(self, row: Any, column: Any) -> tuple[Any, Any]:
+    def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
         """The ray through a pixel of the band, of unit length, and where it starts."""
         ray = sh.normalize(self.corner)
         return ray, self.eye + (column + 0.5) * self.across + (row + self.first_row + 0.5) * self.down
@@ -73,7 +76,7 @@ class PanoramaRays:
         self.size = sh.Param(sh.Attrib2f, (1, 1), name="size")
         self.first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
 
-    def __call__(self, row: Any, column: Any) -> tuple[Any, Any]:
+    def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
         """The ray through a pixel of the band, of unit length, and where it starts."""
         azimuth = 2 * pi * ((column + 0.5) / self.size.x - 0.5)
         height = pi * (0.5 - (row + self.first_row + 0.5) / self.size.y)

@@ -61,7 +61,8 @@ class GlassTracer(Tracer):
                 local[:] = 1
                 path.scolor[:] = self.background
                 with SH_IF(hit.id >= 0):
-                    reflectivity = self.surfaces.arrive(hit, ray, eye, surface)
+                    emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
+                    reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
                     with SH_IF(pixel.object < 0):
                         self.note(pixel, hit, surface)
                     share *= self.surfaces.kept(hit, ~surface.outside)
@@ -72,6 +73,8 @@ class GlassTracer(Tracer):
                     mirror[:] = opaque * reflectivity + surface.transmission * reflected
                     clear[:] = surface.transmission * (1 - reflected)
                     path.scolor[:] = self.ambient * surface.color
+                    if emission is not None:
+                        path.scolor += emission
                     path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.count), 0)
             if self.lights.count:
                 with SH_ELSE():

@@ -34,7 +34,8 @@ class Looks:
     """The materials of a scene that are more than numbers.
 
     `gives` are the names of what textures and programs decide, `reads` what programs ask of a hit, `shades` the
-    distinct programs that take the place of Phong's model, and `several` whether which one it is differs.
+    distinct programs that take the place of Phong's model, and `several` whether which one it is differs. `glowing`
+    says of each material whether a program decides its emission.
     Raises SceneError and ShpyError for mistakes in a program, and for a mesh whose uv coordinates are missed.
     """
 
@@ -49,6 +50,8 @@ class Looks:
             examine_shade(program)
         self.textured = [name for name in COEFFICIENTS if any(name in look.textures for look in looks)]
         self.gives = frozenset(self.textured).union(*(examined.gives for examined in found))
+        gives = {program: examined.gives for program, examined in zip(self.surfaces, found, strict=True)}
+        self.glowing = [look.surface is not None and "emission" in gives[look.surface] for look in looks]
         self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in found))
         reading = {p for p, examined in zip(self.surfaces, found, strict=True) if "uv" in examined.reads}
         for look, bare in zip(looks, layout.bare, strict=True):

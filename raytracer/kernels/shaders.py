@@ -65,12 +65,12 @@ class Surface(_Known):
     """What a material's `surface` says of a point; what it leaves open is as the material says.
 
     `color` is linear RGB, `diffuse`, `specular` and `shininess` Phong's coefficients, `reflectivity` the share of the
-    mirror image, `transmission` the share that is clear, `ior` its refractive index, and `normal` a normal on the
-    viewer's side, for instance one that a bump map has turned. Numbers and triples are taken as well as values of the
-    language.
+    mirror image, `transmission` the share that is clear, `ior` its refractive index, `emission` the linear radiance
+    that the surface sends out, and `normal` a normal on the viewer's side, for instance one that a bump map has turned.
+    Numbers and triples are taken as well as values of the language.
 
-    A material's `shade` is handed one in which all but `transmission` and `ior` are known, and `position`, `face` and
-    `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`.
+    A material's `shade` is handed one in which all but `transmission`, `ior` and `emission` are known, and
+    `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`.
     Raises SceneError, with the line, for what is no such value.
     """
 
@@ -82,6 +82,7 @@ class Surface(_Known):
     transmission: sh.Attrib1f
     ior: sh.Attrib1f
     normal: sh.Normal3f
+    emission: sh.Color3f
     position: sh.Point3f
     face: sh.Normal3f
     view: sh.Vector3f
@@ -97,10 +98,12 @@ class Surface(_Known):
         transmission: Any = None,
         ior: Any = None,
         normal: Any = None,
+        emission: Any = None,
     ) -> None:
         given = {
             "color": color, "diffuse": diffuse, "specular": specular, "shininess": shininess,
             "reflectivity": reflectivity, "transmission": transmission, "ior": ior, "normal": normal,
+            "emission": emission,
         }  # fmt: skip
         super().__init__({})
         self.given: dict[str, Any] = {
@@ -118,10 +121,10 @@ class Surface(_Known):
         return made
 
 
-GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmission", "ior", "normal")
+GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmission", "ior", "normal", "emission")
 """What a `surface` may say."""
-UNSHADED = ("transmission", "ior")
-"""What a `shade` is not told: it gives the colour of the share that is not clear."""
+UNSHADED = ("transmission", "ior", "emission")
+"""What a `shade` is not told: it gives the colour of the share that is not clear, where light falls on it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 import shpy as sh
 from raytracer.kernels import shaders
 from raytracer.kernels.looks import Looks
@@ -61,6 +63,8 @@ class SurfaceTables:
             None if layout.uvs is None or "uv" not in self.looks.reads else sh.Table(layout.uvs, sh.TexCoord2f, "uvs")
         )
         self.origin, self.scale = layout.origin, layout.scale
+        self.glow = glow_rows(layout, self.looks)
+        self.glows = bool(self.glow[:, 3].any())
         self.highlights = bool((layout.materials[1::2, 1] > 0).any()) or "specular" in self.looks.gives
         self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.looks.gives
         if self.clear:
@@ -71,10 +75,12 @@ class SurfaceTables:
         if self.one is None:
             self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
             self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of")
+            if self.glows:
+                self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
 
-    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: ShadedPoint) -> Any:
-        """Fill in `surface` for a hit; gives its reflectivity."""
+    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: ShadedPoint, emission: Any = None) -> Any:
+        """Fill in `surface` for a hit, and `emission` in a scene that glows; gives the reflectivity."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
@@ -98,9 +104,11 @@ class SurfaceTables:
             surface.outside[:] = side > 0
             surface.transmission[:] = row.x
             surface.ior[:] = row.y
+        if self.glows:
+            emission[:] = self.glow_at(hit).rgb
         if not self.looks:
             return self.paint(hit, surface, self.material_at(hit))
-        return self.describe(hit, surface, point, side)
+        return self.describe(hit, surface, point, side, emission)
 
     def behind(self, hit: Hit, ray: Any, eye: Any) -> Any:
         """The point that was hit, moved off the surface to the side that the ray comes out on."""
@@ -141,6 +149,10 @@ class SurfaceTables:
         """The number of the material that was hit."""
         return 0 if self.one is not None else self.material_of[hit.id]
 
+    def glow_at(self, hit: Hit) -> Any:
+        """The emission of the material that was hit, and how bright that is expected to be; see `glow_rows`."""
+        return sh.Attrib4f(self.glow[0]) if self.one is not None else self.emissions[self.material_at(hit)]
+
     def paint(self, hit: Hit, surface: ShadedPoint, number: Any) -> Any:
         """Colour and coefficients of the surface, as the numbers of its material say; gives its reflectivity."""
         if self.one is not None:
@@ -161,7 +173,7 @@ class SurfaceTables:
             return sh.Color3f(1, 1, 1)
         return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
 
-    def describe(self, hit: Hit, surface: ShadedPoint, point: Any, side: Any) -> Any:
+    def describe(self, hit: Hit, surface: ShadedPoint, point: Any, side: Any, emission: Any) -> Any:
         """Colour and coefficients of the surface as textures and programs say; gives its reflectivity."""
         number = self.material_at(hit)
         reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
@@ -181,7 +193,7 @@ class SurfaceTables:
             }
         )
         given = {"color": surface.color, "diffuse": diffuse, "specular": specular, "shininess": shininess}
-        given |= {"reflectivity": reflectivity, "normal": surface.normal}
+        given |= {"reflectivity": reflectivity, "normal": surface.normal, "emission": emission}
         if self.clear:
             given |= {"transmission": surface.transmission, "ior": surface.ior}
         self.looks.describe(number, seen, given)
@@ -269,6 +281,18 @@ def is_black(layout: Layout) -> bool:
     """Return whether a surface can have a highlight and no other light in some channel."""
     colors = layout.materials[::2, :3] if layout.colors is None else layout.colors[:, :3]
     return bool((colors == 0).any() or (layout.materials[1::2, 0] == 0).any())
+
+
+def glow_rows(layout: Layout, looks: Looks) -> Rows:
+    """(M, 4): the emission of each material, and its mean over the channels: 0 for a material that never shines.
+
+    Where a program decides the emission of a material that says nothing of it, 1 stands for the mean.
+    """
+    rows = np.zeros((len(layout.looks), 4))
+    for row, look, glowing in zip(rows, layout.looks, looks.glowing, strict=True):
+        row[:3] = look.emission
+        row[3] = np.mean(look.emission) or float(glowing)
+    return rows
 
 
 def rows_of(table: Any, hit: Hit) -> tuple[Any, Any, Any]:

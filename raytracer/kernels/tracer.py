@@ -131,10 +131,13 @@ class Tracer:
         with SH_IF(tracing):
             tracing[:] = False
             with SH_IF(hit.id >= 0):
-                path.rn.y = self.surfaces.arrive(hit, ray, eye, surface)
+                emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
+                path.rn.y = self.surfaces.arrive(hit, ray, eye, surface, emission)
                 with SH_IF(pixel.object < 0):
                     self.note(pixel, hit, surface)
                 path.scolor[:] = self.ambient * surface.color
+                if emission is not None:
+                    path.scolor += emission
                 path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.count)
             with SH_ELSE():
                 path.scolor[:] = self.background

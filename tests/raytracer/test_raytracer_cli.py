@@ -8,6 +8,7 @@ import pytest
 
 import shpy as sh
 from raytracer import Scene, SceneError, cli, gallery, memory, renderer
+from raytracer.scenes import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 
@@ -113,7 +114,7 @@ def test_ctrl_c_leaves_no_file(tmp_path, monkeypatch, capsys):
 def test_scenes_lists_them_all(capsys):
     assert cli.main(["scenes"]) == 0
     out = capsys.readouterr().out
-    assert [line.split()[0] for line in out.splitlines()] == ["boxes", "cubes", "mirror-box", "mixed"]
+    assert [line.split()[0] for line in out.splitlines()] == list(SCENES)
     assert "61,562 triangles" in out
 
 

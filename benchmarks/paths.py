@@ -1,0 +1,140 @@
+"""Path tracing against Mitsuba: the Cornell box, as many samples, scatterings and colours for both.
+
+    for work in works():
+        ...
+    print(z_test(quick=False).markdown())
+
+The pictures are estimates with other random numbers: the work compares the means of squares of 8 pixels, and the study
+each pixel by a z-test.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from benchmarks import peers
+from benchmarks.frames import squares
+from benchmarks.rays import mitsuba_mesh
+from benchmarks.studies import Table, backend
+from benchmarks.work import Work
+from raytracer import Renderer, Scene
+
+NAMES = ("path",)
+SAMPLES, BOUNCES = 64, 8
+RUNS = 16
+"""Pictures of other seeds, from which the study knows how far each pixel scatters."""
+
+
+def works() -> list[Work]:
+    """The one work."""
+    work = Work(
+        "path",
+        f"Cornell box, path traced, {SAMPLES} samples, {BOUNCES} scatterings, {{size}} x {{size}} pixels",
+        inputs=lambda size: (size,),
+        size=128,
+        quick=16,
+        within=0.15,
+        share=0.03,
+        note="Both aim at the light from each surface and combine that with meeting it by chance.",
+    )
+    work.group = "frames"
+    work.seen = squares
+    work.ours_on("opencl", "glsl")(_ours)
+    work.version("mitsuba")(_mitsuba)
+    return [work]
+
+
+def _ours(compiled: Any, size: int) -> Any:
+    renderer = Renderer(Scene.builtin("cornell"), backend=compiled.keywords["backend"], integrator="path")
+    return lambda: renderer.render((size, size), samples=SAMPLES).pixels
+
+
+def _mitsuba(size: int) -> Any:
+    return lambda: mitsuba_picture(size, SAMPLES, 0)
+
+
+@cache
+def _mitsuba_scene() -> Any:
+    import mitsuba as mi
+
+    scene = Scene.builtin("cornell")
+    made: dict[str, Any] = {"type": "scene"}
+    for part in scene.meshes:
+        color = [part.material.numbers["diffuse"] * c for c in part.material.tint]
+        properties = mi.Properties()
+        properties["bsdf"] = mi.load_dict(
+            {
+                "type": "twosided",
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}},
+            }
+        )
+        properties["face_normals"] = True
+        if any(part.material.emission):
+            radiance = {"type": "rgb", "value": list(part.material.emission)}
+            properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+        made[part.name.replace(" ", "_")] = mitsuba_mesh(part, properties)
+    return mi.load_dict(made)
+
+
+def mitsuba_picture(size: int, samples: int, seed: int) -> Any:
+    """Mitsuba's linear picture (size, size, 3) of the box."""
+    import mitsuba as mi
+
+    camera = Scene.builtin("cornell").camera
+    assert camera is not None
+    places = [mi.ScalarPoint3f(*v) for v in (camera.position, camera.target)]
+    sensor = mi.load_dict({
+        "type": "perspective",
+        "fov": camera.fov,
+        "to_world": mi.ScalarTransform4f().look_at(*places, mi.ScalarVector3f(*camera.up)),
+        "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+        "sampler": {"type": "independent"},
+    })  # fmt: skip
+    integrator = mi.load_dict({"type": "path", "max_depth": BOUNCES + 1, "rr_depth": BOUNCES})
+    return np.asarray(mi.render(_mitsuba_scene(), sensor=sensor, integrator=integrator, spp=samples, seed=seed))[
+        ..., :3
+    ]
+
+
+def z_test(quick: bool) -> Table:
+    """How far our picture and Mitsuba's lie apart at each pixel, in standard errors of their difference."""
+    note = "no Mitsuba"
+    rows: list[list[str]] = []
+    if not peers.available(["mitsuba"])[1]:
+        peers.start("mitsuba")
+        size, samples = (16, 16) if quick else (64, 256)
+        found = scores(size, samples)
+        rows = [[f"{backend()} and Mitsuba", *found]]
+        note = f"Cornell box, {size} x {size} pixels, {RUNS} pictures of {samples} samples each."
+    head = ["pictures", "mean difference / mean", "standard error of that", "mean z²", "|z| > 2 (normal: 4.6 %)"]
+    return Table("path-z", note, head, rows)
+
+
+def scores(size: int, samples: int) -> list[str]:
+    """The numbers of `z_test`'s row."""
+    scene = Scene.builtin("cornell")
+    ours = [
+        Renderer(scene, backend=backend(), integrator="path", seed=seed).render((size, size), samples=samples).pixels
+        for seed in range(RUNS)
+    ]
+    theirs = [mitsuba_picture(size, samples, seed) for seed in range(RUNS)]
+    (a, va), (b, vb) = (
+        (np.mean(pictures, axis=0, dtype=np.float64), np.var(pictures, axis=0, ddof=1, dtype=np.float64) / RUNS)
+        for pictures in (ours, theirs)
+    )
+    seen = va + vb > 0
+    z = (a - b)[seen] / np.sqrt((va + vb)[seen])
+    # Means over the picture of each run are independent of each other; its channels are not.
+    differences = [p.mean(dtype=np.float64) - q.mean(dtype=np.float64) for p, q in zip(ours, theirs, strict=True)]
+    mean = float(np.mean(theirs))
+    error = float(np.std(differences, ddof=1)) / math.sqrt(RUNS)
+    return [
+        f"{float(np.mean(differences)) / mean:+.1e}",
+        f"{error / mean:.1e}",
+        f"{np.mean(z**2):.3f}",
+        f"{np.mean(np.abs(z) > 2):.2%}",
+    ]

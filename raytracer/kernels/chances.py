@@ -1,0 +1,78 @@
+"""Choices of one of n with given probabilities in two look-ups: the alias method (Walker 1977, Vose 1991).
+
+Stage: kernel. Probabilities are those with which 32 hashed bits choose, to the last bit, and not what they were meant
+to be: an estimate that is divided by them has no error but that of its samples.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+
+Floats = NDArray[np.float64]
+ONE = 1 << 24
+"""A threshold that every number is below."""
+
+
+class Chances:
+    """A table of n choices with these weights, which are not negative and not all 0.
+
+    `probabilities` (n,) are those of the choices. Each has a number and a density of its own, which `choose` gives;
+    without `numbers` its place is its number.
+    """
+
+    def __init__(self, weights: Floats, numbers: Any = None, per: Any = 1.0, name: str = "chances") -> None:
+        thresholds, aliases = alias_table(weights)
+        self.count = len(weights)
+        self.probabilities = probabilities_of(thresholds, aliases)
+        densities = (self.probabilities / per).astype(np.float32)
+        self.numbers = np.arange(self.count) if numbers is None else np.asarray(numbers)
+        self.densities = densities
+        rows = np.stack([thresholds, aliases, densities.view(np.uint32), self.numbers.astype(np.uint32)], axis=1)
+        self.table = sh.Table(rows.astype(np.uint32), sh.Attrib4u, name) if self.count > 1 else None
+
+    def choose(self, which: Any, instead: Any) -> tuple[Any, Any, Any]:
+        """The place, number and density of the choice that two hashed words make."""
+        if self.table is None:
+            return sh.Attrib1i(0), sh.Attrib1i(int(self.numbers[0])), sh.Attrib1f(float(self.densities[0]))
+        first = which % self.count
+        row = self.table[sh.Attrib1i(first)]
+        place = sh.Attrib1i(sh.min(sh.cond((instead >> 8) < row.x, first, row.y), sh.Attrib1u(self.count - 1)))
+        chosen = self.table[place]
+        return place, sh.Attrib1i(chosen.w), sh.float_from_bits(chosen.z)
+
+    def density_at(self, place: Any) -> Any:
+        """The density of the choice at a place."""
+        return sh.Attrib1f(float(self.densities[0])) if self.table is None else sh.float_from_bits(self.table[place].z)
+
+
+def alias_table(weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The thresholds, in parts of `ONE`, below which a choice stands, and what is chosen instead."""
+    count = len(weights)
+    shares = weights * (count / weights.sum())
+    aliases = np.arange(count)
+    rest = shares.tolist()
+    small = [k for k, share in enumerate(rest) if share < 1]
+    large = [k for k, share in enumerate(rest) if share >= 1]
+    kept = [1.0] * count
+    while small and large:
+        low, high = small.pop(), large[-1]
+        kept[low] = rest[low]
+        aliases[low] = high
+        rest[high] -= 1 - rest[low]
+        if rest[high] < 1:
+            small.append(large.pop())
+    thresholds = np.rint(np.array(kept) * ONE).astype(np.int64)
+    return np.maximum(thresholds, weights > 0), aliases
+
+
+def probabilities_of(thresholds: NDArray[np.int64], aliases: NDArray[np.int64]) -> Floats:
+    """With which probability each choice is made, (n,)."""
+    count = len(thresholds)
+    words = 2**32 // count + (np.arange(count) < 2**32 % count)
+    kept = words * (thresholds / ONE)
+    return (kept + np.bincount(aliases, words - kept, count)) / 2.0**32

@@ -1,0 +1,230 @@
+"""The light that a path tracer aims at: placed lights, triangles that shine, and what is around the scene.
+
+Stage: kernel. One of them is chosen for each surface, by a rough guess of the light that it sends there. A point on a
+triangle is chosen evenly, a direction to the environment by the brightness of its picture, or by the cosine.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.errors import place_of
+from raytracer.kernels.chances import Chances
+from raytracer.kernels.lobes import around
+from raytracer.kernels.shaders import converted
+from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables, barylerp
+from raytracer.kernels.triangle import FAR, Hit
+from raytracer.layout import Layout
+from raytracer.lights import EnvironmentLight
+from shpy import SH_IF
+
+NEARER = 1 - 2.0**-13
+"""How far toward a point on a triangle a shadow ray goes, as a part of the way: rounding may move the triangle."""
+FINEST = 256
+"""Rows of the table of an environment's brightness, at most; it has twice as many columns."""
+EVERYWHERE = 1 / 64
+"""The part of that table's weight that is spread evenly: between texels there is light beside dark ones."""
+
+
+class Aim:
+    """A ray toward a light: where it goes and how far, and what it would bring.
+
+    `incoming` is the light's radiance divided by the density with which the direction was chosen; `density` that with
+    which `Emitters` would choose it, per steradian, 0 where no other ray could find the light. `around` says whether
+    the environment's radiance is still to be multiplied.
+    """
+
+    def __init__(self) -> None:
+        ray = sh.Vector3f(0, 0, 1)
+        limit = sh.Attrib1f(0)
+        incoming = sh.Color3f(0, 0, 0)
+        density = sh.Attrib1f(0)
+        around = sh.Attrib1b(False)
+        self.ray, self.limit, self.incoming, self.density, self.around = ray, limit, incoming, density, around
+
+
+class Emitters:
+    """The lights of a scene; `features` says which there are."""
+
+    def __init__(self, layout: Layout, surfaces: SurfaceTables, environment: EnvironmentLight | None) -> None:
+        self.surfaces = surfaces
+        self.placed = LightList(layout.lights, layout.scale)
+        self.around = None if environment is None else Environment(environment)
+        corners = layout.triangles[:, :3].reshape(-1, 3, 3)
+        size = float(np.linalg.norm(np.ptp(corners, axis=(0, 1))))
+        fading = layout.lights[1::2, 3] > 0
+        shining, areas, glows = shining_triangles(layout, surfaces)
+        weights = np.concatenate([
+            pi * np.abs(layout.lights[1::2, :3]).mean(axis=1) / np.where(fading, (size / layout.scale) ** 2, 1),
+            areas * glows / size**2 if len(areas) else [],
+            [] if self.around is None else [pi * self.around.mean],
+        ])  # fmt: skip
+        self.places = (self.placed.count, self.placed.count + len(shining))
+        self.features: dict[str, bool | int] = {"emissive triangles": len(shining), "environment": bool(self.around)}
+        self.count = len(weights)
+        if not self.count:
+            return
+        if not weights.any():
+            weights += 1.0  # all of them are dark, which no choice can know
+        numbers = np.concatenate([np.arange(self.placed.count), shining, [0] * bool(self.around)])
+        per = np.concatenate([np.ones(self.placed.count), areas, [1.0] * bool(self.around)])
+        self.chances = Chances(weights, numbers, per, "emitters")
+        self.share_around = float(self.chances.probabilities[-1])
+        self.per_glow = 1 / (size**2 * float(weights.sum())) if len(shining) else 0.0
+
+    def aim(self, surface: ShadedPoint, random: Any) -> Aim:
+        """Choose a light for a surface, and a direction to it; `random(k)` are hashed words, of which six are used."""
+        found = Aim()
+        place, number, density = self.chances.choose(random(0), random(1))
+        u, v = sh.unit_float(random(2)), sh.unit_float(random(3))
+        first, last = self.places
+        if first:
+            with SH_IF(place < first):
+                self._aim_placed(found, surface, number, density)
+        if last > first:
+            with SH_IF((place >= first) & (place < last)):
+                self._aim_triangle(found, surface, number, density, u, v)
+        if self.around is not None:
+            with SH_IF(place >= last):
+                self._aim_around(found, self.around, surface, random, u, v)
+        return found
+
+    def _aim_placed(self, found: Aim, surface: ShadedPoint, number: Any, chance: Any) -> None:
+        eye = sh.Point3f(0, 0, 0)
+        color = sh.Color3f(0, 0, 0)
+        self.placed.aim(number, surface, found.ray, eye, found.limit, color)
+        found.incoming[:] = (pi / chance) * color
+
+    def _aim_triangle(self, found: Aim, surface: ShadedPoint, number: Any, density: Any, u: Any, v: Any) -> None:
+        hit = Hit(FAR)
+        over = u + v > 1
+        hit.id[:] = number
+        hit.uv[:] = sh.TexCoord2f(sh.cond(over, 1 - u, u), sh.cond(over, 1 - v, v))
+        corners = self.surfaces.triangles[number]
+        toward = barylerp(hit, *(corner.xyz for corner in corners)) - surface.inter
+        square = sh.dot(toward, toward)
+        with SH_IF(square > 0):
+            hit.l[:] = sh.sqrt(square)
+            found.ray[:] = toward / hit.l
+            cosine = abs(sh.dot(sh.Normal3f(*(corner.w for corner in corners)), found.ray))
+            glow = self.surfaces.glow_at(hit)
+            emission = sh.Color3f(glow.rgb)
+            if "emission" in self.surfaces.looks.gives:
+                self.surfaces.arrive(hit, found.ray, surface.inter, ShadedPoint(clear=self.surfaces.clear), emission)
+            with SH_IF(cosine > 0):
+                found.incoming[:] = (cosine / (square * density)) * emission
+                found.density[:] = self.per_glow * glow.w * square / cosine
+                found.limit[:] = NEARER * hit.l
+
+    def _aim_around(self, found: Aim, around: Environment, surface: ShadedPoint, random: Any, u: Any, v: Any) -> None:
+        ray, density = around.sample(surface, random, u, v)
+        found.ray[:] = ray
+        found.density[:] = self.share_around * density
+        with SH_IF(density > 0):
+            found.incoming[:] = sh.Color3f(1, 1, 1) / found.density
+            found.limit[:] = FAR
+        found.around[:] = True
+
+    def density_of(self, hit: Hit, ray: Any, face: Any) -> Any:
+        """The density, per steradian, with which `aim` chooses the direction in which a shining triangle was hit."""
+        return self.per_glow * self.surfaces.glow_at(hit).w * hit.l * hit.l / abs(sh.dot(face, ray))
+
+
+class Environment:
+    """The light around a scene; `mean` is its mean radiance, over the channels too."""
+
+    def __init__(self, light: EnvironmentLight) -> None:
+        self.light = light
+        self.cells: Chances | None = None
+        self.mean = 1.0 if light.color is None else float(np.mean(light.color))
+        if light.picture is None:
+            return
+        image = light.picture.image
+        weights = brightness_table(image)
+        self.rows, self.columns = weights.shape
+        self.mean = float(weights.mean())
+        weights = weights + EVERYWHERE * (self.mean or 1.0)
+        self.cells = Chances(weights.reshape(-1), per=4 * pi / weights.size, name="bright_cells")
+        self.size = image.shape[:2]
+        self.picture = sh.Texture2D(padded(image), filter=light.picture.filter, name="environment")
+
+    def radiance(self, ray: Any) -> Any:
+        """The light from the direction of a unit vector."""
+        if self.light.color is not None:
+            return sh.Color3f(*self.light.color)
+        if self.light.program is not None:
+            program = self.light.program
+            what = "what the program of an EnvironmentLight gives"
+            return converted(sh.Color3f, program(sh.Vector3f(ray)), what, place_of(program))
+        height, width = self.size
+        column = turn_of(ray) * width + 1
+        row = sh.acos(sh.clamp(ray.y, -1, 1)) * (height / pi) + 1
+        return self.picture(sh.TexCoord2f(column * (1 / (width + 2)), row * (1 / (height + 2))))
+
+    def sample(self, surface: ShadedPoint, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
+        """A direction, and its density, by two hashed words and two numbers in [0, 1)."""
+        if self.cells is None:
+            cosine = sh.sqrt(1 - u)
+            return around(surface.normal, cosine, v), cosine * (1 / pi)
+        place, _, density = self.cells.choose(random(4), random(5))
+        height = 1 - (place // self.columns + v) * (2 / self.rows)
+        angle = (place % self.columns + u) * (2 * pi / self.columns)
+        radius = sh.sqrt(sh.max(1 - height * height, 0.0))
+        return sh.normalize(sh.Vector3f(-radius * sh.sin(angle), height, radius * sh.cos(angle))), density
+
+    def density_at(self, ray: Any, surface: ShadedPoint) -> Any:
+        """The density with which `sample` chooses a direction from a surface."""
+        if self.cells is None:
+            return sh.max(sh.dot(surface.normal, ray), 0.0) * (1 / pi)
+        row = sh.clamp(sh.Attrib1i((1 - ray.y) * (self.rows / 2)), 0, self.rows - 1)
+        column = sh.clamp(sh.Attrib1i(turn_of(ray) * self.columns), 0, self.columns - 1)
+        return self.cells.density_at(row * self.columns + column)
+
+
+def turn_of(ray: Any) -> Any:
+    """Where a direction lies across an equirectangular picture, from 0 to 1."""
+    return sh.atan2(ray.x, -ray.z) * (1 / (2 * pi)) + 0.5
+
+
+def padded(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture with one more texel on each side: the columns go round, and beyond a pole is its other side."""
+    half = image.shape[1] // 2
+    tall = np.concatenate([np.roll(image[:1], half, axis=1), image, np.roll(image[-1:], half, axis=1)])
+    return np.concatenate([tall[:, -1:], tall, tall[:, :1]], axis=1)
+
+
+def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The mean brightness of parts of the sphere that are equally large: rows by height, columns by angle.
+
+    The light of a texel is spread as far as filtering spreads it, so that no cell is missed, where texels are large.
+    """
+    height, width = image.shape[:2]
+    rows, columns = min(height, FINEST), min(width, 2 * FINEST)
+    offsets = np.linspace(-0.8, 0.8, 5) if height <= 2 * FINEST else np.zeros(1)
+    y, x = np.mgrid[:height, :width] + 0.5
+    edges = np.cos(np.linspace(0, pi, height + 1))
+    light = image.mean(axis=2, dtype=np.float64) * (edges[:-1] - edges[1:])[:, None] / (2 * width)
+    found = np.zeros(rows * columns)
+    for down in offsets:
+        for across in offsets:
+            level = np.cos(np.clip((y + down) / height, 0, 1) * pi)
+            row = np.minimum(((1 - level) * (rows / 2)).astype(int), rows - 1)
+            column = ((x + across) % width * (columns / width)).astype(int) % columns
+            found += np.bincount((row * columns + column).ravel(), (light / len(offsets) ** 2).ravel(), len(found))
+    return (found * len(found)).reshape(rows, columns)
+
+
+def shining_triangles(
+    layout: Layout, surfaces: SurfaceTables
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """The numbers of the triangles that shine, their areas, and how bright they are expected to be."""
+    glows = surfaces.glow[layout.material_of, 3]
+    a, b, c = layout.triangles[:, :3].reshape(-1, 3, 3).swapaxes(0, 1)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    shining = np.flatnonzero((glows > 0) & (areas > 0))
+    return shining, areas[shining], glows[shining]

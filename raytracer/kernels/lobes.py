@@ -1,0 +1,75 @@
+"""How a surface scatters light in path tracing: a matt lobe and a glossy one, as functions and as densities.
+
+Stage: kernel. The matt lobe is Lambert's. The glossy lobe is Phong's with the factor that keeps its energy at
+grazing light below `specular` (Lafortune and Willems 1994, Using the Modified Phong Reflectance Model).
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any
+
+import shpy as sh
+from raytracer.kernels.surfaces import FAINT, ShadedPoint
+
+
+class Lobes:
+    """The lobes of a scene's surfaces; without `highlights` there is the matt one alone."""
+
+    def __init__(self, highlights: bool) -> None:
+        self.highlights = highlights
+
+    def shine(self, surface: ShadedPoint, light: Any) -> tuple[Any, Any]:
+        """The radiance toward the viewer for radiance 1 in each steradian about `light`, and `sample`'s density there.
+
+        The radiance is 0 for a light behind the surface or its triangle.
+        """
+        cosine = sh.max(sh.dot(surface.normal, light), 0.0)
+        diffuse, specular, shininess = surface.coefficients
+        matt = cosine * (1 / pi)
+        value, density = matt * diffuse * surface.color, matt
+        if self.highlights:
+            mirrored = sh.reflect(-surface.view, surface.normal)
+            power = sh.pow(sh.max(sh.dot(mirrored, light), 0.0), shininess) * (1 / (2 * pi))
+            power = sh.cond(power > FAINT, power, 0.0)
+            share = self.glossy_share(surface)
+            value = value + specular * (shininess + 2) * power * cosine
+            density = density + share * ((shininess + 1) * power - density)
+        return sh.cond(sh.dot(surface.face, light) > 0, value, 0.0), density
+
+    def sample(self, surface: ShadedPoint, which: Any, turn: Any, away: Any) -> Any:
+        """A direction by three numbers in [0, 1): about the normal, or about the mirrored ray of the viewer."""
+        if not self.highlights:
+            return around(surface.normal, sh.sqrt(1 - away), turn)
+        glossy = which < self.glossy_share(surface)
+        axis = sh.cond(glossy, sh.reflect(-surface.view, surface.normal), surface.normal)
+        exponent = sh.cond(glossy, 1 / (surface.coefficients.z + 1), 0.5)
+        return around(axis, sh.pow(1 - away, exponent), turn)
+
+    def glossy_share(self, surface: ShadedPoint) -> Any:
+        """The probability of the glossy lobe: its part of the light that is scattered under light from everywhere."""
+        diffuse, specular, _ = surface.coefficients
+        matt = diffuse * largest(surface.color)
+        return sh.cond(specular > 0, specular / (specular + matt), 0.0)
+
+
+def around(axis: Any, cosine: Any, turn: Any) -> Any:
+    """The unit vector at an angle of this cosine to the unit vector `axis`, turned about it by `turn` of a circle."""
+    across, beside = frame(axis)
+    angle = (2 * pi) * turn
+    sine = sh.sqrt(sh.max(1 - cosine * cosine, 0.0))
+    return sh.normalize((sine * sh.cos(angle)) * across + (sine * sh.sin(angle)) * beside + cosine * axis)
+
+
+def frame(axis: Any) -> tuple[Any, Any]:
+    """Two unit vectors across a unit vector and each other (Duff and others 2017)."""
+    sign = sh.cond(axis.z < 0, -1.0, 1.0)
+    a = -1 / (sign + axis.z)
+    b = axis.x * axis.y * a
+    across = sh.Vector3f(1 + sign * axis.x * axis.x * a, sign * b, -sign * axis.x)
+    return across, sh.Vector3f(b, sign + axis.y * axis.y * a, -axis.y)
+
+
+def largest(color: Any) -> Any:
+    """The largest of a colour's components."""
+    return sh.max(color.x, color.y, color.z)

@@ -1,0 +1,255 @@
+"""What light a path brings to the eye: path tracing with a ray to one light from each surface.
+
+Stage: kernel. The estimate of Kajiya (1986, The Rendering Equation). Both ways of finding a light, aiming at it and
+meeting it by chance, are combined by the balance heuristic (Veach 1997, section 9.2). One loop with one call of the
+intersector follows all samples of a pixel: an iteration traces the ray that continues the path, or the one to a light,
+and where a path ends the next one begins, so that lanes that run side by side do not wait for the longest path.
+
+Random numbers are hashes of the seed, the pixel, the sample and the dimension. Samples are averaged in their order, by
+a running mean, so that a picture may be continued: it is the same whoever computes which samples.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import shpy as sh
+from raytracer.errors import SceneError, place_of
+from raytracer.kernels.emitters import Emitters
+from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
+from raytracer.kernels.glass import refracted
+from raytracer.kernels.lobes import Lobes, largest
+from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
+from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
+from raytracer.kernels.triangle import FAR, Hit
+from raytracer.kernels.walk import walk_through
+from raytracer.layout import Layout
+from raytracer.scene import Scene
+from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
+
+ROULETTE = 4
+"""The scatterings after which a path may end by chance."""
+EYE, LIGHTS, DIMENSIONS = 4, 7, 13
+"""The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
+
+
+class Sample:
+    """A path on its way.
+
+    `color` is the light that it has brought, `weight` the part of what comes along the ray that reaches the eye;
+    `depth` counts the surfaces that have scattered it. `density` is that of the ray's direction, per steradian, 0 where
+    no light could have been aimed at instead. `lighting` says whether the next ray goes to a light, `mirror` and
+    `clear` whether the surface is taken for a mirror, or for glass.
+    """
+
+    def __init__(self) -> None:
+        color = sh.Color3f(0, 0, 0)
+        weight = sh.Color3f(1, 1, 1)
+        density = sh.Attrib1f(0)
+        depth = sh.Attrib1i(0)
+        number = sh.Attrib1i(0)
+        key = sh.Attrib1u(0)
+        lighting, mirror, clear = sh.Attrib1b(False), sh.Attrib1b(False), sh.Attrib1b(False)
+        finished = sh.Attrib1b(True)
+        self.color, self.weight, self.density, self.depth = color, weight, density, depth
+        self.number, self.key = number, key
+        self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
+
+    def word(self, dimension: int) -> Any:
+        """A hashed word of the surface that the path has reached."""
+        return sh.hash(self.key, sh.Attrib1u(self.depth * DIMENSIONS + (EYE + dimension)))
+
+    def random(self, dimension: int) -> Any:
+        """A number in [0, 1) of the surface that the path has reached."""
+        return sh.unit_float(self.word(dimension))
+
+
+def balance(density: Any, other: Any) -> Any:
+    """The share of a light that counts where one way finds it with this density, and the other way with that one."""
+    return density / (density + other)
+
+
+class PathTracer:
+    """The tables of a scene, and the loop that follows the samples of a pixel.
+
+    `seed`, `first_sample` and `past_sample` are uniforms: a run adds the samples from the first to the last to a mean.
+    Raises SceneError for a material whose `shade` says how it is lit: path tracing needs a function of two directions.
+    """
+
+    aimed_share = staticmethod(balance)
+    met_share = staticmethod(balance)
+
+    def __init__(self, layout: Layout, scene: Scene, bounces: int, backend: str) -> None:
+        for look in layout.looks:
+            if look.shade is not None:
+                raise SceneError(
+                    f'{place_of(look.shade)}: a shade is for integrator="whitted", as path tracing knows no light '
+                    "without its direction: describe the surface by surface=..., or leave shade out"
+                )
+        self.intersector = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
+        self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.emitters = Emitters(layout, self.surfaces, scene.environment)
+        self.lobes = Lobes(self.surfaces.highlights)
+        self.background = tuple(map(float, scene.background))
+        self.bounces = bounces
+        looks = self.surfaces.looks
+        self.mirrors = layout.reflects or "reflectivity" in looks.gives
+        self.first_row = sh.Param(sh.Attrib1f, 0, name="top_row")
+        self.seed = sh.Param(sh.Attrib1u, 0, name="seed")
+        self.first_sample = sh.Param(sh.Attrib1i, 0, name="first_sample")
+        self.past_sample = sh.Param(sh.Attrib1i, 1, name="past_sample")
+        self.features: dict[str, bool | int] = {
+            "lights": self.emitters.placed.count,
+            **self.emitters.features,
+            "bounces": bounces,
+            "mirrors": self.mirrors,
+            "glass": self.surfaces.clear,
+            "highlights": self.lobes.highlights,
+            "smooth normals": layout.normals is not None,
+            "materials": len(layout.looks),
+            "surface programs": len(looks.surfaces),
+            "textures": len(looks.textured),
+        }
+
+    def program(self, eyes: EyeRays | PanoramaRays) -> Any:
+        """The program of a band of the picture, from the mean of the samples before to that with the new ones."""
+
+        @sh.program
+        def paths(mean: sh.Color3f) -> Pixel:
+            row, column = sh.grid_index(2)
+            return self.follow(eyes, mean, row, column)
+
+        return paths
+
+    def follow(self, eyes: EyeRays | PanoramaRays, mean: Any, row: Any, column: Any) -> Pixel:
+        """Follow all samples of a pixel of the band."""
+        row = row + self.first_row  # an exact float, so that bands make no difference
+        rays = sh.Attrib1i(0)
+        pixel = background_pixel(mean, rays)
+        path, surface = Sample(), ShadedPoint(clear=self.surfaces.clear)
+        pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
+        ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
+        path.number[:] = self.first_sample
+        with SH_DO():
+            with SH_IF(path.finished):
+                self.begin(eyes, path, ray, eye, row, column)
+            limit = sh.Attrib1f(FAR)
+            if self.emitters.count:
+                with SH_IF(path.lighting):
+                    self.aim(path, surface, ray, eye, limit, pending, around)
+            hit = self.intersector(ray, eye, 0.0, limit, path.lighting)
+            rays += sh.cond(limit > 0, 1, 0)
+            with SH_IF((hit.id < 0) & (limit > 0)):
+                self.leave(path, surface, ray, pending, around)
+            lighted = path.lighting.copy()
+            path.lighting[:] = False
+            with SH_IF(~lighted):
+                with SH_IF(hit.id >= 0):
+                    self.arrive(path, surface, pixel, hit, ray, eye)
+                with SH_ELSE():
+                    path.finished[:] = True
+            with SH_IF(~(path.lighting | path.finished)):
+                self.scatter(path, surface, ray, eye)
+            with SH_IF(path.finished):
+                path.number += 1
+                mean += (path.color - mean) / sh.Attrib1f(path.number)
+            SH_UNTIL(path.number >= self.past_sample)
+        return pixel
+
+    def begin(self, eyes: EyeRays | PanoramaRays, path: Sample, ray: Any, eye: Any, row: Any, column: Any) -> None:
+        """Make the eye ray of the next sample, anywhere in the pixel."""
+        place = (sh.Attrib1u(sh.Attrib1i(row)) << 16) | sh.Attrib1u(column)
+        path.key[:] = sh.hash(place, sh.Attrib1u(path.number), self.seed)
+        across, down, *lens = (sh.unit_float(sh.hash(path.key, k)) for k in range(EYE))
+        ray[:], eye[:] = eyes(row + (down - 0.5), column + (across - 0.5), lens)
+        path.color[:] = sh.Color3f(0, 0, 0)
+        path.weight[:] = sh.Color3f(1, 1, 1)
+        path.density[:] = 0
+        path.depth[:] = 0
+        path.finished[:] = False
+
+    def aim(
+        self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
+    ) -> None:
+        """Make the ray to a light, with `limit` 0 where the light could not be seen."""
+        found = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
+        value, density = self.lobes.shine(surface, found.ray)
+        share = sh.cond(found.density > 0, self.aimed_share(found.density, density), 1.0)
+        pending[:] = path.weight * value * found.incoming * share
+        ray[:] = found.ray
+        eye[:] = surface.inter
+        limit[:] = sh.cond(largest(pending) > 0, found.limit, 0.0)
+        around[:] = found.around
+
+    def leave(self, path: Sample, surface: ShadedPoint, ray: Any, pending: Any, around: Any) -> None:
+        """Take in the light of a ray that has met nothing."""
+        brought = sh.Color3f(path.weight)
+        of_light = path.lighting
+        if self.emitters.around is None:
+            # A background is seen by the eye, directly or in mirrors, and lights nothing.
+            brought *= sh.cond(path.density > 0, sh.Color3f(0, 0, 0), sh.Color3f(*self.background))
+            path.color += sh.cond(of_light, pending, brought)
+            return
+        with SH_IF(path.density > 0):
+            other = self.emitters.share_around * self.emitters.around.density_at(ray, surface)
+            brought *= self.met_share(path.density, other)
+        brought[:] = sh.cond(of_light, pending, brought)
+        with SH_IF(~of_light | around):
+            brought *= self.emitters.around.radiance(ray)
+        path.color += brought
+
+    def arrive(self, path: Sample, surface: ShadedPoint, pixel: Pixel, hit: Hit, ray: Any, eye: Any) -> None:
+        """Take in the light of the surface that was hit, and prepare what comes next."""
+        emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
+        reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
+        if self.surfaces.clear:
+            path.weight *= self.surfaces.kept(hit, ~surface.outside)
+        with SH_IF((pixel.object < 0) & (path.depth == 0) & (path.number == self.first_sample)):
+            pixel.depth[:] = hit.l
+            pixel.normal[:] = surface.normal
+            pixel.object[:] = self.surfaces.object_at(hit)
+        if emission is not None:
+            with SH_IF(largest(emission) > 0):
+                other = self.emitters.density_of(hit, ray, surface.face)
+                share = sh.cond(path.density > 0, self.met_share(path.density, other), 1.0)
+                path.color += path.weight * emission * share
+        path.finished[:] = path.depth >= self.bounces
+        if self.mirrors:
+            path.mirror[:] = path.random(0) < reflectivity
+        if self.surfaces.clear:
+            path.clear[:] = path.random(5) < surface.transmission
+        if self.emitters.count:
+            path.lighting[:] = ~(path.finished | path.mirror | path.clear)
+
+    def scatter(self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any) -> None:
+        """Go on in a direction that the surface chooses, or end."""
+        with SH_IF(~(path.mirror | path.clear)):
+            self.diffuse(path, surface, ray, eye)
+        if self.mirrors or self.surfaces.clear:
+            with SH_ELSE():
+                ray[:] = mirrored(surface)
+                eye[:] = surface.inter
+                path.density[:] = 0
+                if self.surfaces.clear:
+                    self.refract(path, surface, ray, eye)
+        with SH_IF(path.depth >= ROULETTE):
+            staying = sh.min(largest(path.weight), 1.0)
+            path.weight /= sh.max(staying, 2.0**-60)
+            path.finished |= path.random(4) >= staying
+        path.depth += 1
+
+    def refract(self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any) -> None:
+        """Make the mirrored ray of a clear surface the refracted one, by the share that Fresnel's equations leave."""
+        share, bent = refracted(surface)
+        with SH_IF(path.clear & (path.random(6) >= share)):
+            ray[:] = bent
+            eye[:] = surface.beyond
+
+    def diffuse(self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any) -> None:
+        """Go on along a lobe, into which the whole of the path's weight goes."""
+        ray[:] = self.lobes.sample(surface, *(path.random(k) for k in (1, 2, 3)))
+        eye[:] = surface.inter
+        value, density = self.lobes.shine(surface, ray)
+        path.finished[:] = ~((largest(value) > 0) & (density > 0))
+        path.weight *= value / sh.max(density, 2.0**-100)
+        path.density[:] = density

@@ -1,0 +1,105 @@
+"""Path tracing in passes over the whole picture: each adds samples to the mean, and any may be the last.
+
+Stage: render. The state of a picture is its pixels and the number of its samples, so that a picture that was saved
+may be continued, bit for bit as if it had never stopped.
+
+    for layers, samples in passes(kernel, params, "opencl", scale, layers, 0, 64):
+        ...
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from raytracer.camera import Camera
+from raytracer.errors import SceneError
+from raytracer.image import Image
+from raytracer.kernels.path import PathTracer
+from raytracer.layout import Layout
+from raytracer.scene import Scene
+
+SAMPLES_AT_ONCE = 16
+"""Samples of a pass, at most."""
+BAND = 1 << 13
+"""Pixels of a band on numpy: few enough for Ctrl-C to be heard."""
+DEVICE_BAND = 1 << 18
+"""Pixels of a band on a device."""
+MOST_SAMPLES = 1 << 24
+"""Samples of a pixel, at most: the numbers of more are not exact floats."""
+
+Layers = dict[str, Any]
+Progress = Callable[[int, int], None]
+
+
+def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, seed: int) -> str:
+    """A digest of what decides a picture but its size: scene, camera, seed and bounces.
+
+    It does not tell programs of materials and lights from each other.
+    """
+    environment = scene.environment
+    pictures = [texture for look in layout.looks for texture in look.textures.values()]
+    if environment is not None and environment.picture is not None:
+        pictures.append(environment.picture)
+    arrays = [
+        layout.triangles, layout.normals, layout.colors, layout.uvs, layout.materials, layout.material_of, layout.glass,
+        layout.lights, tracer.surfaces.glow, *(texture.image for texture in pictures),
+    ]  # fmt: skip
+    numbers = (camera, seed, tracer.bounces, scene.background, environment and environment.color)
+    digest = hashlib.sha256(repr(numbers).encode())
+    for array in arrays:
+        digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def passes(
+    kernel: Any,
+    params: Any,
+    backend: str,
+    scale: float,
+    layers: Layers,
+    first: int,
+    past: int,
+    progress: Progress | None = None,
+) -> Iterator[tuple[Layers, int]]:
+    """Add the samples `first` to `past` - 1 to a picture; yield all of its layers, anew, after each pass."""
+    height, width = layers["depth"].shape
+    rows = max(1, (BAND if backend == "numpy" else DEVICE_BAND) // width)
+    starts = range(first, past, SAMPLES_AT_ONCE)
+    for number, start in enumerate(starts):
+        end = min(start + SAMPLES_AT_ONCE, past)
+        params["first_sample"].value, params["past_sample"].value = start, end
+        layers = {name: layer.copy() for name, layer in layers.items()}
+        for top in range(0, height, rows):
+            params["top_row"].value = top
+            band = {name: layer[top : top + rows] for name, layer in layers.items()}
+            found = kernel(np.ascontiguousarray(band["pixels"]))
+            band["pixels"][:] = found.color
+            band["rays"] += np.asarray(found.rays)
+            if start == 0:
+                band["depth"][:] = np.asarray(found.depth).astype(np.float64) / scale
+                band["normal"][:] = found.normal
+                band["object_id"][:] = found.object
+            if progress is not None:
+                progress(number * height + min(top + rows, height), len(starts) * height)
+        yield layers, end
+
+
+def resumed(
+    resume: Image | str | PathLike[str], size: tuple[int, int], origin: str, samples: int
+) -> tuple[Layers, int]:
+    """The layers of a picture to continue, and the number of its samples; SceneError for that of something else."""
+    image = resume if isinstance(resume, Image) else Image.load(resume)
+    height, width = image.depth.shape
+    name = "the picture to resume" if isinstance(resume, Image) else str(resume)
+    if (width, height) != size:
+        raise SceneError(f"{name} has {width} x {height} pixels, not {size[0]} x {size[1]}")
+    if image.origin != origin:
+        raise SceneError(f"{name} was not path traced from this scene, camera, seed and bounces: begin a new one")
+    if image.samples > samples:
+        raise SceneError(f"{name} has {image.samples:,} samples already, more than {samples:,}")
+    return image.layers, image.samples
