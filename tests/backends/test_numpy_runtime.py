@@ -5,7 +5,7 @@ import pytest
 
 import shpy as sh
 from shpy.backends.base import Call, Options, TableData
-from shpy.backends.numpy.lanes import pick, put, vector
+from shpy.backends.numpy.lanes import pick, put, put_aside, vector
 from shpy.backends.numpy.runtime import NumpyBackend
 from shpy.backends.numpy.tables import TableView
 from shpy.errors import BackendUnavailable
@@ -198,3 +198,11 @@ def test_a_uniform_double_is_no_literal():
         return x + sh.max(0.0, limit) + sh.min(1.5, limit)
 
     np.testing.assert_array_equal(bounded.compile("numpy", precision="f64")(np.float64([1, 2])), [-1, 0])
+
+
+@pytest.mark.parametrize("leaving", [np.False_, np.True_, np.array([True, False, True])])
+def test_lanes_leave_by_a_mask_that_is_the_same_for_all_or_not(leaving):
+    whole, lane, value = np.zeros(5, np.float32), np.array([0, 2, 4]), np.float32([1, 2, 3])
+    put_aside(whole, lane, leaving, value)
+    expected = np.where(leaving, value, 0)
+    assert whole.tolist() == [expected[0], 0, expected[1], 0, expected[2]]

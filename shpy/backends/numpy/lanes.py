@@ -203,8 +203,11 @@ def few(live: Array) -> bool:
 
 
 def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
-    """Put the value of the leaving lanes, whose numbers outside the loop are in `lane`, into the array of all lanes."""
-    at = leaving.nonzero()[0]
+    """Put the value of the leaving lanes, whose numbers outside the loop are in `lane`, into the array of all lanes.
+
+    A mask may hold what is the same for all lanes, as any variable may.
+    """
+    at = np.broadcast_to(leaving, lane.shape).nonzero()[0]
     into = lane.take(at)
     for k in range(len(whole)) if whole.ndim > 1 else (...,):
         row = value[k] if np.ndim(value) > 1 else value
