@@ -11,7 +11,7 @@ from raytracer.intersector import Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
 from raytracer.lights import DirectionalLight, PointLight
 from raytracer.materials import Material
-from raytracer.meshes import Mesh
+from raytracer.meshes import Instance, Mesh
 from raytracer.renderer import Renderer, render
 from raytracer.scene import Scene
 from raytracer.textures import Texture
@@ -23,6 +23,7 @@ __all__ = [
     "Hit",
     "Hits",
     "Image",
+    "Instance",
     "Intersector",
     "Material",
     "Mesh",
