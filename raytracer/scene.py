@@ -101,7 +101,7 @@ class Scene:
         beyond that, and pictures that are not there, are an sh.ShpyWarning each. Raises FileNotFoundError, and
         SceneError for a file that cannot be read or holds no triangles.
         """
-        found, name = load_contents(path, stacklevel=2), Path(path).stem
+        found, name = load_contents(path), Path(path).stem
         if found.camera is None and not found.lights:
             return cls.framed(found.meshes, name)
         scene = cls(found.meshes, found.lights, found.camera, name=name)

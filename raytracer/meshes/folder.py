@@ -11,17 +11,15 @@ others. What a reader leaves out is counted in `Notices`, which says it in one l
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Final
 
-import shpy as sh
-from raytracer.errors import SceneError
+from raytracer.errors import SceneError, warn
 
 LARGEST: Final = 1 << 30
 """Bytes of a file that another one names."""
-_LISTED = 8
+_LISTED = 16
 """Entries of a list in a message."""
 _LONGEST = 60
 """Characters of a name from a file that are shown."""
@@ -49,14 +47,13 @@ class Notices:
         entries = [f"{what} ({count})" for what, count in self.ignored.items()]
         return f"{self.file}: ignored: {_listed(entries)}" if entries else ""
 
-    def warn(self, stacklevel: int) -> None:
-        """Say both as an sh.ShpyWarning each; `stacklevel` 1 is the line that calls this."""
+    def warn(self) -> None:
+        """Say both as an sh.ShpyWarning each."""
         if self.ignored:
-            warnings.warn(self.text(), sh.ShpyWarning, stacklevel=stacklevel + 1)
+            warn(self.text())
         if self.missing:
             entries = [f"{name} ({reason})" for name, reason in self.missing.items()]
-            text = f"{self.file}: not read, so materials show their plain colours: {_listed(entries)}"
-            warnings.warn(text, sh.ShpyWarning, stacklevel=stacklevel + 1)
+            warn(f"{self.file}: not read, so materials show their plain colours: {_listed(entries)}")
 
 
 class Folder:
@@ -100,7 +97,8 @@ def shown(text: str, longest: int = _LONGEST) -> str:
     """A text from a file as it is shown: one line of printable characters, and not too long."""
     line = " ".join(text.split())
     line = "".join(c if c.isprintable() else "?" for c in line)
-    return line if len(line) <= longest else line[: longest - 3] + "..."
+    cut = (longest - 3) // 2
+    return line if len(line) <= longest else f"{line[:cut]}...{line[-cut:]}"
 
 
 def _listed(entries: list[str]) -> str:

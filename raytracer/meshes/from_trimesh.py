@@ -9,7 +9,7 @@ Stage: scene description. Takes trimesh.Trimesh and trimesh.Scene objects. PLY, 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from raytracer.meshes.appearance import MetallicRoughness, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
-from raytracer.meshes.pictures import Pictures
+from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.textures import decoded
 
 _GREY = (102, 102, 102)
@@ -36,7 +36,7 @@ def mesh_of(part: Any, *, material: Material | None = None, name: str | None = N
     """
     notices = Notices(name or _name(part))
     found = _mesh(part, material, name or _name(part), Pictures(notices), notices)
-    notices.warn(2)
+    notices.warn()
     return found
 
 
@@ -57,7 +57,7 @@ def parts_of(thing: Any) -> Iterator[Instance]:
         if key not in made:
             made[key] = _mesh(geometry, None, key, pictures, notices)
         yield Instance(made[key], matrix, str(node))
-    notices.warn(4)
+    notices.warn()
 
 
 def _name(part: Any) -> str:
@@ -108,13 +108,12 @@ def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
         return PLAIN
     pbr = hasattr(given, "metallicFactor")
     image = given.baseColorTexture if pbr else getattr(given, "image", None)
-    picture = None if image is None else pictures.get(id(image), "a picture", lambda: image)
+    picture = _picture(image, pictures)
     if not pbr:
         return _simple(given, picture)
     names = {"normalTexture": "normal maps", "emissiveTexture": "emission of materials"}
     for name, what in names.items():
         notices.ignore(what, int(getattr(given, name) is not None))
-    rough = given.metallicRoughnessTexture
     base = np.ones(3) if given.baseColorFactor is None else np.asarray(given.baseColorFactor)[:3] / 255
     r, g, b = base.tolist()
     return metallic_roughness(
@@ -123,9 +122,20 @@ def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
             1.0 if given.metallicFactor is None else given.metallicFactor,
             1.0 if given.roughnessFactor is None else given.roughnessFactor,
             picture,
-            None if rough is None else pictures.get(id(rough), "a picture", lambda: rough),
+            _picture(given.metallicRoughnessTexture, pictures),
         )
     )
+
+
+def _picture(image: Any, pictures: Pictures) -> Picture | None:
+    """The picture of a material, known by its contents, as scenes of trimesh hold copies."""
+    if image is None:
+        return None
+    try:
+        key: Hashable = (image.size, image.mode, hash(image.tobytes()))
+    except Exception:  # of a picture that cannot be decoded, which `get` reports
+        key = id(image)
+    return pictures.get(key, "a picture", lambda: image)
 
 
 def _simple(given: Any, picture: Any) -> Material:

@@ -168,19 +168,8 @@ class GltfScene:
     def _material(self, number: Any, has_uv: bool, has_colors: bool) -> Material:
         if number is None or not self.reads_materials:
             return PLAIN if has_colors else CLAY
-        if (number, has_uv) not in self._materials:
-            self._materials[number, has_uv] = self._read_material(self.document.one("materials", number), has_uv)
-        return self._materials[number, has_uv]
-
-    def _read_material(self, entry: dict[str, Any], has_uv: bool) -> Material:
+        entry = self.document.one("materials", number)
         look = entry.get("pbrMetallicRoughness", {})
-        color = [float(x) for x in look.get("baseColorFactor", (1, 1, 1, 1))]
-        if entry.get("alphaMode", "OPAQUE") != "OPAQUE":
-            self.notices.ignore("alpha of materials")
-        for key, what in _MAPS.items():
-            self.notices.ignore(what, int(key in entry))
-        if "emissiveTexture" in entry or any(entry.get("emissiveFactor", (0, 0, 0))):
-            self.notices.ignore("emission of materials")
         base, rough = (look.get(key) for key in ("baseColorTexture", "metallicRoughnessTexture"))
         if base and rough and base.get("texCoord", 0) != rough.get("texCoord", 0):
             self.notices.ignore("second uv coordinates of materials")
@@ -188,13 +177,28 @@ class GltfScene:
         if (base or rough) and not has_uv:
             self.notices.ignore("pictures of meshes without uv coordinates")
             base = rough = None
+        key = (number, bool(base or rough))
+        if key not in self._materials:
+            self._materials[key] = self._read_material(entry, look, self._picture(base), self._picture(rough))
+        return self._materials[key]
+
+    def _read_material(
+        self, entry: dict[str, Any], look: dict[str, Any], base: Picture | None, rough: Picture | None
+    ) -> Material:
+        color = [float(x) for x in look.get("baseColorFactor", (1, 1, 1, 1))]
+        if entry.get("alphaMode", "OPAQUE") != "OPAQUE":
+            self.notices.ignore("alpha of materials")
+        for key, what in _MAPS.items():
+            self.notices.ignore(what, int(key in entry))
+        if "emissiveTexture" in entry or any(entry.get("emissiveFactor", (0, 0, 0))):
+            self.notices.ignore("emission of materials")
         return metallic_roughness(
             MetallicRoughness(
                 (color[0], color[1], color[2]),
                 float(look.get("metallicFactor", 1)),
                 float(look.get("roughnessFactor", 1)),
-                self._picture(base),
-                self._picture(rough),
+                base,
+                rough,
             )
         )
 

@@ -63,21 +63,21 @@ def load_mesh(path: str | PathLike[str], *, material: Material | None = None) ->
     contents = _load(path, notices, materials=False)
     if material is None:
         notices.ignore("materials, which Scene.load reads", contents.materials)
-    notices.warn(3)
+    notices.warn()
     meshes = contents.meshes
     one = meshes[0] if len(meshes) == 1 else joined(meshes, path.stem)
     return replace(one, name=path.stem, material=material or PLAIN)
 
 
-def load_contents(path: str | PathLike[str], *, stacklevel: int = 1) -> Contents:
+def load_contents(path: str | PathLike[str]) -> Contents:
     """The meshes of a file with names and materials, its camera and lights; what is left out is an sh.ShpyWarning.
 
-    `stacklevel` says whose line the warning names, 1 the one that calls this. Errors are those of `load_mesh`.
+    Errors are those of `load_mesh`.
     """
     path = Path(path)
     notices = Notices(path.name)
     contents = _load(path, notices, materials=True)
-    notices.warn(stacklevel + 1)
+    notices.warn()
     return contents
 
 
@@ -165,15 +165,13 @@ class Library:
             if name is not None and (self.words or not self.files):
                 self.notices.ignore("names of materials that are not described")
             return None
-        key = (name, mesh.uv is not None)
+        words = self.words[name]
+        pictured = bool(words.get("map_kd")) and mesh.uv is not None
+        if words.get("map_kd") and not pictured:
+            self.notices.ignore("pictures of meshes without uv coordinates")
+        key = (name, pictured)
         if key not in self._made:
-            words = self.words[name]
-            picture = None
-            if words.get("map_kd"):
-                if mesh.uv is None:
-                    self.notices.ignore("pictures of meshes without uv coordinates")
-                else:
-                    picture = self._picture(picture_words(words["map_kd"]))
+            picture = self._picture(picture_words(words["map_kd"])) if pictured else None
             self._made[key] = self._read(name, words, picture)
         return self._made[key]
 

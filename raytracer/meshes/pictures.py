@@ -109,7 +109,7 @@ class Pictures:
             while factor < max(width, height) and (width // factor) * (height // factor) > self._left // 2:
                 factor *= 2
             if factor > 1:
-                self.notices.ignore(f"parts of pictures beyond {MOST:,} pixels, which are made smaller")
+                self.notices.ignore(f"detail of pictures beyond {MOST:,} pixels")
                 picture = picture.convert("RGB").reduce(factor)
             pixels = pixels_of(picture)
             self._left -= pixels.shape[0] * pixels.shape[1]
