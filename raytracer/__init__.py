@@ -11,7 +11,7 @@ from raytracer.intersector import AllHits, Closest, Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
 from raytracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.materials import Material
-from raytracer.meshes import Mesh
+from raytracer.meshes import Instance, Mesh
 from raytracer.renderer import Renderer, render
 from raytracer.scene import Scene
 from raytracer.textures import Texture
@@ -26,6 +26,7 @@ __all__ = [
     "Hit",
     "Hits",
     "Image",
+    "Instance",
     "Intersector",
     "Material",
     "Mesh",

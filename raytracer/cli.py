@@ -11,10 +11,12 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
@@ -41,12 +43,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", sh.ShpyWarning)
+            warnings.showwarning = _show
+            return int(options.run(options))
     except BrokenPipeError:
         raise
     except (SceneError, sh.ShpyError, OSError) as error:
         print(f"raytracer: {error}", file=sys.stderr)
         return 1
+
+
+def _show(message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning in one line: the place that it names is ours, and no matter of who gives a command."""
+    print(f"raytracer: warning: {message}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -55,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("render", help="render a built-in scene or a mesh file")
     _add_render_arguments(command)
     command = commands.add_parser("tradeoff", help="time and error of every variant of a scene, and the one to take")
-    command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
+    command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
     command.add_argument("--error", type=_error, default=1.0, help="root mean square error allowed, in 255ths (1)")
     command.add_argument("-o", "--output", type=Path, help="draw time against error there; JSON goes beside it")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
@@ -84,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
-    command.add_argument("scene", help="a built-in scene, or an OBJ, PLY, STL or GLB file")
+    command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
     command.add_argument("-o", "--output", type=Path, help="a .png, .exr or .npy file; by default SCENE.png")
     command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
@@ -270,7 +280,12 @@ def _scenes(_: argparse.Namespace) -> int:
     return 0
 
 
-_PACKAGES = {"trimesh": "reads meshes", "PIL": "writes PNG", "OpenEXR": "writes EXR", "rich": "shows progress"}
+_PACKAGES = {
+    "trimesh": "reads PLY, STL and OFF",
+    "PIL": "reads textures, writes PNG",
+    "OpenEXR": "writes EXR",
+    "rich": "shows progress",
+}
 
 
 def _doctor(_: argparse.Namespace) -> int:

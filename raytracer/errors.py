@@ -5,8 +5,11 @@ from __future__ import annotations
 import inspect
 import os
 import sys
-from types import FrameType
+import warnings
+from types import CodeType, FrameType
 from typing import Any
+
+import shpy as sh
 
 _HOUSE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
@@ -17,10 +20,29 @@ class SceneError(ValueError):
 
 def users_line() -> str:
     """The line outside of the ray tracer that is running, as `file.py:12`."""
-    frame: FrameType | None = sys._getframe(1)
-    while frame is not None and os.path.abspath(frame.f_code.co_filename).startswith(_HOUSE):
-        frame = frame.f_back
+    frame, _ = _users_frame()
     return "?" if frame is None else f"{os.path.basename(frame.f_code.co_filename)}:{frame.f_lineno}"
+
+
+def warn(message: str) -> None:
+    """Give an sh.ShpyWarning that names the line outside of the ray tracer that is running."""
+    _, depth = _users_frame()
+    warnings.warn(message, sh.ShpyWarning, stacklevel=depth)
+
+
+def _users_frame() -> tuple[FrameType | None, int]:
+    """The innermost frame outside of the ray tracer, and how far it is from whoever calls this."""
+    frame: FrameType | None = sys._getframe(1)
+    depth = 1
+    while frame is not None and _is_ours(frame.f_code):
+        frame, depth = frame.f_back, depth + 1
+    return frame, depth
+
+
+def _is_ours(code: CodeType) -> bool:
+    """Whether a frame runs the ray tracer's code, or a constructor that dataclasses wrote, which has no file."""
+    written = code.co_filename == "<string>" and code.co_name == "__init__"
+    return written or os.path.abspath(code.co_filename).startswith(_HOUSE)
 
 
 def place_of(program: Any) -> str:

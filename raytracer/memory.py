@@ -10,10 +10,13 @@ from pathlib import Path
 
 from raytracer.errors import SceneError
 
-__all__ = ["PIXEL", "check_fits", "free_bytes"]
+__all__ = ["PIXEL", "TRIANGLE", "check_fits", "check_triangles", "free_bytes"]
 
 PIXEL = 36
 """Bytes of a pixel in all layers of an `Image`."""
+
+TRIANGLE = 500
+"""Bytes that a triangle takes at least in a scene and its tables: corners, normals and a part of the accelerator."""
 
 _GROUPS = (
     ("/sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
@@ -34,6 +37,14 @@ def check_fits(width: int, height: int, saving: int = 0) -> None:
             f"a picture of {width} x {height} pixels takes {needed:,} bytes of memory, and {free:,} are free: "
             "choose a smaller size"
         )
+
+
+def check_triangles(count: int) -> None:
+    """Raise SceneError if a scene of so many triangles exceeds free memory."""
+    needed = count * TRIANGLE
+    free = free_bytes() if needed > 1 << 26 else None
+    if free is not None and needed > free:
+        raise SceneError(f"{count:,} triangles take {needed:,} bytes of memory or more, and {free:,} are free")
 
 
 def free_bytes() -> int | None:

@@ -9,9 +9,12 @@ Stage: scene description. Everything that `render` needs but the size of the pic
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,28 +23,32 @@ from raytracer.camera import Camera, radius_of
 from raytracer.errors import SceneError
 from raytracer.lights import EnvironmentLight, Light, PlacedLight, PointLight
 from raytracer.materials import Material, Triple
-from raytracer.meshes import Mesh
+from raytracer.meshes.instance import placed
+from raytracer.meshes.loading import load_contents
 from raytracer.meshes.shapes import floor
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)
 _LARGEST = 1e33
 """Radius of a mesh that can be framed: its floor is 400 times as large."""
-CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Meshes under lights before a background, all colours linear RGB.
 
-    `ambient` is the share of a surface's colour that is seen without any light. A scene may be empty: its picture is
-    the background. Without a camera one is framed that sees every mesh.
+    `meshes` is a Mesh, an `Instance`, a trimesh.Trimesh or trimesh.Scene, or several of them; a Scene keeps a tuple of
+    meshes, in order, whose places are the object ids of pictures. Of a trimesh.Scene it takes the shapes with their
+    materials, and neither lights nor camera. `ambient` is the share of a surface's colour that is seen without any
+    light. A scene may be empty: its picture is the background. Without a camera one is framed that sees every mesh.
 
     With `integrator="path"` there is no ambient light, and the background is seen, directly and in mirrors, but lights
     nothing: that is for an `EnvironmentLight`, which is then seen instead.
+
+    Raises SceneError for meshes of another kind, backgrounds and ambients that make no sense.
     """
 
-    meshes: Sequence[Mesh] = ()
+    meshes: Any = ()
     lights: Sequence[Light] = ()
     camera: Camera | None = None
     background: Triple = BACKGROUND
@@ -49,7 +56,7 @@ class Scene:
     name: str = "scene"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "meshes", (self.meshes,) if isinstance(self.meshes, Mesh) else tuple(self.meshes))
+        object.__setattr__(self, "meshes", placed(self.meshes))
         object.__setattr__(self, "lights", tuple(self.lights))
         if len(self.background) != 3 or not np.all(np.isfinite(self.background)):
             raise SceneError(f"a background is three finite numbers, not {self.background!r}")
@@ -84,32 +91,37 @@ class Scene:
         return np.min([u.min(axis=0) for u in used], axis=0), np.max([u.max(axis=0) for u in used], axis=0)
 
     @classmethod
-    def framed(cls, mesh: Mesh, name: str | None = None) -> Scene:
-        """A mesh on a mirroring floor under two lights, with a camera that sees all of it."""
-        if not len(mesh):
-            raise SceneError(f"{mesh.name}: a mesh without triangles cannot be framed")
-        low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
+    def framed(cls, meshes: Any, name: str | None = None) -> Scene:
+        """One mesh or several on a mirroring floor under two lights, with a camera that sees all of them.
+
+        The floor is the last mesh of the scene. Raises SceneError for meshes without triangles, and for too large ones.
+        """
+        given = placed(meshes)
+        name = name or next((mesh.name for mesh in given), "scene")
+        scene = cls(given, name=name)
+        if not scene.triangles:
+            raise SceneError(f"{name}: a mesh without triangles cannot be framed")
+        low, high = scene.bounds
+        lights = _key_and_fill(name, low, high)
         middle, radius = (low + high) / 2, radius_of(low, high)
-        if radius > _LARGEST:
-            raise SceneError(f"{mesh.name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
-        x, y, z = middle.tolist()
+        x, _, z = middle.tolist()
         ground = floor(400 * radius, MIRROR_FLOOR).moved((x, float(low[1]) - 1e-4 * radius, z))
-        lights = (
-            PointLight((x - 3 * radius, y + 5 * radius, z + 4 * radius), (0.85, 0.82, 0.76)),
-            PointLight((x + 5 * radius, y + 3 * radius, z + 2.5 * radius), (0.30, 0.34, 0.42)),
-        )
-        camera = Camera.framing(low, high)
-        return cls((mesh, ground), lights, camera, name=name or mesh.name)
+        return dataclasses.replace(scene, meshes=(*given, ground), lights=lights)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
-        """The mesh of an OBJ, PLY, STL or GLB file, framed (see `framed`).
+        """The parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
-        Raises FileNotFoundError, and SceneError for a file that holds no mesh.
+        A file with a camera or lights is shown as it says; two lights are added if it has none, and a camera that sees
+        everything. Other files are framed (see `framed`). docs/raytracer-files.md lists what is read; what a file holds
+        beyond that, and pictures that are not there, are an sh.ShpyWarning each. Raises FileNotFoundError, and
+        SceneError for a file that cannot be read or holds no triangles.
         """
-        mesh = Mesh.load(path)
-        # A file without colours shows the default material; clay is friendlier than white.
-        return cls.framed(mesh if mesh.colors is not None else mesh.with_material(CLAY))
+        found, name = load_contents(path), Path(path).stem
+        if found.camera is None and not found.lights:
+            return cls.framed(found.meshes, name)
+        scene = cls(found.meshes, found.lights, found.camera, name=name)
+        return scene if scene.lights else dataclasses.replace(scene, lights=_key_and_fill(name, *scene.bounds))
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
@@ -119,3 +131,15 @@ class Scene:
         if name not in SCENES:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(SCENES)}")
         return SCENES[name]()
+
+
+def _key_and_fill(name: str, low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[Light, Light]:
+    """Two lights for what lies in a box; SceneError where it is too large."""
+    radius = radius_of(low, high)
+    if radius > _LARGEST:
+        raise SceneError(f"{name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
+    x, y, z = ((low + high) / 2).tolist()
+    return (
+        PointLight((x - 3 * radius, y + 5 * radius, z + 4 * radius), (0.85, 0.82, 0.76)),
+        PointLight((x + 5 * radius, y + 3 * radius, z + 2.5 * radius), (0.30, 0.34, 0.42)),
+    )

@@ -8,9 +8,10 @@ Stage: scene description. A `Texture` holds linear numbers; `kernels.textures` r
 
 from __future__ import annotations
 
+import warnings
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, BinaryIO, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 LARGEST: Final = 16384
 """Pixels along a side."""
+FORMATS: Final = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF", "PPM")
+"""The formats of pictures that are read, by Pillow's names. Pillow knows others that run programs, such as EPS."""
 
 
 class Texture:
@@ -70,19 +73,34 @@ def _read(path: Path) -> NDArray[Any]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
     try:
-        from PIL import Image as pillow
-    except ImportError as error:
-        raise SceneError("reading pictures needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
-    try:
-        with pillow.open(path) as picture:
-            if max(picture.size) > LARGEST:
-                raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
+        with opened(path) as picture:
             return pixels_of(picture)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
     except Exception as error:
         raise SceneError(f"{path}: not a readable picture ({' '.join(str(error).split())[:200]})") from error
+
+
+def opened(source: Path | BinaryIO) -> Any:
+    """A picture of Pillow's from a file or its contents, not decoded yet; it raises whatever Pillow raises.
+
+    Raises SceneError where Pillow is missing, and for a picture with more than 16384 pixels along a side.
+    """
+    try:
+        from PIL import Image as pillow
+        from PIL import UnidentifiedImageError
+    except ImportError as error:
+        raise SceneError("reading pictures needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
+    with warnings.catch_warnings():  # Pillow warns of half as many pixels as it refuses
+        warnings.simplefilter("ignore", pillow.DecompressionBombWarning)
+        try:
+            picture = pillow.open(source, formats=FORMATS)
+        except UnidentifiedImageError:
+            raise SceneError(f"not a readable picture: none of {', '.join(FORMATS)}") from None
+    if max(picture.size) > LARGEST:
+        raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
+    return picture
 
 
 def pixels_of(picture: Any) -> NDArray[Any]:
@@ -105,11 +123,15 @@ def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.fl
     whole = pixels.dtype.kind in "iub"
     if pixels.dtype.kind not in "iubf" or (whole and pixels.dtype != np.uint8):
         raise SceneError(f"{name} holds floats or uint8, not {pixels.dtype}")
-    numbers = pixels[..., :3].astype(np.float64) / (255 if whole else 1)
-    if not np.all(np.isfinite(numbers)) or numbers.min() < 0:
+    numbers = pixels[..., :3]
+    encoded = whole if srgb is None else srgb
+    if whole:  # a table, as a picture's numbers in f64 would take eight times its memory
+        levels = np.arange(256) / 255
+        numbers = (decoded(levels) if encoded else levels).astype(np.float32)[numbers]
+    elif not np.all(np.isfinite(numbers)) or numbers.min() < 0:
         raise SceneError(f"{name} holds numbers that are negative or not finite")
-    if whole if srgb is None else srgb:
-        numbers = decoded(numbers)
+    elif encoded:
+        numbers = decoded(numbers.astype(np.float64))
     return np.ascontiguousarray(np.broadcast_to(numbers, (*numbers.shape[:2], 3)), dtype=np.float32)
 
 

@@ -22,13 +22,14 @@ class Atlas:
     """Textures, which are known by their places among `textures`."""
 
     def __init__(self, textures: Sequence[Texture]) -> None:
-        pixels = [np.pad(t.image.reshape(-1, 3), ((0, 0), (0, 1))) for t in textures]
-        starts = np.cumsum([0, *map(len, pixels[:-1])])
-        rows = [
-            (start, t.image.shape[1], t.image.shape[0], WRAPS.index(t.wrap) + LINEAR * (t.filter == "linear"))
-            for start, t in zip(starts, textures, strict=True)
-        ]
-        self.texels = sh.Table(np.concatenate(pixels), sh.Attrib4f, "texels")
+        starts = np.cumsum([0, *(t.image.size // 3 for t in textures)])
+        texels = np.zeros((starts[-1], 4), np.float32)
+        rows = []
+        for start, end, t in zip(starts[:-1], starts[1:], textures, strict=True):
+            texels[start:end, :3] = t.image.reshape(-1, 3)
+            mode = WRAPS.index(t.wrap) + LINEAR * (t.filter == "linear")
+            rows.append((start, t.image.shape[1], t.image.shape[0], mode))
+        self.texels = sh.Table(texels, sh.Attrib4f, "texels")
         self.pictures = sh.Table(np.array(rows, np.int32), sh.Attrib4i, "pictures")
         self.wraps = {t.wrap for t in textures}
         self.filters = {t.filter for t in textures}

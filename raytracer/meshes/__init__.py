@@ -1,5 +1,6 @@
 """Triangle meshes: what they are, reading them from files, and making them."""
 
+from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
 
-__all__ = ["Mesh"]
+__all__ = ["Instance", "Mesh"]

@@ -1,7 +1,7 @@
 """Checks of a mesh file's contents against its header, made before a library reads the file.
 
 Stage: scene description. Takes a file's bytes, gives bytes that trimesh reads as they are meant: texts in ASCII,
-without a byte-order mark, tabs and continued lines. Raises SceneError, without the file's name, for what trimesh would
+without a byte-order mark. Raises SceneError, without the file's name, for what trimesh would
 pass over in silence or report with a wrong cause.
 
 >>> text_of("v 0 0 1".encode("utf-8-sig"))
@@ -34,42 +34,6 @@ def text_of(data: bytes) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("latin-1")
-
-
-def obj(data: bytes) -> bytes:
-    """A Wavefront OBJ file: every vertex with three coordinates, every face of vertices that are there."""
-    lines = text_of(data).replace("\\\r\n", "  ").replace("\\\n", "  ").replace("\t", " ").splitlines()
-    vertices = sum(line.lstrip().startswith("v ") for line in lines)
-    for number, line in enumerate(lines, 1):
-        words = line.split("#")[0].split()
-        if words[:1] == ["v"]:
-            _numbers(words[1:], number)
-        elif words[:1] == ["f"]:
-            _face(words[1:], number, vertices)
-    return _ascii("\n".join(line.strip() for line in lines) + "\n")
-
-
-def _numbers(words: list[str], line: int) -> None:
-    try:
-        count = len([float(word) for word in words])
-    except ValueError:
-        raise SceneError(f"line {line}: a vertex has a coordinate that is no number") from None
-    if count < 3:
-        raise SceneError(f"line {line}: a vertex has three coordinates, not {count}")
-
-
-def _face(words: list[str], line: int, vertices: int) -> None:
-    if len(words) < 3:
-        raise SceneError(f"line {line}: a face has at least three vertices, not {len(words)}")
-    for word in words:
-        try:
-            vertex = int(word.split("/")[0])
-        except ValueError:
-            raise SceneError(f"line {line}: {word[:40]!r} in a face is no vertex number") from None
-        if vertex == 0:
-            raise SceneError(f"line {line}: a face names vertex 0; numbers begin at 1")
-        if abs(vertex) > vertices:
-            raise SceneError(f"line {line}: a face names vertex {vertex}, and there are {vertices}")
 
 
 def stl(data: bytes) -> bytes:
@@ -139,5 +103,5 @@ def _ascii(text: str) -> bytes:
     return text.encode("ascii", "replace")
 
 
-READABLE: Final[dict[str, Callable[[bytes], bytes]]] = {".obj": obj, ".stl": stl, ".ply": ply, ".off": off}
-"""By ending: gives a file's contents as trimesh takes them. The others, GLB and glTF, it reads itself."""
+READABLE: Final[dict[str, Callable[[bytes], bytes]]] = {".stl": stl, ".ply": ply, ".off": off}
+"""By ending: gives a file's contents as trimesh takes them. OBJ, GLB and glTF have readers of their own."""

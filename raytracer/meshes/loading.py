@@ -1,121 +1,230 @@
-"""Reading meshes from files: OBJ, PLY, STL, GLB, through trimesh.
+"""Reading files of meshes: OBJ, glTF and GLB by readers of our own, PLY, STL and OFF through trimesh.
 
-Stage: scene description. Takes a path, gives a `Mesh`, or a SceneError that says what is wrong with the file.
+Stage: scene description. Takes a path, gives a `Mesh` or the `Contents` of the file, or a SceneError that says what is
+wrong with it.
 
     bunny = load_mesh("bunny.ply", material=Material(reflectivity=0.1))
+    chair = load_contents("chair.glb")
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from raytracer.camera import Camera
 from raytracer.errors import SceneError
-from raytracer.materials import Material
-from raytracer.meshes.contents import READABLE
+from raytracer.lights import Light
+from raytracer.materials import PLAIN, Material
+from raytracer.meshes.appearance import CLAY, WHITE, mtl
+from raytracer.meshes.contents import READABLE, text_of
+from raytracer.meshes.folder import Folder, Notices, shown
+from raytracer.meshes.from_trimesh import parts_of, texture_file
+from raytracer.meshes.gltf import Document
+from raytracer.meshes.gltf_scene import GltfScene
+from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh, joined
-from raytracer.textures import decoded
+from raytracer.meshes.obj import PictureWords, Words, picture_words, read_mtl, read_obj
+from raytracer.meshes.pictures import Picture, Pictures
+from raytracer.textures import Wrap
 
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
-_OPTIONS: dict[str, dict[str, Any]] = {".obj": {"skip_materials": True}}
 _LONGEST = 200
 """Characters of a reader's own message that are shown."""
 
 
-def load_mesh(path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
-    """The triangles of a file, all parts in their places.
+@dataclass(frozen=True)
+class Contents:
+    """The meshes of a file in their places, and its camera and lights if it has any."""
 
-    The file's normals are kept; without any, corners are smoothed where faces meet at a small angle. Vertex colours
-    are kept (taken for sRGB); textures are not read. Raises FileNotFoundError, or SceneError for a format that is not
-    known, a file that cannot be read, and one without triangles.
+    meshes: Sequence[Mesh]
+    camera: Camera | None = None
+    lights: Sequence[Light] = ()
+    materials: int = 0
+    """How many materials the file has that were not read."""
+
+
+def load_mesh(path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
+    """The triangles of a file, all parts in their places, as one mesh.
+
+    The file's normals are kept; without any, corners are smoothed where faces meet at a small angle. Vertex colours and
+    uv coordinates are kept; materials are not, as a mesh has one: `Scene.load` reads them. An sh.ShpyWarning says so,
+    unless a `material` is given. Raises FileNotFoundError, or SceneError for a format that is not known, a file that
+    cannot be read, and one without triangles.
     """
     path = Path(path)
+    notices = Notices(path.name)
+    contents = _load(path, notices, materials=False)
+    if material is None:
+        notices.ignore("materials, which Scene.load reads", contents.materials)
+    notices.warn()
+    meshes = contents.meshes
+    one = meshes[0] if len(meshes) == 1 else joined(meshes, path.stem)
+    return replace(one, name=path.stem, material=material or PLAIN)
+
+
+def load_contents(path: str | PathLike[str]) -> Contents:
+    """The meshes of a file with names and materials, its camera and lights; what is left out is an sh.ShpyWarning.
+
+    Errors are those of `load_mesh`.
+    """
+    path = Path(path)
+    notices = Notices(path.name)
+    contents = _load(path, notices, materials=True)
+    notices.warn()
+    return contents
+
+
+def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
-    if path.suffix.lower() not in FORMATS:
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
         raise SceneError(f"{path}: meshes are read from {', '.join(FORMATS)}, not from {path.suffix or 'this'}")
+    if kind in READABLE:
+        try:
+            import trimesh  # noqa: F401 - used below
+        except ImportError as error:
+            raise SceneError(f"reading {kind[1:].upper()} needs trimesh: pip install 'shpy-dsl[raytracer]'") from error
+    data = path.read_bytes()  # a file that cannot be opened is an OSError
     try:
-        import trimesh  # noqa: F401 - used below
-    except ImportError as error:
-        raise SceneError("reading meshes needs trimesh: pip install 'shpy-dsl[raytracer]'") from error
-    with path.open("rb") as file:  # a file that cannot be opened is an OSError
-        data = file.read()
-    try:
-        mesh = _read(path, data)
+        with np.errstate(all="ignore"):
+            contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)
+            contents = replace(contents, meshes=_smoothed([mesh for mesh in contents.meshes if len(mesh)]))
         # A reader's faults have no common type: whatever it raises, the file is what the user can mend.
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        kind = path.suffix[1:].upper()
-        raise SceneError(f"{path}: not a readable {kind} file ({reason[:_LONGEST]})") from error
-    if not len(mesh):
+        reason = shown(str(error) or type(error).__name__, _LONGEST)
+        raise SceneError(f"{path}: not a readable {kind[1:].upper()} file ({reason})") from error
+    if not contents.meshes:
         raise SceneError(f"{path}: the file holds no triangles")
-    return mesh if material is None else mesh.with_material(material)
+    return contents
 
 
-def _read(path: Path, data: bytes) -> Mesh:
-    """All parts of a file as one mesh with normals; it raises whatever a reader raises."""
-    with np.errstate(all="ignore"):
-        parts = [_mesh(part, matrix, path.stem) for part, matrix in _parts(path, data)]
-    parts = [part for part in parts if len(part)]
-    mesh = parts[0] if len(parts) == 1 else joined(parts, path.stem) if parts else Mesh([], [])
-    return mesh if mesh.normals is not None else mesh.smoothed()
+def _smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Give those without normals some: together, as materials may divide one smooth surface."""
+    bare = [mesh for mesh in meshes if mesh.normals is None]
+    if not bare:
+        return list(meshes)
+    ends = np.cumsum([len(mesh) for mesh in bare])[:-1]
+    normals = iter(np.split(np.asarray(joined(bare).smoothed().normals), ends))
+    return [replace(mesh, normals=next(normals)) if mesh.normals is None else mesh for mesh in meshes]
 
 
-def _parts(path: Path, data: bytes) -> list[tuple[Any, NDArray[np.float64]]]:
-    """The meshes in a file, each with the matrix (4, 4) that puts it into its place."""
+def _placed(instances: Sequence[Instance]) -> list[Mesh]:
+    return [instance.placed for instance in instances]
+
+
+def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    scene = GltfScene(Document(data, Folder(path)), path.stem, notices, materials=materials)
+    meshes = _placed(scene.instances())
+    if not materials or not any(map(len, meshes)):
+        return Contents(meshes, materials=len(scene.document.all("materials")))
+    corners = [mesh.corners.reshape(-1, 3) for mesh in meshes if len(mesh)]
+    low, high = np.min([c.min(axis=0) for c in corners], axis=0), np.max([c.max(axis=0) for c in corners], axis=0)
+    return Contents(meshes, scene.camera(low, high), scene.lights((low + high) / 2))
+
+
+def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    found = read_obj(text_of(data))
+    for what, count in found.skipped.items():
+        notices.ignore(what, count)
+    library = Library(found.libraries, Folder(path), notices) if materials else None
+    meshes: list[Mesh] = []
+    names: dict[str, int] = {}
+    for part, mesh in found.meshes(path.stem):
+        number = names[mesh.name] = names.get(mesh.name, -1) + 1
+        look = (library and library.material(part.material, mesh)) or (CLAY if mesh.colors is None else PLAIN)
+        meshes.append(replace(mesh, material=look, name=f"{mesh.name}_{number}" if number else mesh.name))
+    described = {part.material for part in found.faces} - {None}
+    return Contents(meshes, materials=0 if materials else len(described))
+
+
+class Library:
+    """The materials that the MTL files of an OBJ file describe."""
+
+    def __init__(self, files: Sequence[str], folder: Folder, notices: Notices) -> None:
+        self.files, self.folder, self.notices = files, folder, notices
+        self.pictures = Pictures(notices)
+        self.words: dict[str, Words] = {}
+        for name in [name for names in files for name in self._names(names)]:
+            try:
+                self.words |= read_mtl(text_of(folder.read(name)))
+            except (OSError, SceneError) as error:
+                notices.miss(name, str(error))
+        self._made: dict[tuple[str, bool], Material | None] = {}
+
+    def material(self, name: str | None, mesh: Mesh) -> Material | None:
+        """The material of this name for a mesh; None if no library has it."""
+        if name is None or name not in self.words:
+            if name is not None and (self.words or not self.files):
+                self.notices.ignore("names of materials that are not described")
+            return None
+        words = self.words[name]
+        pictured = bool(words.get("map_kd")) and mesh.uv is not None
+        if words.get("map_kd") and not pictured:
+            self.notices.ignore("pictures of meshes without uv coordinates")
+        key = (name, pictured)
+        if key not in self._made:
+            picture = self._picture(picture_words(words["map_kd"])) if pictured else None
+            self._made[key] = self._read(name, words, picture)
+        return self._made[key]
+
+    def _read(self, name: str, words: Words, picture: Picture | None) -> Material | None:
+        try:
+            return mtl(words, picture, self.notices)
+        except ValueError as error:
+            self.notices.miss(f"material {name}", str(error))
+            return None
+
+    def _names(self, line: str) -> list[str]:
+        """The files of a line: one with spaces in its name if it is there, else several."""
+        try:
+            self.folder.find(line)
+        except (OSError, SceneError):
+            return line.split()
+        return [line]
+
+    def _picture(self, given: PictureWords) -> Picture | None:
+        for option in given.options:
+            if option != "-clamp":
+                self.notices.ignore(f"{option} of pictures")
+        wrap: Wrap = "clamp" if given.options.get("-clamp") == ["on"] else "repeat"
+        return self.pictures.get(given.file, given.file, lambda: self.folder.find(given.file), wrap=wrap)
+
+
+def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    """A PLY, STL or OFF file: one mesh, and of PLY the picture that MeshLab names in a comment."""
     import trimesh
 
     kind = path.suffix.lower()
-    if kind in READABLE:
-        held = BytesIO(READABLE[kind](data))
-        scene = trimesh.load(held, file_type=kind[1:], process=False, force="scene", **_OPTIONS.get(kind, {}))
-    else:
-        scene = trimesh.load(path, process=False, force="scene")
-    found = []
-    for node in scene.graph.nodes_geometry:
-        matrix, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh):
-            found.append((geometry, np.asarray(matrix)))
-    return found
+    scene: Any = trimesh.load(
+        BytesIO(READABLE[kind](data)), file_type=kind[1:], process=False, force="scene", skip_materials=True
+    )
+    for geometry in scene.geometry.values():
+        if not isinstance(geometry, trimesh.Trimesh):
+            notices.ignore("points and lines")
+    found = [replace(mesh, name=path.stem) for mesh in _placed(list(parts_of(scene)))]
+    header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
+    name = texture_file(text_of(header))
+    return Contents([_painted(mesh, name, Folder(path), notices) if materials else mesh for mesh in found])
 
 
-def _mesh(part: Any, matrix: NDArray[np.float64], name: str) -> Mesh:
-    """One part of the file, moved to its place."""
-    # trimesh makes up normals when asked; only those that the file holds are in its cache before that.
-    given = "vertex_normals" in part._cache.cache
-    turn, faces = matrix[:3, :3], np.asarray(part.faces)
-    mirrors = bool(np.linalg.det(turn) < 0)
-    if mirrors:
-        faces = faces[:, ::-1]
-    normals = np.asarray(part.vertex_normals) @ _for_normals(turn, mirrors) if given else None
-    colors = uv = None
-    if part.visual.kind == "vertex":
-        colors = _linear(np.asarray(part.visual.vertex_colors))
-    elif part.visual.kind == "face":
-        colors = np.repeat(_linear(np.asarray(part.visual.face_colors))[:, None], 3, axis=1)
-    elif part.visual.kind == "texture" and np.shape(part.visual.uv) == (len(part.vertices), 2):
-        uv = part.visual.uv
-    vertices = np.asarray(part.vertices) @ turn.T + matrix[:3, 3]
-    return Mesh(vertices, faces, normals, colors, name=name, uv=uv)
+def _painted(mesh: Mesh, name: str | None, folder: Folder, notices: Notices) -> Mesh:
+    """The mesh with the picture of this name, or with a material that suits it without one."""
+    if name is not None and mesh.uv is None:
+        notices.ignore("pictures of meshes without uv coordinates")
+    picture = None
+    if name is not None and mesh.uv is not None:
+        picture = Pictures(notices).get(name, name, lambda: folder.find(name))
+    if picture is None:
+        return mesh.with_material(CLAY if mesh.colors is None else PLAIN)
+    return mesh.with_material(Material(picture.color(WHITE), specular=0.0))
 
 
-def _for_normals(matrix: NDArray[np.float64], mirrors: bool) -> NDArray[np.float64]:
-    """Return the matrix for rows of normals where `matrix` transforms the places: its cofactors, transposed.
-
-    They are the inverse but for a factor, and there are cofactors where there is no inverse: of a scale (1, 1, 0).
-    """
-    matrix = matrix / (np.abs(matrix).max() or 1)
-    x, y, z = matrix.T
-    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
-    return np.asarray(-cofactors if mirrors else cofactors)
-
-
-def _linear(bytes_: NDArray[Any]) -> NDArray[np.float64]:
-    """SRGB bytes (V, 4) as linear RGB (V, 3)."""
-    return decoded(bytes_[:, :3].astype(np.float64) / 255)
+_READERS: dict[str, Any] = {".obj": _obj, ".glb": _gltf, ".gltf": _gltf}

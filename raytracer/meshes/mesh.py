@@ -121,6 +121,25 @@ class Mesh:
         vertices = self.vertices @ matrix.T * scale + np.asarray(offset)
         return dataclasses.replace(self, vertices=vertices, normals=normals)
 
+    def transformed(self, matrix: ArrayLike) -> Mesh:
+        """Transformed by a matrix (4, 4) that multiplies columns (x, y, z, 1), as glTF's and trimesh's do.
+
+        Normals stay across their surfaces, and a matrix that mirrors turns the faces over, so that the outside stays
+        outside. Raises SceneError for other shapes, numbers that are not finite, and a last row that is not 0 0 0 1.
+        """
+        matrix = affine(matrix)
+        if np.array_equal(matrix, np.eye(4)):
+            return self
+        turn = matrix[:3, :3]
+        mirrors = bool(np.linalg.det(turn) < 0)
+        with np.errstate(over="ignore", invalid="ignore"):  # Mesh refuses numbers that are not finite
+            vertices = self.vertices @ turn.T + matrix[:3, 3]
+        normals = None if self.normals is None else self.normals @ _cofactors(turn, mirrors)
+        order = slice(None, None, -1 if mirrors else 1)
+        normals, colors, uv = (None if at is None else at[:, order] for at in (normals, self.colors, self.uv))
+        faces = self.faces[:, order]
+        return dataclasses.replace(self, vertices=vertices, faces=faces, normals=normals, colors=colors, uv=uv)
+
     def smoothed(self, below: float = SMOOTH_BELOW) -> Mesh:
         """With a normal at each corner: the mean of the faces that meet there at less than `below` degrees.
 
@@ -147,10 +166,17 @@ class Mesh:
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
-        """The mesh in an OBJ, PLY, STL or GLB file, all its parts as one; see `loading.load_mesh`."""
+        """The mesh in an OBJ, PLY, STL, GLB, glTF or OFF file, all its parts as one; see `loading.load_mesh`."""
         from raytracer.meshes.loading import load_mesh
 
         return load_mesh(path, material=material)
+
+    @classmethod
+    def from_trimesh(cls, part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
+        """A trimesh.Trimesh with its material, uv coordinates and colours; see `from_trimesh.mesh_of`."""
+        from raytracer.meshes.from_trimesh import mesh_of
+
+        return mesh_of(part, material=material, name=name)
 
 
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
@@ -169,6 +195,29 @@ def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
     vertices = np.concatenate([m.vertices for m in meshes])
     faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
     return Mesh(vertices, faces, normals, colors, meshes[0].material, name, uv)
+
+
+def affine(matrix: ArrayLike) -> Floats:
+    """A matrix (4, 4) in f64; SceneError if it has another shape, is not finite, or its last row is not 0 0 0 1."""
+    try:
+        found = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (4, 4) or not np.all(np.isfinite(found)) or not np.array_equal(found[3], (0, 0, 0, 1)):
+        given = " ".join(str(matrix).split())[:80]
+        raise SceneError(f"a transform is a matrix (4, 4) of finite numbers whose last row is 0 0 0 1, not {given}")
+    return found
+
+
+def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
+    """Return the matrix for rows of normals where `matrix` transforms the places: its cofactors, transposed.
+
+    They are the inverse but for a factor, and there are cofactors where there is no inverse: of a scale (1, 1, 0).
+    """
+    matrix = matrix / (np.abs(matrix).max() or 1)
+    x, y, z = matrix.T
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
+    return np.asarray(-cofactors if mirrors else cofactors)
 
 
 def normals_of(corners: Floats) -> Floats:

@@ -1,0 +1,157 @@
+"""Meshes and scenes of trimesh as ours, with their names, colours, uv coordinates and materials.
+
+Stage: scene description. Takes trimesh.Trimesh and trimesh.Scene objects. PLY, STL and OFF files come in here too.
+
+    mesh = Mesh.from_trimesh(trimesh.creation.icosphere())
+    Scene([trimesh.load("chair.glb"), floor(4)])
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.errors import SceneError
+from raytracer.materials import PLAIN, Material
+from raytracer.meshes.appearance import MetallicRoughness, metallic_roughness
+from raytracer.meshes.folder import Notices
+from raytracer.meshes.instance import Instance
+from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.pictures import Picture, Pictures
+from raytracer.textures import decoded
+
+_GREY = (102, 102, 102)
+"""The colour of trimesh for what has none."""
+
+
+def mesh_of(part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
+    """A trimesh.Trimesh as a Mesh, of its own material unless another is given.
+
+    Normals are those that `part` has computed or was given; without any, corners are smoothed. Colours of vertices and
+    faces are taken for sRGB. Raises SceneError for what is no Trimesh.
+    """
+    notices = Notices(name or _name(part))
+    found = _mesh(part, material, name or _name(part), Pictures(notices), notices)
+    notices.warn()
+    return found
+
+
+def parts_of(thing: Any) -> Iterator[Instance]:
+    """The meshes of a trimesh.Trimesh or trimesh.Scene, in their places, named by the nodes of the scene's graph."""
+    if not hasattr(thing, "graph"):
+        yield Instance(mesh_of(thing), np.eye(4))
+        return
+    notices = Notices("trimesh.Scene")
+    pictures = Pictures(notices)
+    made: dict[str, Mesh] = {}
+    for node in thing.graph.nodes_geometry:
+        matrix, key = thing.graph[node]
+        geometry = thing.geometry[key]
+        if not hasattr(geometry, "faces"):
+            notices.ignore("points and lines")
+            continue
+        if key not in made:
+            made[key] = _mesh(geometry, None, key, pictures, notices)
+        yield Instance(made[key], matrix, str(node))
+    notices.warn()
+
+
+def _name(part: Any) -> str:
+    name = getattr(part, "metadata", {}).get("name")
+    return name if isinstance(name, str) and name else "mesh"
+
+
+def _mesh(part: Any, material: Material | None, name: str, pictures: Pictures, notices: Notices) -> Mesh:
+    if not (hasattr(part, "faces") and hasattr(part, "visual")):
+        raise SceneError(f"a mesh is made from a trimesh.Trimesh, not from {type(part).__name__}")
+    colors, uv = _colors(part.visual), np.asarray(getattr(part.visual, "uv", None))
+    has_uv = uv.shape == (len(part.vertices), 2)
+    if material is None:
+        material = _material(getattr(part.visual, "material", None), pictures, notices)
+        if not has_uv and material.textures:
+            notices.ignore("pictures of meshes without uv coordinates")
+            material = PLAIN
+    # trimesh makes up normals when asked; only those that it was given or has used are in its cache before that.
+    normals = np.asarray(part.vertex_normals) if "vertex_normals" in part._cache.cache else None
+    mesh = Mesh(
+        np.asarray(part.vertices), np.asarray(part.faces), normals, colors, material, name, uv if has_uv else None
+    )
+    return mesh if normals is not None else mesh.smoothed()
+
+
+def _colors(visual: Any) -> NDArray[np.float64] | None:
+    """Linear colours, (V, 3) or (F, 3, 3)."""
+    if visual.kind == "vertex":
+        return _linear(visual.vertex_colors)
+    if visual.kind == "face":
+        return np.repeat(_linear(visual.face_colors)[:, None], 3, axis=1)
+    given = getattr(visual, "vertex_attributes", {}).get("color") if visual.kind == "texture" else None
+    return None if given is None else _linear(given)
+
+
+def _linear(colors: Any) -> NDArray[np.float64]:
+    """SRGB bytes or numbers (V, 3 or 4) as linear RGB (V, 3)."""
+    colors = np.asarray(colors)[:, :3]
+    return decoded(colors.astype(np.float64) / (255 if colors.dtype.kind in "iu" else 1))
+
+
+def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
+    """The material of a PBRMaterial or SimpleMaterial, whose numbers are linear."""
+    if given is None:
+        return PLAIN
+    if hasattr(given, "materials"):
+        notices.ignore("several materials in one mesh")
+        return PLAIN
+    pbr = hasattr(given, "metallicFactor")
+    image = given.baseColorTexture if pbr else getattr(given, "image", None)
+    picture = _picture(image, pictures)
+    if not pbr:
+        return _simple(given, picture)
+    names = {"normalTexture": "normal maps", "emissiveTexture": "emission of materials"}
+    for name, what in names.items():
+        notices.ignore(what, int(getattr(given, name) is not None))
+    base = np.ones(3) if given.baseColorFactor is None else np.asarray(given.baseColorFactor)[:3] / 255
+    r, g, b = base.tolist()
+    return metallic_roughness(
+        MetallicRoughness(
+            (r, g, b),
+            1.0 if given.metallicFactor is None else given.metallicFactor,
+            1.0 if given.roughnessFactor is None else given.roughnessFactor,
+            picture,
+            _picture(given.metallicRoughnessTexture, pictures),
+        )
+    )
+
+
+def _picture(image: Any, pictures: Pictures) -> Picture | None:
+    """The picture of a material, known by its contents, as scenes of trimesh hold copies."""
+    if image is None:
+        return None
+    try:
+        key: Hashable = (image.size, image.mode, hash(image.tobytes()))
+    except Exception:  # of a picture that cannot be decoded, which `get` reports
+        key = id(image)
+    return pictures.get(key, "a picture", lambda: image)
+
+
+def _simple(given: Any, picture: Any) -> Material:
+    """The material of a SimpleMaterial: its grey default is no colour, and no factor of an image."""
+    diffuse = np.asarray(getattr(given, "diffuse", _GREY))[:3]
+    plain = tuple(diffuse.tolist()) == _GREY
+    if picture is None and plain:
+        return PLAIN
+    r, g, b = (1.0, 1.0, 1.0) if plain else (diffuse / 255).tolist()
+    shiny = np.asarray(getattr(given, "specular", _GREY))[:3]
+    specular = 0.0 if tuple(shiny.tolist()) == _GREY else float(shiny.mean()) / 255
+    color = (r, g, b) if picture is None else picture.color((r, g, b))
+    return Material(color, 1.0, specular, max(float(getattr(given, "glossiness", 1.0)), 0.0))
+
+
+def texture_file(header: str) -> str | None:
+    """The name of the picture in the header of a PLY file, where MeshLab writes it as a comment."""
+    found = re.search(r"^comment\s+TextureFile\s+(\S.*?)\s*$", header, re.MULTILINE | re.IGNORECASE)
+    return found[1] if found else None

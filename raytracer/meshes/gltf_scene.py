@@ -1,0 +1,305 @@
+"""The scene of a glTF or GLB file: meshes in their places, materials, the camera and lights.
+
+Stage: scene description. Takes a `gltf.Document`; section numbers are those of glTF 2.0. What the file holds beyond
+that is counted in `Notices`.
+
+    scene = GltfScene(Document(data, folder), "chair", notices)
+    scene.instances(), scene.camera(low, high), scene.lights(middle)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.camera import Camera
+from raytracer.errors import SceneError
+from raytracer.lights import DirectionalLight, PlacedLight, PointLight
+from raytracer.materials import PLAIN, Material, Triple
+from raytracer.memory import check_triangles
+from raytracer.meshes.appearance import CLAY, MetallicRoughness, metallic_roughness
+from raytracer.meshes.folder import Notices, shown
+from raytracer.meshes.gltf import Document
+from raytracer.meshes.instance import Instance
+from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.pictures import Picture, Pictures
+from raytracer.textures import Filter, Wrap
+
+Matrix = NDArray[np.float64]
+_WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_NEAREST: Final = 9728
+_LIGHTS: Final = "KHR_lights_punctual"
+_LISTS: Final = {"animations": "animations", "skins": "skins"}
+_MAPS: Final = {"normalTexture": "normal maps", "occlusionTexture": "occlusion maps"}
+
+
+class Node(NamedTuple):
+    """A node of the scene and the matrix (4, 4) from its coordinates to the scene's."""
+
+    entry: dict[str, Any]
+    matrix: Matrix
+
+
+class GltfScene:
+    """The default scene of a document; parts without a name are called `name`."""
+
+    def __init__(self, document: Document, name: str, notices: Notices, *, materials: bool = True) -> None:
+        self.document, self.name, self.notices = document, name, notices
+        self.nodes = list(_nodes(document))
+        self.pictures = Pictures(notices)
+        self.reads_materials = materials
+        self._materials: dict[tuple[Any, bool], Material] = {}
+        self._meshes: dict[int, list[Mesh]] = {}
+        self._triangles = 0
+        for key, what in _LISTS.items():
+            notices.ignore(what, len(document.all(key)))
+        notices.ignore("scenes after the first", len(document.all("scenes")) - 1)
+        for extension in document.unread if materials else ():
+            notices.ignore(extension)
+
+    def instances(self) -> list[Instance]:
+        """The parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
+        found = []
+        for node in self.nodes:
+            if "mesh" not in node.entry:
+                continue
+            mesh = self.document.one("meshes", node.entry["mesh"])
+            name = str(node.entry.get("name") or mesh.get("name") or self.name)
+            for k, part in enumerate(self._parts(node.entry["mesh"], mesh)):
+                self._count(len(part))
+                found.append(Instance(part, node.matrix, f"{name}_{k}" if k else name))
+        return found
+
+    def camera(self, low: Matrix, high: Matrix) -> Camera | None:
+        """The first perspective camera, aimed at a point as far away as the middle of the box from `low` to `high`."""
+        cameras = [node for node in self.nodes if "camera" in node.entry]
+        found: Camera | None = None
+        for node in cameras:
+            entry = self.document.one("cameras", node.entry["camera"])
+            if "perspective" not in entry:
+                self.notices.ignore("orthographic cameras")
+            elif found is not None:
+                self.notices.ignore("cameras after the first")
+            else:
+                found = _camera(entry["perspective"], node.matrix, (low + high) / 2)
+        return found
+
+    def lights(self, middle: Matrix) -> list[PlacedLight]:
+        """The lights of KHR_lights_punctual, scaled together: where all shine on one surface at `middle`, it gets 1.
+
+        A file gives them in lux and candela, for an exposure that it does not give.
+        """
+        given = self.document.tree.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
+        found: list[tuple[PlacedLight, NDArray[np.float64]]] = []
+        for node in self.nodes:
+            number = node.entry.get("extensions", {}).get(_LIGHTS, {}).get("light")
+            if number is None:
+                continue
+            if not 0 <= number < len(given):
+                raise SceneError(f"it names light {number}, and there are {len(given)}")
+            found += [made for made in [self._light(given[number], node.matrix, middle)] if made]
+        most = float(sum((color for _, color in found), np.zeros(3)).max())
+        return [_colored(light, color / most) for light, color in found] if most > 0 else []
+
+    def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, Matrix] | None:
+        """A light, and how bright it is at `middle`."""
+        color = float(entry.get("intensity", 1)) * np.asarray(entry.get("color", (1, 1, 1)), dtype=np.float64)
+        kind, place = entry.get("type"), matrix[:3, 3]
+        if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
+            raise SceneError(f"a light has the colour {shown(str(color))}")
+        if kind == "directional":
+            return DirectionalLight(_triple(-matrix[:3, 2])), color
+        if kind not in ("point", "spot"):
+            self.notices.ignore(f"lights of the type {kind}")
+            return None
+        if kind == "spot":
+            self.notices.ignore("cones of spot lights, which shine all round")
+        distance = float(np.linalg.norm(place - middle))
+        return PointLight(_triple(place)), color / (distance**2 or 1)
+
+    def _count(self, triangles: int) -> None:
+        self._triangles += triangles
+        check_triangles(self._triangles)
+
+    def _parts(self, number: int, entry: dict[str, Any]) -> list[Mesh]:
+        if number not in self._meshes:
+            made = [self._primitive(primitive) for primitive in entry["primitives"]]
+            self._meshes[number] = [mesh for mesh in made if mesh is not None]
+        return self._meshes[number]
+
+    def _primitive(self, primitive: dict[str, Any]) -> Mesh | None:
+        mode = primitive.get("mode", 4)
+        if mode not in (4, 5, 6):
+            self.notices.ignore("points and lines")
+            return None
+        self.notices.ignore("morph targets", len(primitive.get("targets", [])))
+        attributes = primitive["attributes"]
+        vertices = self.document.array(attributes["POSITION"])
+        order = np.arange(len(vertices))
+        if "indices" in primitive:
+            order = self.document.array(primitive["indices"])[:, 0].astype(np.int64)
+        normals, uv, colors = (
+            self.document.array(attributes[name]) if name in attributes else None
+            for name in ("NORMAL", f"TEXCOORD_{self._uv_set(primitive)}", "COLOR_0")
+        )
+        return Mesh(
+            vertices,
+            _faces(order, mode),
+            normals,
+            None if colors is None else colors[:, :3],
+            self._material(primitive.get("material"), uv is not None, colors is not None),
+            self.name,
+            None if uv is None else uv * (1, -1) + (0, 1),  # v runs down in glTF, up here
+        )
+
+    def _uv_set(self, primitive: dict[str, Any]) -> int:
+        """The number of the uv coordinates that the colours of a primitive are read at."""
+        if "material" not in primitive:
+            return 0
+        look = self.document.one("materials", primitive["material"]).get("pbrMetallicRoughness", {})
+        used = look.get("baseColorTexture") or look.get("metallicRoughnessTexture") or {}
+        return int(used.get("texCoord", 0))
+
+    def _material(self, number: Any, has_uv: bool, has_colors: bool) -> Material:
+        if number is None or not self.reads_materials:
+            return PLAIN if has_colors else CLAY
+        entry = self.document.one("materials", number)
+        look = entry.get("pbrMetallicRoughness", {})
+        base, rough = (look.get(key) for key in ("baseColorTexture", "metallicRoughnessTexture"))
+        if base and rough and base.get("texCoord", 0) != rough.get("texCoord", 0):
+            self.notices.ignore("second uv coordinates of materials")
+            rough = None
+        if (base or rough) and not has_uv:
+            self.notices.ignore("pictures of meshes without uv coordinates")
+            base = rough = None
+        key = (number, bool(base or rough))
+        if key not in self._materials:
+            self._materials[key] = self._read_material(entry, look, self._picture(base), self._picture(rough))
+        return self._materials[key]
+
+    def _read_material(
+        self, entry: dict[str, Any], look: dict[str, Any], base: Picture | None, rough: Picture | None
+    ) -> Material:
+        color = [float(x) for x in look.get("baseColorFactor", (1, 1, 1, 1))]
+        if entry.get("alphaMode", "OPAQUE") != "OPAQUE":
+            self.notices.ignore("alpha of materials")
+        for key, what in _MAPS.items():
+            self.notices.ignore(what, int(key in entry))
+        if "emissiveTexture" in entry or any(entry.get("emissiveFactor", (0, 0, 0))):
+            self.notices.ignore("emission of materials")
+        return metallic_roughness(
+            MetallicRoughness(
+                (color[0], color[1], color[2]),
+                float(look.get("metallicFactor", 1)),
+                float(look.get("roughnessFactor", 1)),
+                base,
+                rough,
+            )
+        )
+
+    def _picture(self, used: dict[str, Any] | None) -> Picture | None:
+        """The picture of a texture that a material uses; None, with a notice, where it cannot be read."""
+        if not used:
+            return None
+        texture = self.document.one("textures", used.get("index"))
+        sampler = self.document.one("samplers", texture["sampler"]) if "sampler" in texture else {}
+        across, down = (sampler.get(key, 10497) for key in ("wrapS", "wrapT"))
+        if across != down:
+            self.notices.ignore("wraps of textures that differ across and down")
+        source = texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
+        if source is None:
+            self.notices.miss("a texture", "its picture is of a kind that is not read")
+            return None
+        image = self.document.one("images", source)
+        uri = image.get("uri", "")
+        name = image.get("name") or ("" if uri.startswith("data:") else uri) or f"picture {source}"
+
+        def contents() -> BytesIO:
+            held = self.document.bytes_of(image["bufferView"]) if "bufferView" in image else self.document.uri(uri)
+            return BytesIO(held)
+
+        filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
+        return self.pictures.get(source, str(name), contents, wrap=_WRAPS.get(across, "repeat"), filter=filter)
+
+
+def _nodes(document: Document) -> Iterator[Node]:
+    """The nodes of the default scene, parents first, in the file's order (section 3.5)."""
+    entries, scenes = document.all("nodes"), document.all("scenes")
+    if scenes:
+        roots = document.one("scenes", document.tree.get("scene", 0)).get("nodes", [])
+    else:
+        children = {child for entry in entries for child in entry.get("children", [])}
+        roots = [k for k in range(len(entries)) if k not in children]
+    if not entries:
+        for number in range(len(document.all("meshes"))):
+            yield Node({"mesh": number}, np.eye(4))
+    seen: set[int] = set()
+    waiting = [(root, np.eye(4)) for root in reversed(roots)]
+    while waiting:
+        number, outer = waiting.pop()
+        entry = document.one("nodes", number)
+        if number in seen:
+            raise SceneError(f"node {number} has more than one parent")
+        seen.add(number)
+        with np.errstate(all="ignore"):  # Instance refuses what is not finite
+            matrix = outer @ _local(entry)
+        yield Node(entry, matrix)
+        waiting += [(child, matrix) for child in reversed(entry.get("children", []))]
+
+
+def _local(entry: dict[str, Any]) -> Matrix:
+    """The matrix of a node: its own, or translation, rotation and scale (section 3.5.3)."""
+    if "matrix" in entry:
+        given = np.asarray(entry["matrix"], dtype=np.float64).reshape(4, 4).T.copy()
+        if np.allclose(given[3], (0, 0, 0, 1)):  # but for rounding in the text
+            given[3] = 0, 0, 0, 1
+        return given
+    x, y, z, w = np.asarray(entry.get("rotation", (0, 0, 0, 1)), dtype=np.float64)
+    length = math.sqrt(x * x + y * y + z * z + w * w) or 1.0
+    x, y, z, w = x / length, y / length, z / length, w / length
+    found = np.eye(4)
+    found[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    found[:3, :3] *= np.asarray(entry.get("scale", (1, 1, 1)), dtype=np.float64)
+    found[:3, 3] = entry.get("translation", (0, 0, 0))
+    return found
+
+
+def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """The triangles (F, 3) of a list (mode 4), strip (5) or fan (6) of vertices (section 3.7.2.1)."""
+    if mode == 4:
+        return order[: len(order) // 3 * 3].reshape(-1, 3)
+    k = np.arange(max(0, len(order) - 2))
+    if mode == 5:
+        return np.stack([order[k], order[k + 1 + k % 2], order[k + 2 - k % 2]], axis=1)
+    return np.stack([order[k + 1], order[k + 2], order[0 * k]], axis=1)
+
+
+def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
+    """A perspective camera (section 3.10.3): it looks along its own -z."""
+    angle, aspect = float(lens["yfov"]), float(lens.get("aspectRatio", 1))
+    if aspect < 1:
+        angle = 2 * math.atan(aspect * math.tan(angle / 2))
+    place, ahead = matrix[:3, 3], -matrix[:3, 2]
+    ahead = ahead / (np.linalg.norm(ahead) or 1)
+    distance = float(np.linalg.norm(middle - place)) or 1.0
+    return Camera(_triple(place), _triple(place + distance * ahead), _triple(matrix[:3, 1]), math.degrees(angle))
+
+
+def _colored(light: PlacedLight, color: Matrix) -> PlacedLight:
+    if isinstance(light, PointLight):
+        return PointLight(light.position, _triple(color))
+    return DirectionalLight(light.direction, _triple(color))
+
+
+def _triple(values: Matrix) -> Triple:
+    x, y, z = values.tolist()
+    return x, y, z
