@@ -27,7 +27,7 @@ SAMPLES_AT_ONCE = 16
 """Samples of a pass, at most."""
 BAND = 1 << 13
 """Pixels of a band on numpy: few enough for Ctrl-C to be heard."""
-DEVICE_BAND = 1 << 18
+DEVICE_BAND = 1 << 16
 """Pixels of a band on a device."""
 MOST_SAMPLES = 1 << 24
 """Samples of a pixel, at most: the numbers of more are not exact floats."""
