@@ -9,6 +9,8 @@ Stage: scene description. A `Texture` holds linear numbers; `kernels.textures` r
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal, get_args
@@ -82,9 +84,11 @@ def _read(path: Path) -> NDArray[Any]:
         raise SceneError(f"{path}: not a readable picture ({' '.join(str(error).split())[:200]})") from error
 
 
-def opened(source: Path | BinaryIO) -> Any:
+@contextmanager
+def opened(source: Path | BinaryIO) -> Iterator[Any]:
     """A picture of Pillow's from a file or its contents, not decoded yet; it raises whatever Pillow raises.
 
+    Pillow's warnings are not shown: it warns of half as many pixels as it refuses, and of faults that it mends.
     Raises SceneError where Pillow is missing, and for a picture with more than 16384 pixels along a side.
     """
     try:
@@ -92,15 +96,16 @@ def opened(source: Path | BinaryIO) -> Any:
         from PIL import UnidentifiedImageError
     except ImportError as error:
         raise SceneError("reading pictures needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
-    with warnings.catch_warnings():  # Pillow warns of half as many pixels as it refuses
-        warnings.simplefilter("ignore", pillow.DecompressionBombWarning)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         try:
             picture = pillow.open(source, formats=FORMATS)
         except UnidentifiedImageError:
             raise SceneError(f"not a readable picture: none of {', '.join(FORMATS)}") from None
-    if max(picture.size) > LARGEST:
-        raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
-    return picture
+        with picture:
+            if max(picture.size) > LARGEST:
+                raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
+            yield picture
 
 
 def pixels_of(picture: Any) -> NDArray[Any]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from raytracer.materials import Material, Triple
 from raytracer.meshes.folder import Notices
-from raytracer.meshes.pictures import Picture
+from raytracer.meshes.pictures import Picture, channel
 from raytracer.textures import Texture
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
@@ -63,7 +63,8 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
     picture = look.roughness_picture
 
     def textures() -> list[float | Texture]:
-        maps = _lobe(look.roughness * picture.channel(1), look.metallic * picture.channel(2), shared)
+        pixels = picture.fitting(3)
+        maps = _lobe(look.roughness * channel(pixels, 1), look.metallic * channel(pixels, 2), shared)
         return [
             float(numbers.flat[0]) if np.ptp(numbers) == 0 else picture.texture(numbers, srgb=False) for numbers in maps
         ]

@@ -40,13 +40,12 @@ def mesh_of(part: Any, *, material: Material | None = None, name: str | None = N
     return found
 
 
-def parts_of(thing: Any) -> Iterator[Instance]:
+def parts_of(thing: Any, notices: Notices) -> Iterator[Instance]:
     """The meshes of a trimesh.Trimesh or trimesh.Scene, in their places, named by the nodes of the scene's graph."""
-    if not hasattr(thing, "graph"):
-        yield Instance(mesh_of(thing), np.eye(4))
-        return
-    notices = Notices("trimesh.Scene")
     pictures = Pictures(notices)
+    if not hasattr(thing, "graph"):
+        yield Instance(_mesh(thing, None, _name(thing), pictures, notices), np.eye(4))
+        return
     made: dict[str, Mesh] = {}
     for node in thing.graph.nodes_geometry:
         matrix, key = thing.graph[node]
@@ -57,7 +56,6 @@ def parts_of(thing: Any) -> Iterator[Instance]:
         if key not in made:
             made[key] = _mesh(geometry, None, key, pictures, notices)
         yield Instance(made[key], matrix, str(node))
-    notices.warn()
 
 
 def _name(part: Any) -> str:

@@ -53,6 +53,7 @@ class Document:
         unread = {name for name in unread if not name.startswith(_HARMLESS)}
         if unread:
             raise SceneError(f"it needs {shown(', '.join(sorted(unread)))}, which is not read: export it without")
+        self._lists: dict[str, list[dict[str, Any]]] = {}
         self._buffers: dict[int, bytes] = {}
         self._arrays: dict[int, NDArray[Any]] = {}
 
@@ -63,10 +64,12 @@ class Document:
 
     def all(self, key: str) -> list[dict[str, Any]]:
         """The entries of one of the file's lists."""
-        found = self.tree.get(key, [])
-        if not (isinstance(found, list) and all(isinstance(entry, dict) for entry in found)):
-            raise SceneError(f"its {key} are no list of objects")
-        return found
+        if key not in self._lists:
+            found = self.tree.get(key, [])
+            if not (isinstance(found, list) and all(isinstance(entry, dict) for entry in found)):
+                raise SceneError(f"its {key} are no list of objects")
+            self._lists[key] = found
+        return self._lists[key]
 
     def one(self, key: str, number: Any) -> dict[str, Any]:
         """The entry of one of the file's lists that has this number."""

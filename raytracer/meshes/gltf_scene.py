@@ -55,7 +55,7 @@ class GltfScene:
         self.reads_materials = materials
         self._materials: dict[tuple[Any, bool], Material] = {}
         self._meshes: dict[int, list[Mesh]] = {}
-        self._triangles = 0
+        self._built = self._placed = 0
         for key, what in _LISTS.items():
             notices.ignore(what, len(document.all(key)))
         notices.ignore("scenes after the first", len(document.all("scenes")) - 1)
@@ -71,7 +71,8 @@ class GltfScene:
             mesh = self.document.one("meshes", node.entry["mesh"])
             name = str(node.entry.get("name") or mesh.get("name") or self.name)
             for k, part in enumerate(self._parts(node.entry["mesh"], mesh)):
-                self._count(len(part))
+                self._placed += len(part)
+                check_triangles(self._placed)
                 found.append(Instance(part, node.matrix, f"{name}_{k}" if k else name))
         return found
 
@@ -122,10 +123,6 @@ class GltfScene:
         distance = float(np.linalg.norm(place - middle))
         return PointLight(_triple(place)), color / (distance**2 or 1)
 
-    def _count(self, triangles: int) -> None:
-        self._triangles += triangles
-        check_triangles(self._triangles)
-
     def _parts(self, number: int, entry: dict[str, Any]) -> list[Mesh]:
         if number not in self._meshes:
             made = [self._primitive(primitive) for primitive in entry["primitives"]]
@@ -147,9 +144,12 @@ class GltfScene:
             self.document.array(attributes[name]) if name in attributes else None
             for name in ("NORMAL", f"TEXCOORD_{self._uv_set(primitive)}", "COLOR_0")
         )
+        faces = _faces(order, mode)
+        self._built += len(faces)
+        check_triangles(self._built)
         return Mesh(
             vertices,
-            _faces(order, mode),
+            faces,
             normals,
             None if colors is None else colors[:, :3],
             self._material(primitive.get("material"), uv is not None, colors is not None),

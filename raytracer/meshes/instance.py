@@ -62,9 +62,12 @@ def _parts(thing: Any) -> Iterator[Mesh | Instance]:
     if isinstance(thing, Mesh | Instance):
         yield thing
     elif _of_trimesh(thing):
-        from raytracer.meshes.from_trimesh import parts_of  # here: it needs no trimesh, but who has none needs no parts
+        from raytracer.meshes.folder import Notices  # here: only those who have trimesh need them
+        from raytracer.meshes.from_trimesh import parts_of
 
-        yield from parts_of(thing)
+        notices = Notices(f"trimesh.{type(thing).__name__}")
+        yield from parts_of(thing, notices)
+        notices.warn()
     else:
         raise _stranger(thing)
 

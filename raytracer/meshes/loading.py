@@ -9,6 +9,7 @@ wrong with it.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -34,6 +35,8 @@ from raytracer.meshes.obj import PictureWords, Words, picture_words, read_mtl, r
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.textures import Wrap
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+"""trimesh logs tracebacks of faults that it passes over; without a handler Python prints them."""
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 _LONGEST = 200
 """Characters of a reader's own message that are shown."""
@@ -206,10 +209,7 @@ def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool)
     scene: Any = trimesh.load(
         BytesIO(READABLE[kind](data)), file_type=kind[1:], process=False, force="scene", skip_materials=True
     )
-    for geometry in scene.geometry.values():
-        if not isinstance(geometry, trimesh.Trimesh):
-            notices.ignore("points and lines")
-    found = [replace(mesh, name=path.stem) for mesh in _placed(list(parts_of(scene)))]
+    found = [replace(mesh, name=path.stem) for mesh in _placed(list(parts_of(scene, notices)))]
     header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
     name = texture_file(text_of(header))
     return Contents([_painted(mesh, name, Folder(path), notices) if materials else mesh for mesh in found])

@@ -1,7 +1,7 @@
 """The pictures of a mesh file, each decoded once, as the textures that materials take from them.
 
-Stage: scene description. The pictures of a file may have 64 million pixels in all, so that a small file from a stranger
-cannot fill the memory; what exceeds that is made smaller.
+Stage: scene description. The pictures of a file may have 64 million pixels in all, and so may the textures that are
+made of them, so that a small file from a stranger cannot fill the memory; what exceeds that is made smaller.
 
     pictures = Pictures(notices)
     wood = pictures.get("wood", "wood.png", lambda: folder.find("wood.png"))
@@ -11,6 +11,7 @@ cannot fill the memory; what exceeds that is made smaller.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -26,32 +27,56 @@ MOST: Final = 1 << 26
 Pixels = NDArray[Any]
 
 
-class Picture:
-    """The pixels (H, W, 1 or 3) of a picture, uint8 or floats in [0, 1], with how a material reads them."""
+class Budget:
+    """How many pixels are left of `MOST`, for pictures that come one after the other."""
 
-    def __init__(self, pixels: Pixels, name: str, wrap: Wrap, filter: Filter) -> None:
+    def __init__(self, notices: Notices) -> None:
+        self.notices = notices
+        self.left = MOST
+
+    def factor(self, width: int, height: int, count: int = 1) -> int:
+        """Return the power of two by which `count` pictures are made smaller, to take at most half of what is left."""
+        factor = 1
+        while factor < max(width, height) and count * (width // factor) * (height // factor) > self.left // 2:
+            factor *= 2
+        if factor > 1:
+            self.notices.ignore(f"detail of pictures beyond {MOST:,} pixels")
+        self.left -= count * (width // factor) * (height // factor)
+        return factor
+
+
+class Picture:
+    """The pixels (H, W, 1 or 3) of a picture, uint8 or floats in [0, 1], with how a material reads them.
+
+    `budget` is that of the textures which are made of pictures.
+    """
+
+    def __init__(self, pixels: Pixels, name: str, wrap: Wrap, filter: Filter, budget: Budget) -> None:
         self.pixels = pixels if pixels.ndim == 3 else pixels[..., None]
+        self.budget = budget
         self.name, self.wrap, self.filter = name, wrap, filter
         self._made: dict[Hashable, Any] = {}
 
     def color(self, factor: Triple) -> Texture:
         """Return the sRGB colours of the picture times a linear factor; the same Texture for the same factor."""
         if factor == (1.0, 1.0, 1.0):
-            made: Texture = self.made(factor, lambda: self.texture(self.pixels, srgb=True))
+            made: Texture = self.made(factor, lambda: self.texture(self.fitting(1), srgb=True))
         else:
             scale = np.asarray(factor, np.float32)
-            made = self.made(factor, lambda: self.texture(self._linear() * scale, srgb=False))
+            made = self.made(factor, lambda: self.texture(_linear(self.fitting(1)) * scale, srgb=False))
         return made
 
     def mean(self) -> NDArray[np.float64]:
-        """The mean of the linear colours, (3,)."""
-        found = self.made("mean", lambda: self._linear().mean(axis=(0, 1), dtype=np.float64))
+        """The mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
+        step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))
+        found = self.made("mean", lambda: _linear(self.pixels[::step, ::step]).mean(axis=(0, 1), dtype=np.float64))
         return np.asarray(np.broadcast_to(found, 3))
 
-    def channel(self, number: int) -> NDArray[np.float32]:
-        """Return one channel as it is, (H, W) in [0, 1]."""
-        found = self.pixels[..., min(number, self.pixels.shape[2] - 1)]
-        return found.astype(np.float32) / np.float32(255 if found.dtype == np.uint8 else 1)
+    def fitting(self, count: int) -> Pixels:
+        """The pixels (h, w, 1 or 3) for `count` textures to be made of, fewer of them where the budget ends."""
+        factor = self.budget.factor(self.pixels.shape[1], self.pixels.shape[0], count)
+        part = slice(factor // 2, None, factor)
+        return self.pixels[part, part]
 
     def texture(self, pixels: Pixels, *, srgb: bool) -> Texture:
         """Return a Texture of other pixels that is read as this picture is."""
@@ -65,10 +90,18 @@ class Picture:
             self._made[key] = make()
         return self._made[key]
 
-    def _linear(self) -> NDArray[np.float32]:
-        if self.pixels.dtype == np.uint8:
-            return decoded(np.arange(256) / 255).astype(np.float32)[self.pixels]
-        return decoded(self.pixels.astype(np.float64)).astype(np.float32)
+
+def channel(pixels: Pixels, number: int) -> NDArray[np.float32]:
+    """One channel of pixels (H, W, 1 or 3) as it is, (H, W) in [0, 1]."""
+    found = pixels[..., min(number, pixels.shape[2] - 1)]
+    return found.astype(np.float32) / np.float32(255 if found.dtype == np.uint8 else 1)
+
+
+def _linear(pixels: Pixels) -> NDArray[np.float32]:
+    """SRGB pixels as linear ones."""
+    if pixels.dtype == np.uint8:
+        return decoded(np.arange(256) / 255).astype(np.float32)[pixels]
+    return decoded(pixels.astype(np.float64)).astype(np.float32)
 
 
 class Pictures:
@@ -76,7 +109,7 @@ class Pictures:
 
     def __init__(self, notices: Notices) -> None:
         self.notices = notices
-        self._left = MOST
+        self._read_budget, self._made_budget = Budget(notices), Budget(notices)
         self._pixels: dict[Hashable, Pixels | None] = {}
         self._pictures: dict[Hashable, Picture] = {}
 
@@ -98,23 +131,19 @@ class Pictures:
         pixels = self._pixels[key]
         if pixels is None:
             return None
-        return self._pictures.setdefault((key, wrap, filter), Picture(pixels, name, wrap, filter))
+        return self._pictures.setdefault((key, wrap, filter), Picture(pixels, name, wrap, filter, self._made_budget))
 
     def _read(self, name: str, source: Callable[[], Any]) -> Pixels | None:
         try:
             found = source()
-            picture = found if hasattr(found, "convert") else opened(found)
-            width, height = picture.size
-            factor = 1
-            while factor < max(width, height) and (width // factor) * (height // factor) > self._left // 2:
-                factor *= 2
-            if factor > 1:
-                self.notices.ignore(f"detail of pictures beyond {MOST:,} pixels")
-                picture = picture.convert("RGB").reduce(factor)
-            pixels = pixels_of(picture)
-            self._left -= pixels.shape[0] * pixels.shape[1]
-            return pixels
+            with nullcontext(found) if hasattr(found, "convert") else opened(found) as picture:
+                return self._fitted(picture)
         # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
         except Exception as error:
             self.notices.miss(name, shown(str(error) or type(error).__name__, 100))
             return None
+
+    def _fitted(self, picture: Any) -> Pixels:
+        """The pixels of a picture of Pillow's, as many as the budget has."""
+        factor = self._read_budget.factor(*picture.size)
+        return pixels_of(picture if factor == 1 else picture.convert("RGB").reduce(factor))
