@@ -19,6 +19,11 @@ OTHER_NAMES = {
     "dist": "distance", "deg2rad": "radians", "rad2deg": "degrees", "matmul": "dot", "vdot": "dot",
 }  # fmt: skip
 """A function of numpy or math, and the function of shpy that does the same."""
+OF_LIBRARY = frozenset(
+    "isfinite hypot rotate scale translate look_at perspective fbm turbulence worley cellnoise luminance cubemap "
+    "Texture3D TextureCube".split()
+)
+"""Names of shpy.library that users look for in shpy itself."""
 
 _SHADING = {
     "lerp": "mix(a, b, t)", "frac": "fract(x)", "roundEven": "round(x)", "magnitude": "length(v)", "mag": "length(v)",
@@ -49,13 +54,7 @@ _PLAIN = {
     "outerProduct": "sh.library.outer(a, b)", "logical_and": "a & b", "logical_or": "a | b",
     "logical_not": "~a",
     "ddx": "sh.dFdx(x)", "ddy": "sh.dFdy(x)", "fwidth": "abs(sh.dFdx(x)) + abs(sh.dFdy(x))",
-    **{
-        name: f"sh.library.{name}"
-        for name in (
-            "isfinite hypot rotate scale translate look_at perspective fbm turbulence worley cellnoise luminance "
-            "cubemap Texture3D TextureCube"
-        ).split()
-    },
+    **{name: f"sh.library.{name}" for name in OF_LIBRARY},
     "lookAt": "sh.library.look_at", "textureCube": "sh.library.TextureCube", "texture3D": "sh.library.Texture3D",
 }  # fmt: skip
 _VECTORS = {"float": "vec", "int": "ivec", "uint": "uvec", "bool": "bvec"}

@@ -11,7 +11,7 @@ from oracle import closest
 import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
 from raytracer.kernels.cells import CellWalk
-from raytracer.kernels.surfaces import Surface, SurfaceTables
+from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.layout import Layout, triangle_rows
@@ -269,7 +269,7 @@ def bounced(mesh, accel):
     def bounce(eye: sh.Point3f, ray: sh.Vector3f, to: sh.Vector3f) -> _Bounce:
         nothing, ever = sh.Attrib1b(False), sh.Attrib1f(FAR)
         hit = walk(ray, eye, sh.Attrib1f(0), ever, nothing)
-        surface = Surface()
+        surface = ShadedPoint()
         tables.arrive(hit, ray, eye, surface)
         onward = sh.Vector3f(sh.cond(sh.dot(surface.face, to) < 0, -to, to))
         again = walk(onward, sh.Point3f(surface.inter), sh.Attrib1f(0), ever, nothing)

@@ -8,9 +8,9 @@ import pytest
 from oracle import closest
 
 from raytracer import Intersector, Renderer, Scene
-from raytracer import intersector as queries
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.grid import build_grid
+from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
 from raytracer.kernels.triangle import FAR
@@ -83,7 +83,7 @@ def test_every_walk_through_a_real_mesh_hits_the_same(scene):
     structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners)
     walks = [BvhIntersector(structure, rows, together=True), WideIntersector(structure, rows)]
     walks.append(GridIntersector(build_grid(mesh.corners.astype(np.float32)), rows))
-    together, alone, grid = (queries._intersect(walk) for walk in walks)
+    together, alone, grid = (queries.intersect(walk, exact=True) for walk in walks)
     kernels = [together.compile("opencl", lanes=16, loop_limit=None), grid.compile("opencl", loop_limit=None)]
     kernels += [alone.compile("opencl", lanes=1, loop_limit=None)]
     if scene.name == "teapot":
@@ -91,7 +91,7 @@ def test_every_walk_through_a_real_mesh_hits_the_same(scene):
         kernels += [together.compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
     for _ in range(2):
         ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True)).astype(np.float32)
-        first, *others = (kernel(eye, ray, 0.0, FAR) for kernel in kernels)
+        first, *others = (kernel(eye, ray, 0.0, FAR, (0, 0, 0), 1.0) for kernel in kernels)
         assert (first.triangle >= 0).sum() > 400
         for other in others:
             for ours, theirs in zip(first, other, strict=True):

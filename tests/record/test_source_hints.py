@@ -154,7 +154,8 @@ NUMBERS = {
     "n = math.sin(2 * -x)": (computed("math.sin(2 * -x)"), "sh.sin(2 * -x)"),
     "n = math.fabs(x)": (computed("math.fabs(x)"), "sh.abs(x)"),
     "n = math.floor(x)": (computed("math.floor(x)"), "sh.floor(x)"),
-    "n = math.hypot(x, y)": (computed("math.hypot(x, y)"), "sh.length(sh.Attrib2f(x, y))"),
+    "n = math.hypot(x, y)": (computed("math.hypot(x, y)"), "sh.library.hypot(x, y)"),
+    "n = math.log10(x)": (computed("math.log10(x)"), "sh.log10(x)"),
     "n = math.gamma(x)": (computed("math.gamma(x)"), "a function of shpy, such as `sh.sqrt`"),
     "for k in range(1, x): n += k": (
         "`range(1, x)` counts while recording, and its bound is known only when the program runs",

@@ -17,7 +17,7 @@ from types import FrameType
 from typing import TypeAlias
 
 from shpy.ir.nodes import Loc
-from shpy.lang.foreign import OTHER_NAMES
+from shpy.lang.foreign import OF_LIBRARY, OTHER_NAMES
 from shpy.lang.location import user_frame
 from shpy.lang.source.rewrite import rewritten
 from shpy.lang.source.tree import parsed, quoted
@@ -27,7 +27,7 @@ _Span: TypeAlias = tuple[int, int, int, int]
 
 _TESTING = frozenset({"bool", "min", "max", "any", "all", "sorted"})
 _SAME = frozenset(
-    "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 pow sin cos tan asin acos atan atan2 sinh cosh "
+    "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 log10 pow sin cos tan asin acos atan atan2 sinh cosh "
     "tanh asinh acosh atanh fma ldexp radians degrees dot cross transpose any all isnan isinf".split()
 )
 _JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
@@ -382,4 +382,6 @@ def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
         return f"{prefix}length({prefix}Attrib2f({inside}))" if "," in inside else f"{prefix}length({inside})"
     if name in _SAME or name in OTHER_NAMES.values():
         return f"{prefix}{name}({inside})"
+    if name in OF_LIBRARY:
+        return f"{prefix}library.{name}({inside})"
     return f"a function of shpy, such as `{prefix}sqrt`"
