@@ -27,8 +27,8 @@ _Span: TypeAlias = tuple[int, int, int, int]
 
 _TESTING = frozenset({"bool", "min", "max", "any", "all", "sorted"})
 _SAME = frozenset(
-    "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 log10 pow sin cos tan asin acos atan atan2 sinh cosh "
-    "tanh asinh acosh atanh fma ldexp radians degrees dot cross transpose any all isnan isinf".split()
+    "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 log10 pow sin cos tan asin acos atan atan2 "
+    "sinh cosh tanh asinh acosh atanh fma ldexp radians degrees dot cross transpose any all isnan isinf".split()
 )
 _JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
 _CASTING = {
