@@ -24,8 +24,9 @@ from raytracer.accel.grid import Grid
 from raytracer.errors import SceneError
 from raytracer.kernels import nearby, queries
 from raytracer.kernels.triangle import AheadBound
-from raytracer.kernels.walk import Walk, walk_with
+from raytracer.kernels.walk import Structure, Walk, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
+from raytracer.layered.cube import LayeredCube, cube_of
 from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.rays import Frame, Rays, triples
@@ -88,6 +89,9 @@ class Intersector:
     default; `precision` "f32", "f64" or "f16". Raises SceneError for what is neither mesh nor scene, and for another
     accelerator.
 
+    `accel` may also be a `LayeredCube` of the mesh, or "ldc", "ldc:resolution" or "ldc:resolution:hit", which make one:
+    `intersect` and `occluded` are then as exact as the cube is; `count` and `all_hits` raise SceneError.
+
     Rays are arrays `origins` and `directions` (..., 3) of the same shape, such as (N, 3) or (H, W, 3), and all results
     have that shape without its last axis. Directions may have any length; `t_min` and `t_max` are numbers or arrays
     of the results' shape, in lengths of the directions. float32 arrays go to the device as they are, others are rounded
@@ -103,11 +107,19 @@ class Intersector:
     """
 
     def __init__(
-        self, mesh_or_scene: Mesh | Scene, accel: str = "bvh", backend: str | None = None, precision: str = "f32"
+        self,
+        mesh_or_scene: Mesh | Scene,
+        accel: str | LayeredCube = "bvh",
+        backend: str | None = None,
+        precision: str = "f32",
     ) -> None:
-        check(accel)
         if not isinstance(mesh_or_scene, Mesh | Scene):
             raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
+        cube = cube_of(accel, mesh_or_scene, backend) if isinstance(accel, str) else accel
+        if cube is None:
+            check(str(accel))
+        elif precision != "f32":
+            raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         meshes = [mesh for mesh in meshes if len(mesh)]
         self._target = backend or sh.default_backend()
@@ -115,14 +127,14 @@ class Intersector:
         self._precision, self._floats = precision, WORKING.get(precision, np.float32)
         self._frame = Frame(np.zeros(3), 1.0, precision)
         self._kernels: dict[Any, Any] = {}
-        self._structure: Grid | Bvh | None = None
+        self._structure: Structure | None = None
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
             origin = origin_of(corners)
             corners -= origin
             self._frame = Frame(origin, scale_of(corners, precision), precision)
             self._corners = rounded(corners * self._frame.scale, precision)
-            self._structure, self._rows = build(accel, self._corners, precision), triangle_rows(self._corners)
+            self._structure, self._rows = cube or build(str(accel), self._corners, precision), triangle_rows(self._corners)
             self._walk = walk_with(self._structure, self._rows, self._target, None)
 
     def intersect(
@@ -289,11 +301,14 @@ class Intersector:
         roundoff = float(np.finfo(self._floats).eps) / 2
         bound = AheadBound(roundoff, START) if leaving else None
         assert self._structure is not None
+        several = name in ("count", "list_hits", "list_more")
+        if several and isinstance(self._structure, LayeredCube):
+            raise SceneError('a layered depth cube finds the nearest hit alone: count hits with accel="bvh"')
         if alone:
             assert isinstance(self._structure, Bvh)
             return WideIntersector(self._structure, self._rows, bound)
         repeats = isinstance(self._structure, Grid) and self._structure.shape != (1, 1, 1)
-        structure = self._tree if repeats and name in ("count", "list_hits", "list_more") else self._structure
+        structure = self._tree if repeats and several else self._structure
         if structure is self._structure and not leaving:
             return self._walk
         return walk_with(structure, self._rows, self._target, bound)

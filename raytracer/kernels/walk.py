@@ -11,7 +11,11 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
+from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import AheadBound, Hit, Triangles
+from raytracer.layered.cube import LayeredCube
+
+Structure = Grid | Bvh | LayeredCube
 
 _TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
@@ -31,7 +35,7 @@ class Walk(Protocol):
         ...
 
 
-def walk_through(structure: Grid | Bvh, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
+def walk_through(structure: Structure, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
     """The walk through a structure over `triangles` (see `layout.triangle_rows`), in the way that suits a backend.
 
     `roundoff` is for rays of unit length that may start from a triangle (see `AheadBound`).
@@ -40,8 +44,10 @@ def walk_through(structure: Grid | Bvh, triangles: Any, backend: str, roundoff: 
     return walk_with(structure, triangles, backend, bound)
 
 
-def walk_with(structure: Grid | Bvh, triangles: Any, backend: str, bound: AheadBound | None) -> Walk:
+def walk_with(structure: Structure, triangles: Any, backend: str, bound: AheadBound | None) -> Walk:
     """The walk as in `walk_through`, with the bound of rays that may start from a triangle."""
+    if isinstance(structure, LayeredCube):
+        return LayeredIntersector(structure, triangles, bound)
     if isinstance(structure, Bvh):
         return BvhIntersector(structure, triangles, together=backend in _TOGETHER, bound=bound)
     return GridIntersector(structure, triangles, bound)

@@ -1,0 +1,224 @@
+"""Programs that rasterise triangles into the three layered depth images of a cube: rows, spans, samples, coarse ranges.
+
+Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.2. A triangle
+goes only into the image across the largest component of its normal, so its depth changes by at most one side of a texel
+along either side. Image 0, 1, 2 looks along x, y, z; its columns run along the next axis, its rows along the one after.
+
+A triangle is cut into the rows of texels that it reaches, a row into a span of columns. Both are intervals because a
+triangle is convex, so every texel of a span is a sample and nothing has to be sorted out. Ends of edges are taken in
+one order, so that the two triangles of an edge have the same spans there.
+
+With conservative rasterisation a triangle reaches each texel that it touches, and `MARGIN` farther, for rounding.
+Without it, it reaches the texels whose centres it covers, those on its border included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import shpy as sh
+from raytracer.kernels.triangle import FAR, higher, highest, lower, lowest
+from shpy import SH_FOR, SH_IF
+
+MARGIN = 2.0**-6
+"""How far beyond its texels a conservative triangle reaches, in texels: more than the roundings of the walk."""
+LOW, INVERSE, SIZE, SLACK, NEAREST, FARTHEST, HIGH, COUNTS = range(8)
+"""Rows of a cube's `frame`: the corner of its box, 1 / texel, texel, the depth by which a surface may leave its sample
+within a texel; the least and largest depth of samples in each image; the box's other corner; resolution, block and
+blocks along a side."""
+
+
+class Rows(NamedTuple):
+    """The rows that a triangle reaches: the first one, and how many."""
+
+    first: sh.Attrib1i
+    count: sh.Attrib1i
+
+
+class Span(NamedTuple):
+    """The columns that a triangle reaches within a row: the triangle, the row, the first column, and how many."""
+
+    triangle: sh.Attrib1i
+    row: sh.Attrib1i
+    first: sh.Attrib1i
+    count: sh.Attrib1i
+
+
+class Sample(NamedTuple):
+    """A sample: its texel among those of all images, its depth, its triangle, and its depth's change by a texel."""
+
+    texel: sh.Attrib1i
+    depth: sh.Attrib1f
+    triangle: sh.Attrib1i
+    slope: sh.Attrib2f
+
+
+class Projected:
+    """A triangle as the image sees it: `corners` (column, row, depth) in texels and lengths; `axis`, -1 for no image.
+
+    `slope` is how the depth changes by a texel along a row and along a column.
+    """
+
+    def __init__(self, triangles: Any, frame: Any, number: Any) -> None:
+        rows = [triangles[3 * number + corner] for corner in range(3)]
+        normal = sh.Vector3f(*(row.w for row in rows))
+        axis = largest_axis(normal)
+        across, down, along = turned(normal, axis)
+        self.axis = sh.cond(along == 0, -1, axis)
+        low, inverse = frame[LOW].xyz, frame[INVERSE].xyz
+        self.corners = []
+        for row in rows:
+            place = (row.xyz - low) * inverse
+            self.corners.append((*turned(place, axis)[:2], turned(row.xyz, axis)[2]))
+        size = turned(frame[SIZE].xyz, axis)
+        self.slope = (-across / along) * size[0], (-down / along) * size[1]
+
+    def depth(self, column: Any, row: Any) -> Any:
+        """The depth of the triangle's plane at the centre of a texel."""
+        x, y, depth = self.corners[0]
+        ahead = (sh.Attrib1f(column) + 0.5 - x) * self.slope[0]
+        return depth + ahead + (sh.Attrib1f(row) + 0.5 - y) * self.slope[1]
+
+
+def largest_axis(v: Any) -> Any:
+    """The axis of a vector's largest component, the first of equal ones."""
+    size = abs(v)
+    return sh.cond((size.x >= size.y) & (size.x >= size.z), 0, sh.cond(size.y >= size.z, 1, 2))
+
+
+def turned(v: Any, axis: Any) -> tuple[Any, Any, Any]:
+    """The components of a vector along the columns, the rows and the depth of an image."""
+    by_x, by_y = axis == 0, axis == 1
+    return (
+        sh.cond(by_x, v.y, sh.cond(by_y, v.z, v.x)),
+        sh.cond(by_x, v.z, sh.cond(by_y, v.x, v.y)),
+        sh.cond(by_x, v.x, sh.cond(by_y, v.y, v.z)),
+    )
+
+
+def texels_between(begin: Any, end: Any, resolution: Any, conservative: bool) -> tuple[Any, Any]:
+    """The first texel that an interval reaches, and how many."""
+    if conservative:
+        first, last = sh.floor(begin - MARGIN), sh.floor(end + MARGIN)
+    else:
+        first, last = sh.ceil(begin - 0.5), sh.floor(end - 0.5)
+    first, last = sh.max(sh.Attrib1i(first), 0), sh.min(sh.Attrib1i(last), resolution - 1)
+    return first, sh.max(last - first + 1, 0)
+
+
+def span_of(corners: Sequence[Any], low: Any, high: Any) -> tuple[Any, Any]:
+    """Where a triangle begins and ends along the columns, between two heights; it begins beyond its end for nowhere."""
+    begin, end = sh.Attrib1f(FAR), sh.Attrib1f(-FAR)
+    for k in range(3):
+        (x0, y0, _), (x1, y1, _) = corners[k], corners[(k + 1) % 3]
+        swapped = (y1 < y0) | ((y1 == y0) & (x1 < x0))
+        (x0, y0), (x1, y1) = (
+            (sh.cond(swapped, x1, x0), sh.cond(swapped, y1, y0)),
+            (sh.cond(swapped, x0, x1), sh.cond(swapped, y0, y1)),
+        )
+        slope = (x1 - x0) / sh.cond(y1 > y0, y1 - y0, 1.0)
+        left, right = lower(x0, x1), higher(x0, x1)
+        first = sh.cond(y0 >= low, x0, sh.clamp(x0 + (low - y0) * slope, left, right))
+        last = sh.cond(y1 <= high, x1, sh.clamp(x0 + (high - y0) * slope, left, right))
+        with SH_IF((y1 >= low) & (y0 <= high)):
+            begin[:] = lower(begin, lower(first, last))
+            end[:] = higher(end, higher(first, last))
+    return begin, end
+
+
+@cache
+def rows_of_triangles(conservative: bool) -> Any:
+    """Record the program that gives the rows of each triangle."""
+
+    @sh.program
+    def rows(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f]) -> Rows:
+        seen = Projected(triangles, frame, sh.grid_index(1))
+        heights = [corner[1] for corner in seen.corners]
+        resolution = sh.Attrib1i(frame[COUNTS].x)
+        first, count = texels_between(lowest(*heights), highest(*heights), resolution, conservative)
+        return Rows(first, sh.cond(seen.axis < 0, 0, count))
+
+    return rows
+
+
+@cache
+def spans_of_rows(conservative: bool) -> Any:
+    """Record the program that gives the span of each row; `starts` is where each triangle's rows begin."""
+
+    @sh.program
+    def spans(
+        triangles: sh.Table[sh.Attrib4f],
+        frame: sh.Table[sh.Attrib4f],
+        number: sh.Attrib1i,
+        starts: sh.Table[sh.Attrib1i],
+        first_rows: sh.Table[sh.Attrib1i],
+    ) -> Span:
+        seen = Projected(triangles, frame, number)
+        row = first_rows[number] + sh.grid_index(1) - starts[number]
+        middle = sh.Attrib1f(row) + 0.5
+        reach = 0.5 + MARGIN if conservative else 0.0
+        begin, end = span_of(seen.corners, middle - reach, middle + reach)
+        first, count = texels_between(begin, end, sh.Attrib1i(frame[COUNTS].x), conservative)
+        return Span(number, row, first, sh.cond(begin <= end, count, 0))
+
+    return spans
+
+
+@sh.program
+def samples_of_spans(
+    triangles: sh.Table[sh.Attrib4f],
+    frame: sh.Table[sh.Attrib4f],
+    number: sh.Attrib1i,
+    starts: sh.Table[sh.Attrib1i],
+    span_triangle: sh.Table[sh.Attrib1i],
+    span_row: sh.Table[sh.Attrib1i],
+    span_first: sh.Table[sh.Attrib1i],
+) -> Sample:
+    """Give the samples of all spans; `number` is the span of each, `starts` where each span's samples begin."""
+    triangle, row = span_triangle[number], span_row[number]
+    column = span_first[number] + sh.grid_index(1) - starts[number]
+    seen = Projected(triangles, frame, triangle)
+    resolution = sh.Attrib1i(frame[COUNTS].x)
+    texel = (seen.axis * resolution + row) * resolution + column
+    return Sample(texel, seen.depth(column, row), triangle, sh.Attrib2f(*seen.slope))
+
+
+@sh.program
+def ranges_of_blocks(
+    frame: sh.Table[sh.Attrib4f], offsets: sh.Table[sh.Attrib1i], depths: sh.Table[sh.Attrib1f]
+) -> sh.Attrib2f:
+    """Give the least and the largest depth of each block of texels, over all layers; (FAR, -FAR) for an empty one."""
+    resolution, block, blocks = (sh.Attrib1i(frame[COUNTS][k]) for k in range(3))
+    number = sh.grid_index(1)
+    image, place = number // (blocks * blocks), number % (blocks * blocks)
+    top, left = place // blocks * block, place % blocks * block
+    found = sh.Attrib2f(FAR, -FAR)
+    width = sh.min(block, resolution - left)
+    with SH_FOR(top, sh.min(top + block, resolution)) as row:
+        texel = (image * resolution + row) * resolution + left
+        with SH_FOR(texel, texel + width) as here:
+            begin, end = offsets[here], offsets[here + 1]
+            with SH_IF(begin < end):  # depths of a texel are sorted
+                found.x = lower(found.x, depths[begin])
+                found.y = higher(found.y, depths[end - 1])
+    return found
+
+
+@sh.program
+def added(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    """Add two counts."""
+    return a + b
+
+
+@sh.program
+def larger(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    """Take the larger number."""
+    return sh.max(a, b)
+
+
+@sh.program
+def numbered() -> sh.Attrib1i:
+    """Give each element its place."""
+    return sh.grid_index(1)

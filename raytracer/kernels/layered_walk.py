@@ -1,0 +1,290 @@
+"""What a ray meets first: the samples of a layered depth cube, block by block and texel by texel.
+
+Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.4. The images
+are walked one after the other, each hit shortening the rest of the way; first that along the ray's largest component,
+where the way through the texels is shortest. Both levels are a DDA in two dimensions (Amanatides and Woo 1987), whose
+crossings are computed anew from the integer cell, so that nothing drifts. A block or texel is looked into where the
+depths of the ray there come as near to those of its samples as a surface may leave its sample.
+
+The walk begins where the ray enters the cube's box. That point is rounded once, so it lies on the ray however far away
+the ray comes from. Triangles are tested along the ray as it was given: a hit of theirs has the bits of other walks.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from raytracer.kernels.layered_raster import (
+    COUNTS,
+    FARTHEST,
+    HIGH,
+    INVERSE,
+    LOW,
+    MARGIN,
+    NEAREST,
+    SIZE,
+    SLACK,
+    largest_axis,
+    turned,
+)
+from raytracer.kernels.triangle import (
+    FAR,
+    AheadBound,
+    Hit,
+    PlaneView,
+    Triangles,
+    TriangleTest,
+    farther,
+    higher,
+    highest,
+    inverse_of,
+    is_ray,
+    lower,
+    lowest,
+)
+from raytracer.layered.cube import LayeredCube
+from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
+
+OUTSIDE = 2.0**-20
+"""How far before the box and behind it the walk begins and ends, as a part of the distance: 16 roundings."""
+
+
+class LayeredIntersector:
+    """The tables of a cube over `triangles` (see `layout.triangle_rows`), and the walk through them.
+
+    `bound` is for rays that may start from a triangle.
+    """
+
+    def __init__(self, cube: LayeredCube, triangles: Any, bound: AheadBound | None = None) -> None:
+        cube.check_triangles(triangles)
+        self.bound, self.test = bound, cube.hit
+        self.triangles = Triangles(triangles)
+        records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
+        self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
+        self.offsets = sh.Table(cube.images.offsets, sh.Attrib1i, "offsets")
+        self.ranges = sh.Table(cube.images.ranges, sh.Attrib2f, "ranges")
+        self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
+
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        hit = Hit(limit)
+        self.collect(hit, ray, eye, near, near, any_hit)
+        return hit
+
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
+        """Offer to `hit` what is met at a distance in [near, hit.l), texels from `begin` on.
+
+        A triangle is offered for each of its samples.
+        """
+        low, high = self.frame[LOW].xyz, self.frame[HIGH].xyz
+        inverse = inverse_of(ray)
+        t0, t1 = (low - eye) * inverse, (high - eye) * inverse
+        enter = highest(begin, *(lower(t0[k], t1[k]) for k in range(3)))
+        leave = lowest(hit.l, *(higher(t0[k], t1[k]) for k in range(3)))
+        enter, leave = higher(enter - OUTSIDE * abs(enter), begin), leave + OUTSIDE * abs(leave)
+        with SH_IF((near < hit.l) & (enter <= leave) & is_ray(ray, eye)):
+            begin_at = sh.Attrib1f(enter)
+            way = Way(hit, ray, eye, near, begin_at, leave - begin_at)
+            test = TESTS[self.test](self, way)
+            major = largest_axis(ray)
+            with SH_FOR(0, 3) as k:
+                axis = sh.cond(major + k >= 3, major + k - 3, major + k)
+                self.walk(Image(self.frame, way, axis), test, any_hit)
+                SH_BREAK(any_hit & (hit.id >= 0))
+            test.finish()
+
+    def walk(self, image: Image, test: Any, any_hit: Any) -> None:
+        """Go through the blocks of an image."""
+        way, hit = image.way, image.way.hit
+        blocks = Cells(image, image.begin(), image.block, sh.Attrib2i(0, 0), image.blocks - 1)
+        with SH_DO():
+            with SH_WHILE(lambda: blocks.t <= image.end()):
+                blocks.look()
+                found = self.ranges[(image.axis * image.blocks + blocks.cell.y) * image.blocks + blocks.cell.x]
+                SH_BREAK(image.reaches(blocks.t, blocks.out, found.x, found.y))
+                blocks.advance()
+            with SH_IF(blocks.t <= image.end()):
+                self.walk_block(image, blocks, test, any_hit)
+                blocks.advance()
+            SH_UNTIL((blocks.t > image.end()) | (any_hit & (hit.id >= 0)))
+
+    def walk_block(self, image: Image, blocks: Cells, test: Any, any_hit: Any) -> None:
+        """Go through the texels of a block, and try their samples."""
+        first = blocks.cell * image.block
+        last = sh.min(first + image.block, image.resolution) - 1
+        texels = Cells(image, blocks.t, sh.Attrib1i(1), first, last)
+        item, end = sh.Attrib1i(0), sh.Attrib1i(0)
+        hit = image.way.hit
+        with SH_DO():
+            with SH_WHILE(lambda: texels.t <= image.end()):
+                texels.look()
+                texel = (image.axis * image.resolution + texels.cell.y) * image.resolution + texels.cell.x
+                item[:] = self.offsets[texel]
+                end[:] = self.offsets[texel + 1]
+                SH_BREAK(item < end)
+                texels.advance()
+            with SH_WHILE(lambda: item < end):
+                test(image, texels, self.samples[item])
+                item += 1
+            texels.advance()
+            SH_UNTIL((texels.t > image.end()) | (any_hit & (hit.id >= 0)))
+
+
+class Way:
+    """A ray's way through the box: from `begin` on as a point `start`, and the distance from there to its `end`."""
+
+    def __init__(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, end: Any) -> None:
+        self.hit, self.ray, self.eye, self.near, self.begin = hit, ray, eye, near, begin
+        self.start = sh.Point3f(*(sh.fma(begin, ray[k], eye[k]) for k in range(3)))
+        rest = sh.Attrib1f(end)
+        self.end = rest
+
+    def shorten(self) -> None:
+        """Let the way end behind the nearest hit."""
+        self.end[:] = lower(self.end, farther(self.hit.l) - self.begin)
+
+
+class Image:
+    """A ray as one of the images sees it: column, row and depth at its start, and how they change along it."""
+
+    def __init__(self, frame: Any, way: Way, axis: Any) -> None:
+        self.way, self.axis = way, axis
+        inverse = frame[INVERSE].xyz
+        self.resolution, self.block, self.blocks = (sh.Attrib1i(frame[COUNTS][k]) for k in range(3))
+        x, y, _ = turned((way.start - frame[LOW].xyz) * inverse, axis)
+        dx, dy, _ = turned(way.ray * inverse, axis)
+        self.place, self.pace = sh.Attrib2f(x, y), sh.Attrib2f(dx, dy)
+        self.depth, self.deepening = turned(way.start, axis)[2], turned(way.ray, axis)[2]
+        self.per_depth = sh.clamp(1 / self.deepening, -FAR, FAR)
+        self.slack, self.low, self.high = (turned(frame[k].xyz, axis)[2] for k in (SLACK, NEAREST, FARTHEST))
+        self.moving = self.pace != 0
+        self.inverse = 1 / sh.cond(self.moving, self.pace, 1.0)
+        self.step = sh.Attrib2i(sh.sign(self.pace))
+        self.ahead = sh.max(self.step, 0)
+        # Where the ray goes through the depths of the image's samples.
+        ends = [(depth - self.depth) * self.per_depth for depth in (self.low - self.slack, self.high + self.slack)]
+        self.first = sh.Attrib1f(higher(lower(*ends), 0.0))
+        self.last = sh.Attrib1f(sh.cond(self.low <= self.high, higher(*ends), -1.0))
+
+    def begin(self) -> Any:
+        """Where the walk begins."""
+        return sh.Attrib1f(self.first)
+
+    def end(self) -> Any:
+        """Where the walk ends."""
+        return lower(self.way.end, self.last)
+
+    def at(self, t: Any) -> Any:
+        """The column and row at a distance from the start."""
+        return self.place + t * self.pace
+
+    def reaches(self, begin: Any, end: Any, low: Any, high: Any) -> Any:
+        """Return whether the ray comes near to a range of depths, between two distances."""
+        a, b = self.depth + begin * self.deepening, self.depth + lower(end, self.end()) * self.deepening
+        return (lower(a, b) <= high + self.slack) & (higher(a, b) >= low - self.slack)
+
+
+class Cells:
+    """The cells, `side` texels wide, that a ray goes through: it is in `cell` from the distance `t` on until `out`.
+
+    They are those from `first` to `last`; beyond them `t` is FAR.
+    """
+
+    def __init__(self, image: Image, t: Any, side: Any, first: Any, last: Any) -> None:
+        self.image, self.side, self.first, self.last = image, side, first, last
+        here, out = sh.Attrib1f(t), sh.Attrib1f(FAR)
+        crossing = sh.Attrib2f(FAR, FAR)
+        cell = sh.clamp(sh.Attrib2i(image.at(t) / sh.Attrib1f(side)), first, last)
+        self.t, self.out, self.crossing, self.cell = here, out, crossing, cell
+
+    def look(self) -> None:
+        """Find where the ray leaves the cell."""
+        image = self.image
+        side = sh.Attrib2f((self.cell + image.ahead) * self.side)
+        self.crossing[:] = sh.cond(image.moving, (side - image.place) * image.inverse, FAR)
+        self.out[:] = lower(self.crossing.x, self.crossing.y)
+
+    def advance(self) -> None:
+        """Go on to the next cell, or diagonally where two borders meet."""
+        self.cell += sh.cond(self.crossing <= self.out, self.image.step, 0)
+        beyond = (self.cell < self.first) | (self.cell > self.last)
+        self.t[:] = sh.cond(beyond.x | beyond.y, FAR, self.out)
+
+
+class ExactTest:
+    """The exact test of a sample's triangle."""
+
+    def __init__(self, walk: LayeredIntersector, way: Way) -> None:
+        self.way, self.triangles = way, walk.triangles
+        self.test = TriangleTest(way.ray, way.eye, walk.bound)
+
+    def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
+        """Try the triangle if its plane is near."""
+        depth = sh.float_from_bits(sample.x)
+        with SH_IF(image.reaches(texels.t, texels.out, depth, depth)):
+            self.test(self.triangles, sh.Attrib1i(sample.y), self.way.near, self.way.hit)
+            self.way.shorten()
+
+    def finish(self) -> None:
+        """Leave the hit as it is."""
+
+
+class DepthTest:
+    """The test of a ray's depth against that of a sample, within the tolerance."""
+
+    def __init__(self, walk: LayeredIntersector, way: Way) -> None:
+        self.way, self.triangles, self.bound = way, walk.triangles, walk.bound
+
+    def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
+        """Offer the sample to the way's hit."""
+        depth = sh.float_from_bits(sample.x)
+        s = sh.clamp((depth - image.depth) * image.per_depth, texels.t, lower(texels.out, image.end()))
+        self.offer(abs(image.depth + s * image.deepening - depth) <= image.slack, s, sh.Attrib1i(sample.y))
+
+    def offer(self, met: Any, s: Any, number: Any) -> None:
+        """Offer what is `met` at a distance from the way's start, unless it may be the surface that the ray left."""
+        way = self.way
+        t = way.begin + s
+        met = met & (t >= way.near)
+        with SH_IF(met & (t < way.hit.l)):
+            if self.bound is not None:
+                rows = self.triangles[number]
+                normal = [row.w for row in rows]
+                plane = PlaneView(normal, self.triangles.levels[number], way.ray, way.eye)
+                met = self.bound(plane, normal, rows[0].xyz - way.eye)
+            way.hit.offer(met, t, number, (0.0, 0.0, 1.0))
+            way.shorten()
+
+    def finish(self) -> None:
+        """Give the hit the place in its triangle that is closest to it, as the triangle's image sees it."""
+        hit = self.way.hit
+        with SH_IF(hit.id >= 0):
+            rows = self.triangles[hit.id]
+            axis = largest_axis(sh.Vector3f(*(row.w for row in rows)))
+            point = self.way.eye + hit.l * self.way.ray
+            (ax, ay, _), (bx, by, _), (cx, cy, _) = (turned(row.xyz - point, axis) for row in rows)
+            weights = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+            side = sh.cond(weights[0] + weights[1] + weights[2] < 0, -1.0, 1.0)
+            a, b, c = (higher(side * weight, 0.0) for weight in weights)
+            whole = a + b + c
+            hit.uv[:] = sh.cond(whole > 0, sh.TexCoord2f(b, c) / sh.cond(whole > 0, whole, 1.0), 1.0 / 3.0)
+
+
+class PlaneTest(DepthTest):
+    """The test of the plane of a sample's triangle, within the sample's texel."""
+
+    def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
+        """Offer the plane to the way's hit."""
+        depth, slope = sh.float_from_bits(sample.x), sh.float_from_bits(sample.yz)
+        middle = sh.Attrib2f(texels.cell) + 0.5
+        s = (depth - image.depth + sh.dot(slope, image.place - middle)) / (image.deepening - sh.dot(slope, image.pace))
+        beside = abs(image.at(s) - middle)
+        met = (beside.x <= 0.5 + MARGIN) & (beside.y <= 0.5 + MARGIN)
+        self.offer(met, s, sh.Attrib1i(sample.w))
+
+
+TESTS: dict[str, Any] = {"sample": DepthTest, "plane": PlaneTest, "triangle": ExactTest}
+"""By the cube's `hit`."""

@@ -1,0 +1,117 @@
+"""The samples of a layered depth cube, from the collective operations over streams: on every backend the same bits.
+
+Stage: accelerate. Each triangle gives rows, each row a span, each texel of a span a sample; a scan of the counts says
+where each one's begin. Samples are sorted by depth and then by texel, both stable, so those of a texel stand in the
+order of depth and, at equal depths, of the triangle's number. Memory grows with the samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.errors import SceneError
+from raytracer.kernels import layered_raster as raster
+from raytracer.kernels.triangle import FAR
+from raytracer.memory import free_bytes
+
+_BYTES = 100
+"""Bytes that a sample takes while samples are sorted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples by texel and depth: those of texel k at `offsets[k] : offsets[k + 1]`, for the texels of three images.
+
+    `depths` (n,), `triangles` (n,) and `slopes` (n, 2) are those of the samples (see `layered_raster.Sample`), `ranges`
+    (3 B B, 2) the least and the largest depth of each block, B blocks along a side.
+    """
+
+    offsets: NDArray[np.int32]
+    depths: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    slopes: NDArray[np.float32]
+    ranges: NDArray[np.float32]
+
+
+class Scanlines:
+    """The spans of triangles (see `layout.triangle_rows`) in the raster of a `frame` (see `layered_raster`)."""
+
+    def __init__(self, triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str) -> None:
+        self.backend = backend
+        self.resolution, _, self.blocks = map(int, frame[raster.COUNTS, :3])
+        corners = sh.Stream(np.asarray(triangles, np.float32), sh.Attrib4f, backend=backend)
+        self.frame = sh.Table(sh.Stream(frame, sh.Attrib4f, backend=backend))
+        self.triangles = sh.Table(corners)
+        first, rows = self.run(raster.rows_of_triangles(conservative), shape=(len(triangles) // 3,))
+        number, starts = self.owners(rows, "rows of texels")
+        self.spans = None
+        if number.size:
+            found = raster.spans_of_rows(conservative), number, sh.Table(starts), sh.Table(first)
+            self.spans = self.run(*found)
+
+    def run(self, program: Any, *inputs: Any, shape: Any = None) -> Any:
+        """Run a program whose first inputs are the triangles and the frame."""
+        kernel = program.compile(self.backend, loop_limit=None)
+        return kernel(self.triangles, self.frame, *inputs, shape=shape)
+
+    def owners(self, counts: Any, what: str) -> tuple[Any, Any]:
+        """Return the number of the element that owns each of the counted parts, and where each element's parts begin.
+
+        The number of an element is put where its parts begin. Elements without parts begin where the next one does, and
+        of several values for a place the last one stays.
+        """
+        total = int(np.asarray(counts).sum(dtype=np.int64))
+        check_count(total, what)
+        starts = sh.scan(raster.added, counts, exclusive=True)
+        number = raster.numbered.compile(self.backend)(shape=counts.shape)
+        number = sh.Stream(number, sh.Attrib1i, backend=self.backend)
+        return sh.scan(raster.larger, sh.scatter(number, starts, (total,))), starts
+
+    def samples(self) -> Any:
+        """Return the samples in the order of triangles, rows and columns, as streams; None if there are none."""
+        if self.spans is None:
+            return None
+        number, starts = self.owners(self.spans.count, "samples")
+        tables = map(sh.Table, (starts, self.spans.triangle, self.spans.row, self.spans.first))
+        return self.run(raster.samples_of_spans, number, *tables) if number.size else None
+
+
+def build_samples(triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str) -> Samples:
+    """Return the samples of triangles (see `layout.triangle_rows`) in the raster of a `frame` (see `layered_raster`).
+
+    Raises SceneError if there are more than memory holds.
+    """
+    lines = Scanlines(triangles, frame, conservative, backend)
+    unsorted = lines.samples()
+    if unsorted is None:
+        return nothing(lines.resolution, lines.blocks)
+    by_depth = sh.argsort(unsorted.depth)
+    order = sh.gather(by_depth, sh.argsort(sh.gather(unsorted.texel, by_depth)))
+    counts = sh.histogram(unsorted.texel, 3 * lines.resolution**2 + 1)
+    offsets = sh.scan(raster.added, counts, exclusive=True)
+    depths, triangle, slopes = (sh.gather(part, order) for part in (unsorted.depth, unsorted.triangle, unsorted.slope))
+    ranges = raster.ranges_of_blocks.compile(backend, loop_limit=None)
+    found = ranges(lines.frame, sh.Table(offsets), sh.Table(depths), shape=(3 * lines.blocks**2,))
+    return Samples(*(np.asarray(part) for part in (offsets, depths, triangle, slopes, found)))
+
+
+def nothing(resolution: int, blocks: int) -> Samples:
+    """Return the samples of triangles none of which has an area."""
+    ranges = np.tile(np.array([FAR, -FAR], np.float32), (3 * blocks**2, 1))
+    offsets, slopes = np.zeros(3 * resolution**2 + 1, np.int32), np.zeros((0, 2), np.float32)
+    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges)
+
+
+def check_count(count: int, what: str) -> None:
+    """Raise SceneError for more samples, or rows of them, than memory or an index holds."""
+    free = free_bytes() if count * _BYTES > 1 << 28 else None
+    if count >= 2**31 or (free is not None and count * _BYTES > free):
+        raise SceneError(
+            f"the layered depth cube has {count:,} {what}, which take {count * _BYTES:,} bytes while they are sorted: "
+            "choose a lower resolution"
+        )

@@ -1,0 +1,202 @@
+"""LayeredCube: a mesh or scene as three layered depth images, each with a coarse level of depth ranges.
+
+Stage: accelerate. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV). A texel keeps all
+its samples in one list, so memory grows with the samples and not with the number of layers.
+
+    cube = LayeredCube.of(mesh, resolution=512, hit="triangle", backend="opencl")
+    cube.layers, cube.samples, cube.nbytes, cube.build_seconds
+    Intersector(mesh, accel=cube)                       # rays from the host
+    render(scene, accel="ldc", secondary=cube)          # shadow, mirrored and refracted rays of a picture
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.errors import SceneError
+from raytracer.kernels import layered_raster as raster
+from raytracer.layered.building import Samples, build_samples
+from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
+from raytracer.meshes import Mesh
+from raytracer.scene import Scene
+
+HITS = ("sample", "plane", "triangle")
+MAX_RESOLUTION = 8192
+"""Texels along a side, so that an index counts the texels of three images."""
+_RESOLUTION, _BLOCK = 1024, 16
+_THINNEST = 2.0**-8
+"""The least side of the box as a part of the largest."""
+_ROUNDING = 2.0**-18
+"""The depth that roundings may add, as a part of the box: more than 16 of f32."""
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredCube:
+    """Three layered depth images of triangles, made by `LayeredCube.of`, for rays that may take a surface for another.
+
+    `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles that they are of, `frame` (8, 4) the
+    raster (see `kernels.layered_raster`); `build_seconds` is how long they took, compilation included.
+    """
+
+    images: Samples
+    triangles: NDArray[np.float64]
+    frame: NDArray[np.float32]
+    hit: str
+    conservative: bool
+    tolerance: float | None
+    build_seconds: float
+
+    @classmethod
+    def of(
+        cls,
+        mesh_or_scene: Mesh | Scene,
+        resolution: int = _RESOLUTION,
+        block: int = _BLOCK,
+        backend: str | None = None,
+        hit: str = "plane",
+        *,
+        tolerance: float | None = None,
+        conservative: bool | None = None,
+    ) -> LayeredCube:
+        """Return the cube of a mesh, or of all meshes of a scene, built on a backend.
+
+        Each image has `resolution` x `resolution` texels over the box of the mesh, and a range of depths for each block
+        of `block` x `block` texels. `hit` says when a ray hits a sample:
+
+        - "sample": the ray's depth within the texel comes as near to the sample's as `tolerance`, a length in the
+          scene's units; None for half the sum of the texel's sides, by which a surface may leave its sample;
+        - "plane": the ray meets the plane of the sample's triangle within the texel;
+        - "triangle": the ray meets the sample's triangle, by the exact test of the other accelerators. A hit is always
+          a true one, and only triangles without a sample on the way are missed.
+
+        With `conservative` a triangle has a sample in each texel that it touches: "triangle" then misses nothing of a
+        closed mesh; the other tests find surfaces that reach beyond their edges by up to a texel. Without it there is a
+        sample where a triangle covers the texel's centre. None means True for "triangle", False for the others.
+
+        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit`, and for
+        more samples than memory holds; sh.BackendUnavailable for a missing backend.
+        """
+        _check(mesh_or_scene, resolution, block, hit, tolerance)
+        started = time.perf_counter()
+        meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
+        corners = np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in meshes)])
+        scale = 1.0
+        if len(corners):
+            corners -= origin_of(corners)
+            scale = scale_of(corners, "f32")
+            corners = rounded(corners * scale, "f32")
+        conservative = hit == "triangle" if conservative is None else bool(conservative)
+        frame = _frame(corners, resolution, block, None if tolerance is None else tolerance * scale, hit)
+        rows = triangle_rows(corners)
+        images = build_samples(rows, frame, conservative, backend or sh.default_backend())
+        _limit(frame, images)
+        return cls(images, rows, frame, hit, conservative, tolerance, time.perf_counter() - started)
+
+    @property
+    def resolution(self) -> int:
+        """Texels along a side of an image."""
+        return int(self.frame[raster.COUNTS, 0])
+
+    @property
+    def block(self) -> int:
+        """Texels along a side of a block of the coarse level."""
+        return int(self.frame[raster.COUNTS, 1])
+
+    @property
+    def layers(self) -> tuple[int, int, int]:
+        """The most samples of a texel, in the images along x, y and z."""
+        counts = np.diff(self.images.offsets).reshape(3, -1).max(axis=1)
+        return int(counts[0]), int(counts[1]), int(counts[2])
+
+    @property
+    def samples(self) -> int:
+        """The samples of all images."""
+        return len(self.images.depths)
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of the tables through which rays walk, without the triangles, which every accelerator has."""
+        return self.images.offsets.nbytes + self.images.ranges.nbytes + self.records.nbytes
+
+    @property
+    def records(self) -> NDArray[np.uint32]:
+        """The samples as a walk reads them, (n, 2): bits of the depth, triangle; slopes between them for "plane"."""
+        parts = [self.images.depths[:, None].view(np.uint32), self.images.triangles[:, None].view(np.uint32)]
+        if self.hit == "plane":
+            parts.insert(1, self.images.slopes.view(np.uint32))
+        return np.concatenate(parts, axis=1)
+
+    def check_triangles(self, triangles: NDArray[Any]) -> None:
+        """Raise SceneError if the cube is not that of these triangles."""
+        if not np.array_equal(self.triangles, triangles):
+            raise SceneError(
+                "the layered depth cube is that of another mesh or scene: make it with LayeredCube.of(...) of this one"
+            )
+
+    def __repr__(self) -> str:
+        return (
+            f"<LayeredCube {self.resolution}^2 of {len(self.triangles) // 3:,} triangles, hit={self.hit!r}: "
+            f"{self.samples:,} samples, layers {self.layers}, {self.nbytes / 2**20:.1f} MiB>"
+        )
+
+
+def cube_of(accel: str, mesh_or_scene: Mesh | Scene, backend: str | None) -> LayeredCube | None:
+    """Return the cube that "ldc", "ldc:resolution" or "ldc:resolution:hit" names, None for another accelerator."""
+    name, *more = accel.split(":")
+    if name != "ldc":
+        return None
+    if len(more) > 2 or (more and not (more[0].isascii() and more[0].isdigit())):
+        raise SceneError(f'a layered depth cube is "ldc", "ldc:1024" or "ldc:1024:triangle", not {accel!r}')
+    resolution = int(more[0]) if more else _RESOLUTION
+    return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=more[1] if more[1:] else "plane")
+
+
+def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance: Any) -> None:
+    if not isinstance(mesh_or_scene, Mesh | Scene):
+        raise SceneError(f"a LayeredCube is that of a Mesh or a Scene, not of {type(mesh_or_scene).__name__}")
+    for what, number in (("resolution", resolution), ("block", block)):
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= MAX_RESOLUTION:
+            raise SceneError(f"{what} is a whole number from 1 to {MAX_RESOLUTION}, not {number!r}")
+    if hit not in HITS:
+        raise SceneError(f"hit is one of {', '.join(map(repr, HITS))}, not {hit!r}")
+    if tolerance is None:
+        return
+    if hit != "sample":
+        raise SceneError(f'tolerance is for hit="sample": hit={hit!r} needs none')
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0 <= tolerance < np.inf:
+        raise SceneError(f"tolerance is a length of 0 or more, not {tolerance!r}")
+
+
+def _frame(
+    corners: NDArray[np.float64], resolution: int, block: int, tolerance: float | None, hit: str
+) -> NDArray[np.float32]:
+    """The raster over the box of `corners`, which are those of a kernel; see `kernels.layered_raster`."""
+    frame = np.zeros((8, 4))
+    low, high = (end(corners, axis=(0, 1), initial=0) for end in (np.min, np.max)) if len(corners) else np.zeros((2, 3))
+    largest = float((high - low).max()) or 1.0
+    sides = np.maximum(high - low, _THINNEST * largest)
+    grown = 2.0**-20 * max(float(np.abs([low, high]).max()), largest)
+    size = ((sides + 2 * grown) / resolution).astype(np.float32)
+    frame[raster.LOW, :3] = ((low + high - sides) / 2 - grown).astype(np.float32)
+    frame[raster.INVERSE, :3] = 1 / size
+    frame[raster.SIZE, :3] = size
+    frame[raster.HIGH, :3] = frame[raster.LOW, :3] + resolution * size.astype(np.float64)
+    half = (np.roll(size, -1) + np.roll(size, -2)) / 2
+    frame[raster.SLACK, :3] = half * (1 + 2 * raster.MARGIN) + _ROUNDING * max(float(np.abs([low, high]).max()), largest)
+    if hit == "sample":
+        frame[raster.SLACK, :3] = half if tolerance is None else tolerance
+    frame[raster.COUNTS, :3] = resolution, block, -(-resolution // block)
+    return frame.astype(np.float32)
+
+
+def _limit(frame: NDArray[np.float32], images: Samples) -> None:
+    """Put the range of depths of each image into its frame."""
+    ranges = images.ranges.reshape(3, -1, 2)
+    frame[raster.NEAREST, :3] = ranges[..., 0].min(axis=1)
+    frame[raster.FARTHEST, :3] = ranges[..., 1].max(axis=1)
