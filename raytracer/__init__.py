@@ -9,6 +9,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.intersector import AllHits, Closest, Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
+from raytracer.layered.cube import LayeredCube
 from raytracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.materials import Material
 from raytracer.meshes import Instance, Mesh
@@ -28,6 +29,7 @@ __all__ = [
     "Image",
     "Instance",
     "Intersector",
+    "LayeredCube",
     "Material",
     "Mesh",
     "PointLight",

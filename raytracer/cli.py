@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import shpy as sh
-from raytracer.accel.choice import ACCELERATORS
+from raytracer.accel.choice import check
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
+from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
 from raytracer.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRACERS, Progress, Renderer, render
 from raytracer.scene import Scene
@@ -111,7 +112,9 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
     )
-    command.add_argument("--accel", choices=ACCELERATORS, help="how rays find triangles (bvh; grid if staged)")
+    command.add_argument(
+        "--accel", type=_accel, help="how rays find triangles: bvh, grid, brute, or ldc:1024 (bvh; grid if staged)"
+    )
     command.add_argument(
         "--tracer", choices=TRACERS, default="unified", help="one kernel, or stages over streams of rays (unified)"
     )
@@ -126,6 +129,15 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
 
 
 _whole, _positive, _error, _share = sh.command.whole(0), sh.command.whole(1), sh.command.real(0), sh.command.real(0)
+
+
+def _accel(text: str) -> str:
+    try:
+        if not is_layered(text):
+            check(text)
+    except SceneError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -26,7 +26,7 @@ from raytracer.kernels import nearby, queries
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import Structure, Walk, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layered.cube import LayeredCube, cube_of
+from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.rays import Frame, Rays, triples
@@ -115,11 +115,11 @@ class Intersector:
     ) -> None:
         if not isinstance(mesh_or_scene, Mesh | Scene):
             raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
-        cube = cube_of(accel, mesh_or_scene, backend) if isinstance(accel, str) else accel
-        if cube is None:
-            check(str(accel))
-        elif precision != "f32":
+        layered = isinstance(accel, LayeredCube) or is_layered(accel)
+        if layered and precision != "f32":
             raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
+        if not isinstance(accel, LayeredCube) and not layered:
+            check(accel)
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         meshes = [mesh for mesh in meshes if len(mesh)]
         self._target = backend or sh.default_backend()
@@ -134,8 +134,15 @@ class Intersector:
             corners -= origin
             self._frame = Frame(origin, scale_of(corners, precision), precision)
             self._corners = rounded(corners * self._frame.scale, precision)
-            self._structure, self._rows = cube or build(str(accel), self._corners, precision), triangle_rows(self._corners)
-            self._walk = walk_with(self._structure, self._rows, self._target, None)
+            self._rows = triangle_rows(self._corners)
+            structure: Structure
+            if isinstance(accel, LayeredCube):
+                structure = accel
+            elif layered:
+                structure = cube_of(accel, mesh_or_scene, backend)
+            else:
+                structure = build(accel, self._corners, precision)
+            self._structure, self._walk = structure, walk_with(structure, self._rows, self._target, None)
 
     def intersect(
         self,

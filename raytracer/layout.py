@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.meshes.mesh import normals_of
 from raytracer.scene import Scene
+
+if TYPE_CHECKING:
+    from raytracer.layered.cube import LayeredCube
 
 Rows = NDArray[np.float64]
 
@@ -93,6 +97,8 @@ class Layout:
 
     `looks` (M,) are the materials, `bare` (M,) the name of a mesh of each material that has no uv coordinates, or "";
     `uvs` (3N, 2) the uv coordinates at the corners, None if no material has textures or programs.
+
+    `secondary` is the cube that all rays but those from the eye go through, None where they go through `structure`.
     """
 
     origin: NDArray[np.float64]
@@ -109,6 +115,7 @@ class Layout:
     looks: tuple[Material, ...] = ()
     bare: tuple[str, ...] = ()
     uvs: Rows | None = None
+    secondary: LayeredCube | None = None
 
     @classmethod
     def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32", across: int | None = None) -> Layout:

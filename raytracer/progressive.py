@@ -51,6 +51,8 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     ]  # fmt: skip
     numbers = (camera, seed, tracer.bounces, scene.background, environment and environment.color)
     digest = hashlib.sha256(repr(numbers).encode())
+    if layout.secondary is not None:
+        digest.update(repr(layout.secondary.options).encode())
     for array in arrays:
         digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]

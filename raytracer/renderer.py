@@ -27,6 +27,7 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
 from raytracer.progressive import MOST_SAMPLES, origin_of, passes, resumed
@@ -58,7 +59,7 @@ class Renderer:
 
     `backend` is one of `sh.backends()`, None for the default one; `bounces` how often a ray may be mirrored; `accel`
     one of `accel.choice.ACCELERATORS`, None for the one that suits the tracer. `tracer`, `threshold`, `grid`,
-    `integrator` and `seed` are those of `render`.
+    `integrator`, `seed` and `secondary` are those of `render`, and so is `accel="ldc"`.
     """
 
     def __init__(
@@ -75,16 +76,21 @@ class Renderer:
         grid: int | None = None,
         integrator: str = "whitted",
         seed: int = 0,
+        secondary: LayeredCube | None = None,
     ) -> None:
         _check_integrator(integrator, seed, scene, tracer, precision)
         bounces = BOUNCES[integrator] if bounces is None else bounces
         if isinstance(bounces, bool) or not isinstance(bounces, int) or not 0 <= bounces <= 64:
             raise SceneError(f"bounces is a number from 0 to 64, not {bounces!r}")
+        layered, accel = _layered(accel, secondary, tracer, precision)
         accel = _checked_tracer(tracer, accel, threshold, grid)
         self.scene = scene
         self.backend = backend or sh.default_backend()
         started = time.perf_counter()
         self.layout = Layout.of(scene, accel, precision, grid) if scene.triangles else None
+        if self.layout is not None and (secondary or layered):
+            secondary = secondary or cube_of(layered, scene, self.backend)
+            self.layout = dataclasses.replace(self.layout, secondary=secondary)
         self.build_seconds = time.perf_counter() - started
         self.record_seconds = self.compile_seconds = 0.0
         self.features: dict[str, bool | int] = {}
@@ -100,6 +106,8 @@ class Renderer:
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout, bounces)
         self.features = self._tracer.features
+        if secondary is not None:
+            self.features |= {"layered cube": secondary.resolution}
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
@@ -300,6 +308,7 @@ def render(
     grid: int | None = None,
     integrator: str = "whitted",
     seed: int = 0,
+    secondary: LayeredCube | None = None,
     resume: Image | str | PathLike[str] | None = None,
     max_error: float | None = None,
     progress: Progress | None = None,
@@ -309,6 +318,10 @@ def render(
     `bounces` (3) is how often a ray may be mirrored; `samples` (1) how many rays there are for each pixel, a square
     number, on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are
     those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone.
+
+    `secondary`, a `LayeredCube` of the scene, is for all rays but those from the eye: shadow, mirrored and refracted
+    ones. `accel="ldc"`, "ldc:resolution" or "ldc:resolution:hit" makes such a cube. Its hits are as exact as
+    `LayeredCube.of` says; eye rays go through the hierarchy, or through what `accel` names beside `secondary`.
 
     `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays that the
     host runs one after the other (Christen 2005), which differ in time alone. The staged tracer walks through a grid,
@@ -328,10 +341,12 @@ def render(
     """
     _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
-        if tracer != "unified" or grid is not None or accel is not None or integrator != "whitted":
+        chosen = accel is not None or secondary is not None
+        if tracer != "unified" or grid is not None or chosen or integrator != "whitted":
             raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
         return _render_fastest(scene, size, max_error, backend, bounces, samples, progress)
     walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid, "seed": seed}
+    walk["secondary"] = secondary
     options: dict[str, Any] = {"backend": backend, "bounces": bounces, "precision": precision, "math": math}
     renderer = Renderer(scene, integrator=integrator, **options, **walk)
     return renderer.render(size, samples=samples, progress=progress, resume=resume)
@@ -372,6 +387,18 @@ def _check_integrator(integrator: str, seed: int, scene: Scene, tracer: str, pre
         raise SceneError(f'integrator="path" works at precision="f32", not {precision!r}')
     if not scene.triangles and scene.environment is not None:
         raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
+
+
+def _layered(accel: str | None, secondary: Any, tracer: str, precision: str) -> tuple[str, str | None]:
+    """The cube that is to be made, "" for none, and the accelerator of eye rays; SceneError if it cannot be used."""
+    layered, accel = (accel, None) if accel is not None and is_layered(accel) else ("", accel)
+    if secondary is not None and not isinstance(secondary, LayeredCube):
+        raise SceneError(f"secondary is a LayeredCube, not {type(secondary).__name__}")
+    if (layered or secondary) and tracer != "unified":
+        raise SceneError('secondary rays go through a layered depth cube with tracer="unified" alone')
+    if (layered or secondary) and precision != "f32":
+        raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
+    return layered, accel
 
 
 def _checked_tracer(tracer: str, accel: str | None, threshold: float, grid: int | None) -> str:

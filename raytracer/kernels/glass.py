@@ -14,6 +14,7 @@ import shpy as sh
 from raytracer.kernels.surfaces import ShadedPoint
 from raytracer.kernels.tracer import Path, Pixel, Tracer, mirrored
 from raytracer.kernels.triangle import FAR
+from raytracer.kernels.walk import meet
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 WAITING = 8
@@ -52,7 +53,7 @@ class GlassTracer(Tracer):
                 limit[:] = FAR
                 lightcol[:] = 0
                 self.aim(path, surface, ray, eye, limit, lightcol)
-            hit = self.intersector(ray, eye, 0.0, limit, False)
+            hit = meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)
             rays += sh.cond(limit > 0, 1, 0)
             with SH_IF(path.tracing):
                 path.tracing[:] = False

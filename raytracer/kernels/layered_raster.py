@@ -26,15 +26,17 @@ MARGIN = 2.0**-6
 """How far beyond its texels a conservative triangle reaches, in texels: more than the roundings of the walk."""
 LOW, INVERSE, SIZE, SLACK, NEAREST, FARTHEST, HIGH, COUNTS = range(8)
 """Rows of a cube's `frame`: the corner of its box, 1 / texel, texel, the depth by which a surface may leave its sample
-within a texel; the least and largest depth of samples in each image; the box's other corner; resolution, block and
-blocks along a side."""
+within a texel; the least and largest depth of samples in each image; the box's other corner; resolution, block,
+blocks along a side, and slices for a texel's side."""
+SLICES = 64
+"""Slices of the box's depth, a bit of a block's coarse level for each: 1 where samples lie."""
 
 
 class Rows(NamedTuple):
     """The rows that a triangle reaches: the first one, and how many."""
 
     first: sh.Attrib1i
-    count: sh.Attrib1i
+    number: sh.Attrib1i
 
 
 class Span(NamedTuple):
@@ -43,7 +45,7 @@ class Span(NamedTuple):
     triangle: sh.Attrib1i
     row: sh.Attrib1i
     first: sh.Attrib1i
-    count: sh.Attrib1i
+    number: sh.Attrib1i
 
 
 class Sample(NamedTuple):
@@ -53,6 +55,16 @@ class Sample(NamedTuple):
     depth: sh.Attrib1f
     triangle: sh.Attrib1i
     slope: sh.Attrib2f
+
+
+class Block(NamedTuple):
+    """The coarse level of a block: the least and largest depth, and its occupied slices, the first one in bit 0.
+
+    Of an empty block (FAR, -FAR) and no slices.
+    """
+
+    ends: sh.Attrib2f
+    slices: sh.Attrib2u
 
 
 class Projected:
@@ -185,25 +197,34 @@ def samples_of_spans(
     return Sample(texel, seen.depth(column, row), triangle, sh.Attrib2f(*seen.slope))
 
 
+def bits_below(count: Any) -> Any:
+    """The first bits of two words, as many as `count`, clamped to what they have."""
+    inside = sh.clamp(count - sh.Attrib2i(0, 32), 0, 32)
+    return sh.cond(inside == 32, sh.Attrib2u(0xFFFFFFFF), (sh.Attrib2u(1) << sh.Attrib2u(sh.min(inside, 31))) - 1)
+
+
 @sh.program
-def ranges_of_blocks(
-    frame: sh.Table[sh.Attrib4f], offsets: sh.Table[sh.Attrib1i], depths: sh.Table[sh.Attrib1f]
-) -> sh.Attrib2f:
-    """Give the least and the largest depth of each block of texels, over all layers; (FAR, -FAR) for an empty one."""
+def coarse_blocks(frame: sh.Table[sh.Attrib4f], offsets: sh.Table[sh.Attrib1i], depths: sh.Table[sh.Attrib1f]) -> Block:
+    """Give the coarse level of each block of texels, over all layers."""
     resolution, block, blocks = (sh.Attrib1i(frame[COUNTS][k]) for k in range(3))
     number = sh.grid_index(1)
     image, place = number // (blocks * blocks), number % (blocks * blocks)
     top, left = place // blocks * block, place % blocks * block
-    found = sh.Attrib2f(FAR, -FAR)
+    low, inverse = (turned(frame[k].xyz, image)[2] for k in (LOW, INVERSE))
+    inverse = inverse * frame[COUNTS].w
+    ends, slices = sh.Attrib2f(FAR, -FAR), sh.Attrib2u(0)
     width = sh.min(block, resolution - left)
     with SH_FOR(top, sh.min(top + block, resolution)) as row:
         texel = (image * resolution + row) * resolution + left
         with SH_FOR(texel, texel + width) as here:
             begin, end = offsets[here], offsets[here + 1]
-            with SH_IF(begin < end):  # depths of a texel are sorted
-                found.x = lower(found.x, depths[begin])
-                found.y = higher(found.y, depths[end - 1])
-    return found
+            with SH_FOR(begin, end) as item:
+                depth = depths[item]
+                ends.x = lower(ends.x, depth)
+                ends.y = higher(ends.y, depth)
+                slice = sh.Attrib1i((depth - low) * inverse)
+                slices |= bits_below(slice + 1) & ~bits_below(slice)
+    return Block(ends, slices)
 
 
 @sh.program

@@ -25,8 +25,8 @@ from raytracer.kernels.layered_raster import (
     LOW,
     MARGIN,
     NEAREST,
-    SIZE,
     SLACK,
+    bits_below,
     largest_axis,
     turned,
 )
@@ -48,6 +48,8 @@ from raytracer.kernels.triangle import (
 from raytracer.layered.cube import LayeredCube
 from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 
+ROUNDED = 2.0**-8
+"""How far off a depth may be, in slices."""
 OUTSIDE = 2.0**-20
 """How far before the box and behind it the walk begins and ends, as a part of the distance: 16 roundings."""
 
@@ -65,7 +67,7 @@ class LayeredIntersector:
         records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
         self.offsets = sh.Table(cube.images.offsets, sh.Attrib1i, "offsets")
-        self.ranges = sh.Table(cube.images.ranges, sh.Attrib2f, "ranges")
+        self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks")
         self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
@@ -98,13 +100,13 @@ class LayeredIntersector:
 
     def walk(self, image: Image, test: Any, any_hit: Any) -> None:
         """Go through the blocks of an image."""
-        way, hit = image.way, image.way.hit
+        hit = image.way.hit
         blocks = Cells(image, image.begin(), image.block, sh.Attrib2i(0, 0), image.blocks - 1)
         with SH_DO():
             with SH_WHILE(lambda: blocks.t <= image.end()):
                 blocks.look()
-                found = self.ranges[(image.axis * image.blocks + blocks.cell.y) * image.blocks + blocks.cell.x]
-                SH_BREAK(image.reaches(blocks.t, blocks.out, found.x, found.y))
+                block = self.blocks[(image.axis * image.blocks + blocks.cell.y) * image.blocks + blocks.cell.x]
+                SH_BREAK(image.reaches_block(blocks.t, blocks.out, block))
                 blocks.advance()
             with SH_IF(blocks.t <= image.end()):
                 self.walk_block(image, blocks, test, any_hit)
@@ -164,6 +166,8 @@ class Image:
         self.inverse = 1 / sh.cond(self.moving, self.pace, 1.0)
         self.step = sh.Attrib2i(sh.sign(self.pace))
         self.ahead = sh.max(self.step, 0)
+        self.low_end, per_slice = (turned(frame[k].xyz, axis)[2] for k in (LOW, INVERSE))
+        self.slices = per_slice * frame[COUNTS].w
         # Where the ray goes through the depths of the image's samples.
         ends = [(depth - self.depth) * self.per_depth for depth in (self.low - self.slack, self.high + self.slack)]
         self.first = sh.Attrib1f(higher(lower(*ends), 0.0))
@@ -185,6 +189,16 @@ class Image:
         """Return whether the ray comes near to a range of depths, between two distances."""
         a, b = self.depth + begin * self.deepening, self.depth + lower(end, self.end()) * self.deepening
         return (lower(a, b) <= high + self.slack) & (higher(a, b) >= low - self.slack)
+
+    def reaches_block(self, begin: Any, end: Any, block: Any) -> Any:
+        """Return whether the ray comes near to samples of a block, as its coarse level says, between two distances."""
+        a, b = self.depth + begin * self.deepening, self.depth + lower(end, self.end()) * self.deepening
+        near, far = lower(a, b) - self.slack, higher(a, b) + self.slack
+        first, last = ((depth - self.low_end) * self.slices for depth in (near, far))
+        crossed = bits_below(sh.Attrib1i(last + ROUNDED) + 1) & ~bits_below(sh.Attrib1i(sh.floor(first - ROUNDED)))
+        found = crossed & block.zw
+        low, high = sh.float_from_bits(block.x), sh.float_from_bits(block.y)
+        return (near <= high) & (far >= low) & ((found.x | found.y) != 0)
 
 
 class Cells:

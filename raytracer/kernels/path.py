@@ -22,7 +22,7 @@ from raytracer.kernels.lobes import Lobes, largest
 from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import FAR, Hit
-from raytracer.kernels.walk import walk_through
+from raytracer.kernels.walk import meet, scene_walk
 from raytracer.layout import Layout
 from raytracer.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -86,7 +86,7 @@ class PathTracer:
                     f'{place_of(look.shade)}: a shade is for integrator="whitted", as path tracing knows no light '
                     "without its direction: describe the surface by surface=..., or leave shade out"
                 )
-        self.intersector = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
+        self.intersector = scene_walk(layout, backend)
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.lobes = Lobes(self.surfaces.highlights)
@@ -137,7 +137,7 @@ class PathTracer:
             if self.emitters.count:
                 with SH_IF(path.lighting):
                     self.aim(path, surface, ray, eye, limit, pending, around)
-            hit = self.intersector(ray, eye, 0.0, limit, path.lighting)
+            hit = meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, path.lighting)
             rays += sh.cond(limit > 0, 1, 0)
             with SH_IF((hit.id < 0) & (limit > 0)):
                 self.leave(path, surface, ray, pending, around)

@@ -20,7 +20,7 @@ import shpy as sh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit
-from raytracer.kernels.walk import walk_through
+from raytracer.kernels.walk import meet, scene_walk
 from raytracer.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -68,7 +68,7 @@ class Tracer:
     """
 
     def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
-        self.intersector = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
+        self.intersector = scene_walk(layout, backend)
         self.background = tuple(map(float, background))
         self.ambient = float(ambient)
         self.bounces = bounces
@@ -102,7 +102,7 @@ class Tracer:
             limit = sh.Attrib1f(FAR)
             lightcol = sh.Color3f(0, 0, 0)
             self.aim(path, surface, ray, eye, limit, lightcol)
-            hit = self.intersector(ray, eye, 0.0, limit, ~path.tracing)
+            hit = meet(self.intersector, lambda: pixel.rays == 0, ray, eye, limit, ~path.tracing)
             finished = self.settle(path, surface, pixel, hit, ray, eye, limit, lightcol)
             if self.loops:
                 SH_UNTIL(finished)

@@ -5,6 +5,8 @@ Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a ke
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from raytracer.accel.bvh import Bvh
@@ -14,6 +16,8 @@ from raytracer.kernels.intersector import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import AheadBound, Hit, Triangles
 from raytracer.layered.cube import LayeredCube
+from raytracer.layout import Layout
+from shpy import SH_ELSE, SH_IF
 
 Structure = Grid | Bvh | LayeredCube
 
@@ -33,6 +37,41 @@ class Walk(Protocol):
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
         ...
+
+
+@dataclass(frozen=True)
+class SplitWalk:
+    """Two walks through the same triangles: an exact one for eye rays, and one for the rays that come of them."""
+
+    exact: Walk
+    secondary: Walk
+
+    @property
+    def triangles(self) -> Triangles:
+        """The triangles of both."""
+        return self.exact.triangles
+
+
+def scene_walk(layout: Layout, backend: str) -> Walk | SplitWalk:
+    """The walk through a scene for rays of unit length that may start from a triangle."""
+    exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
+    if layout.secondary is None:
+        return exact
+    secondary = LayeredIntersector(layout.secondary, layout.triangles, AheadBound(layout.roundoff))
+    secondary.triangles = exact.triangles  # one table for both
+    return SplitWalk(exact, secondary)
+
+
+def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> Hit:
+    """The nearest hit of a ray before `limit`, which `is_eye` tells from a secondary one; `any_hit` as in `Walk`."""
+    if not isinstance(walk, SplitWalk):
+        return walk(ray, eye, 0.0, limit, any_hit)
+    hit = Hit(limit)
+    with SH_IF(is_eye()):
+        walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
+    with SH_ELSE():
+        walk.secondary.collect(hit, ray, eye, 0.0, 0.0, any_hit)
+    return hit
 
 
 def walk_through(structure: Structure, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:

@@ -19,6 +19,7 @@ from raytracer.kernels import layered_raster as raster
 from raytracer.kernels.triangle import FAR
 from raytracer.memory import free_bytes
 
+_table: Any = sh.Table  # of a stream, which has a type
 _BYTES = 100
 """Bytes that a sample takes while samples are sorted."""
 
@@ -28,7 +29,7 @@ class Samples:
     """Samples by texel and depth: those of texel k at `offsets[k] : offsets[k + 1]`, for the texels of three images.
 
     `depths` (n,), `triangles` (n,) and `slopes` (n, 2) are those of the samples (see `layered_raster.Sample`), `ranges`
-    (3 B B, 2) the least and the largest depth of each block, B blocks along a side.
+    and `slices`, each (3 B B, 2), those of the blocks (see `layered_raster.Block`), B blocks along a side.
     """
 
     offsets: NDArray[np.int32]
@@ -36,6 +37,7 @@ class Samples:
     triangles: NDArray[np.int32]
     slopes: NDArray[np.float32]
     ranges: NDArray[np.float32]
+    slices: NDArray[np.uint32]
 
 
 class Scanlines:
@@ -45,14 +47,13 @@ class Scanlines:
         self.backend = backend
         self.resolution, _, self.blocks = map(int, frame[raster.COUNTS, :3])
         corners = sh.Stream(np.asarray(triangles, np.float32), sh.Attrib4f, backend=backend)
-        self.frame = sh.Table(sh.Stream(frame, sh.Attrib4f, backend=backend))
-        self.triangles = sh.Table(corners)
+        self.frame = _table(sh.Stream(frame, sh.Attrib4f, backend=backend))
+        self.triangles = _table(corners)
         first, rows = self.run(raster.rows_of_triangles(conservative), shape=(len(triangles) // 3,))
         number, starts = self.owners(rows, "rows of texels")
-        self.spans = None
+        self.spans: Any = None
         if number.size:
-            found = raster.spans_of_rows(conservative), number, sh.Table(starts), sh.Table(first)
-            self.spans = self.run(*found)
+            self.spans = self.run(raster.spans_of_rows(conservative), number, _table(starts), _table(first))
 
     def run(self, program: Any, *inputs: Any, shape: Any = None) -> Any:
         """Run a program whose first inputs are the triangles and the frame."""
@@ -76,8 +77,8 @@ class Scanlines:
         """Return the samples in the order of triangles, rows and columns, as streams; None if there are none."""
         if self.spans is None:
             return None
-        number, starts = self.owners(self.spans.count, "samples")
-        tables = map(sh.Table, (starts, self.spans.triangle, self.spans.row, self.spans.first))
+        number, starts = self.owners(self.spans.number, "samples")
+        tables = map(_table, (starts, self.spans.triangle, self.spans.row, self.spans.first))
         return self.run(raster.samples_of_spans, number, *tables) if number.size else None
 
 
@@ -95,16 +96,17 @@ def build_samples(triangles: NDArray[Any], frame: NDArray[np.float32], conservat
     counts = sh.histogram(unsorted.texel, 3 * lines.resolution**2 + 1)
     offsets = sh.scan(raster.added, counts, exclusive=True)
     depths, triangle, slopes = (sh.gather(part, order) for part in (unsorted.depth, unsorted.triangle, unsorted.slope))
-    ranges = raster.ranges_of_blocks.compile(backend, loop_limit=None)
-    found = ranges(lines.frame, sh.Table(offsets), sh.Table(depths), shape=(3 * lines.blocks**2,))
-    return Samples(*(np.asarray(part) for part in (offsets, depths, triangle, slopes, found)))
+    coarse = raster.coarse_blocks.compile(backend, loop_limit=None)
+    blocks = coarse(lines.frame, _table(offsets), _table(depths), shape=(3 * lines.blocks**2,))
+    return Samples(*(np.asarray(part) for part in (offsets, depths, triangle, slopes, *blocks)))
 
 
 def nothing(resolution: int, blocks: int) -> Samples:
     """Return the samples of triangles none of which has an area."""
     ranges = np.tile(np.array([FAR, -FAR], np.float32), (3 * blocks**2, 1))
     offsets, slopes = np.zeros(3 * resolution**2 + 1, np.int32), np.zeros((0, 2), np.float32)
-    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges)
+    slices = np.zeros((3 * blocks**2, 2), np.uint32)
+    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges, slices)
 
 
 def check_count(count: int, what: str) -> None:

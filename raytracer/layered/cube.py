@@ -122,7 +122,7 @@ class LayeredCube:
     @property
     def nbytes(self) -> int:
         """The bytes of the tables through which rays walk, without the triangles, which every accelerator has."""
-        return self.images.offsets.nbytes + self.images.ranges.nbytes + self.records.nbytes
+        return self.images.offsets.nbytes + self.blocks.nbytes + self.records.nbytes
 
     @property
     def records(self) -> NDArray[np.uint32]:
@@ -131,6 +131,19 @@ class LayeredCube:
         if self.hit == "plane":
             parts.insert(1, self.images.slopes.view(np.uint32))
         return np.concatenate(parts, axis=1)
+
+    @property
+    def blocks(self) -> NDArray[np.uint32]:
+        """The blocks of the coarse level as a walk reads them, (3 B B, 4): bits of the range, and the slices."""
+        return np.concatenate([self.images.ranges.view(np.uint32), self.images.slices], axis=1)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What decides a cube, besides its triangles."""
+        return {
+            "resolution": self.resolution, "block": self.block, "hit": self.hit,
+            "tolerance": self.tolerance, "conservative": self.conservative,
+        }  # fmt: skip
 
     def check_triangles(self, triangles: NDArray[Any]) -> None:
         """Raise SceneError if the cube is not that of these triangles."""
@@ -146,13 +159,22 @@ class LayeredCube:
         )
 
 
-def cube_of(accel: str, mesh_or_scene: Mesh | Scene, backend: str | None) -> LayeredCube | None:
-    """Return the cube that "ldc", "ldc:resolution" or "ldc:resolution:hit" names, None for another accelerator."""
-    name, *more = accel.split(":")
+def is_layered(accel: str) -> bool:
+    """Return whether the name of an accelerator is "ldc", "ldc:resolution" or "ldc:resolution:hit".
+
+    Raises SceneError for a name that begins like these and goes on otherwise.
+    """
+    name, *more = str(accel).split(":")
     if name != "ldc":
-        return None
+        return False
     if len(more) > 2 or (more and not (more[0].isascii() and more[0].isdigit())):
         raise SceneError(f'a layered depth cube is "ldc", "ldc:1024" or "ldc:1024:triangle", not {accel!r}')
+    return True
+
+
+def cube_of(accel: str, mesh_or_scene: Mesh | Scene, backend: str | None) -> LayeredCube:
+    """Return the cube that an accelerator's name stands for; see `is_layered`."""
+    _, *more = accel.split(":")
     resolution = int(more[0]) if more else _RESOLUTION
     return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=more[1] if more[1:] else "plane")
 
@@ -188,10 +210,12 @@ def _frame(
     frame[raster.SIZE, :3] = size
     frame[raster.HIGH, :3] = frame[raster.LOW, :3] + resolution * size.astype(np.float64)
     half = (np.roll(size, -1) + np.roll(size, -2)) / 2
-    frame[raster.SLACK, :3] = half * (1 + 2 * raster.MARGIN) + _ROUNDING * max(float(np.abs([low, high]).max()), largest)
+    frame[raster.SLACK, :3] = half * (1 + 2 * raster.MARGIN) + _ROUNDING * max(
+        float(np.abs([low, high]).max()), largest
+    )
     if hit == "sample":
         frame[raster.SLACK, :3] = half if tolerance is None else tolerance
-    frame[raster.COUNTS, :3] = resolution, block, -(-resolution // block)
+    frame[raster.COUNTS] = resolution, block, -(-resolution // block), raster.SLICES / resolution
     return frame.astype(np.float32)
 
 
