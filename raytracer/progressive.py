@@ -67,13 +67,14 @@ def passes(
     first: int,
     past: int,
     progress: Progress | None = None,
+    at_once: int = SAMPLES_AT_ONCE,
 ) -> Iterator[tuple[Layers, int]]:
-    """Add the samples `first` to `past` - 1 to a picture; yield all of its layers, anew, after each pass."""
+    """Add the samples `first` to `past` - 1 to a picture, `at_once` in a pass; yield all layers, anew, after each."""
     height, width = layers["depth"].shape
     rows = max(1, (BAND if backend == "numpy" else DEVICE_BAND) // width)
-    starts = range(first, past, SAMPLES_AT_ONCE)
+    starts = range(first, past, at_once)
     for number, start in enumerate(starts):
-        end = min(start + SAMPLES_AT_ONCE, past)
+        end = min(start + at_once, past)
         params["first_sample"].value, params["past_sample"].value = start, end
         layers = {name: layer.copy() for name, layer in layers.items()}
         for top in range(0, height, rows):

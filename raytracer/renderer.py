@@ -30,7 +30,7 @@ from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
-from raytracer.progressive import MOST_SAMPLES, origin_of, passes, resumed
+from raytracer.progressive import MOST_SAMPLES, SAMPLES_AT_ONCE, origin_of, passes, resumed
 from raytracer.scene import Scene
 from raytracer.staged import Log, StagedTracer
 
@@ -226,8 +226,11 @@ class Renderer:
         if first == samples:
             yield Image(**layers, stats=self._stats(layers, started), samples=samples, origin=origin)
             return
-        scale = 1.0 if self.layout is None else self.layout.scale
-        for found, done in passes(self.kernel, self.params, self.backend, scale, layers, first, samples, progress):
+        assert self.layout is not None  # of another scene the first samples are all
+        # A driver without a GPU ends loops of many iterations, and rays take more of them through a cube.
+        at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else SAMPLES_AT_ONCE
+        device = self.kernel, self.params, self.backend, self.layout.scale
+        for found, done in passes(*device, layers, first, samples, progress, at_once):
             yield Image(**found, stats=self._stats(found, started), samples=done, origin=origin)
 
     def _stats(self, layers: dict[str, Any], started: float) -> Stats:
@@ -317,12 +320,8 @@ def render(
 
     `bounces` (3) is how often a ray may be mirrored; `samples` (1) how many rays there are for each pixel, a square
     number, on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are
-    those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone.
-
-    `secondary`, a `LayeredCube` of the scene, is for all rays but those from the eye: shadow, mirrored and refracted
-    ones. `accel="ldc"`, "ldc:resolution" or "ldc:resolution:hit" makes such a cube. Its hits are as exact as
-    `LayeredCube.of` says; eye rays go through the hierarchy, or through what `accel` names beside `secondary`.
-
+    those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone, and
+    `secondary`, a `LayeredCube`, is for all rays but those from the eye; "ldc[:resolution[:hit]]" as `accel` makes one.
     `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays that the
     host runs one after the other (Christen 2005), which differ in time alone. The staged tracer walks through a grid,
     or tries every triangle; its intersector runs once the share `threshold`, from 0 to 1, of the rays on their way
@@ -341,14 +340,12 @@ def render(
     """
     _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
-        chosen = accel is not None or secondary is not None
-        if tracer != "unified" or grid is not None or chosen or integrator != "whitted":
+        if tracer != "unified" or integrator != "whitted" or (accel, grid, secondary) != (None, None, None):
             raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
         return _render_fastest(scene, size, max_error, backend, bounces, samples, progress)
-    walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid, "seed": seed}
-    walk["secondary"] = secondary
     options: dict[str, Any] = {"backend": backend, "bounces": bounces, "precision": precision, "math": math}
-    renderer = Renderer(scene, integrator=integrator, **options, **walk)
+    walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid, "seed": seed}
+    renderer = Renderer(scene, integrator=integrator, secondary=secondary, **options, **walk)
     return renderer.render(size, samples=samples, progress=progress, resume=resume)
 
 

@@ -118,7 +118,7 @@ class LayeredIntersector:
         first = blocks.cell * image.block
         last = sh.min(first + image.block, image.resolution) - 1
         texels = Cells(image, blocks.t, sh.Attrib1i(1), first, last)
-        item, end = sh.Attrib1i(0), sh.Attrib1i(0)
+        item, end, far = sh.Attrib1i(0), sh.Attrib1i(0), sh.Attrib1f(0)
         hit = image.way.hit
         with SH_DO():
             with SH_WHILE(lambda: texels.t <= image.end()):
@@ -126,13 +126,30 @@ class LayeredIntersector:
                 texel = (image.axis * image.resolution + texels.cell.y) * image.resolution + texels.cell.x
                 item[:] = self.offsets[texel]
                 end[:] = self.offsets[texel + 1]
-                SH_BREAK(item < end)
+                near, beyond = image.depths(texels.t, texels.out)
+                far[:] = beyond
+                self.skip(item, end, near)
+                SH_BREAK((item < end) & (self.depth(item) <= far))
                 texels.advance()
-            with SH_WHILE(lambda: item < end):
+            with SH_WHILE(lambda: (item < end) & (self.depth(item) <= far)):
                 test(image, texels, self.samples[item])
                 item += 1
             texels.advance()
             SH_UNTIL((texels.t > image.end()) | (any_hit & (hit.id >= 0)))
+
+    def skip(self, item: Any, end: Any, near: Any) -> None:
+        """Go on to the first of a texel's samples at the depth `near` or beyond, by bisection."""
+        last = sh.Attrib1i(end)
+        with SH_WHILE(lambda: item < last):
+            middle = (item + last) >> 1
+            before = self.depth(middle) < near
+            item[:] = sh.cond(before, middle + 1, item)
+            last[:] = sh.cond(before, last, middle)
+
+    def depth(self, item: Any) -> Any:
+        """The depth of a sample."""
+        sample: Any = self.samples[item]
+        return sh.float_from_bits(sample.x)
 
 
 class Way:
@@ -185,15 +202,14 @@ class Image:
         """The column and row at a distance from the start."""
         return self.place + t * self.pace
 
-    def reaches(self, begin: Any, end: Any, low: Any, high: Any) -> Any:
-        """Return whether the ray comes near to a range of depths, between two distances."""
+    def depths(self, begin: Any, end: Any) -> tuple[Any, Any]:
+        """The least and the largest depth of samples to which the ray comes near between two distances."""
         a, b = self.depth + begin * self.deepening, self.depth + lower(end, self.end()) * self.deepening
-        return (lower(a, b) <= high + self.slack) & (higher(a, b) >= low - self.slack)
+        return lower(a, b) - self.slack, higher(a, b) + self.slack
 
     def reaches_block(self, begin: Any, end: Any, block: Any) -> Any:
         """Return whether the ray comes near to samples of a block, as its coarse level says, between two distances."""
-        a, b = self.depth + begin * self.deepening, self.depth + lower(end, self.end()) * self.deepening
-        near, far = lower(a, b) - self.slack, higher(a, b) + self.slack
+        near, far = self.depths(begin, end)
         first, last = ((depth - self.low_end) * self.slices for depth in (near, far))
         crossed = bits_below(sh.Attrib1i(last + ROUNDED) + 1) & ~bits_below(sh.Attrib1i(sh.floor(first - ROUNDED)))
         found = crossed & block.zw
@@ -236,11 +252,9 @@ class ExactTest:
         self.test = TriangleTest(way.ray, way.eye, walk.bound)
 
     def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
-        """Try the triangle if its plane is near."""
-        depth = sh.float_from_bits(sample.x)
-        with SH_IF(image.reaches(texels.t, texels.out, depth, depth)):
-            self.test(self.triangles, sh.Attrib1i(sample.y), self.way.near, self.way.hit)
-            self.way.shorten()
+        """Try the triangle."""
+        self.test(self.triangles, sh.Attrib1i(sample.y), self.way.near, self.way.hit)
+        self.way.shorten()
 
     def finish(self) -> None:
         """Leave the hit as it is."""
