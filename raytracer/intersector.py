@@ -295,11 +295,12 @@ class Intersector:
         return tuple(found), exact
 
     def _kernel(self, name: str, rays: Rays, leaving: bool, exact: bool) -> Any:
-        """The kernel for these rays."""
+        """The kernel for these rays. Those in a cube have little in common, wherever they come from."""
         key = name, self._walks_alone(rays), leaving, exact
         if key not in self._kernels:
             program = getattr(queries, name)(self._walk_for(*key[:3]), exact)
-            lanes: dict[str, Any] = {"lanes": 1} if key[1] else {}
+            layered = self._target == "opencl" and isinstance(self._structure, LayeredCube)
+            lanes: dict[str, Any] = {"lanes": 1} if key[1] or layered else {}
             self._kernels[key] = program.compile(**self._options, **lanes)
         return self._kernels[key]
 

@@ -102,6 +102,8 @@ class Renderer:
         if self.layout is None:
             return
         self._options: dict[str, Any] = {"precision": precision, "math": math}
+        # Rays in a cube take other ways than their neighbours, so packets of them cost more than rays alone.
+        self._lanes = {"lanes": 1} if secondary is not None and self.backend == "opencl" else {}
         self._threshold = threshold if tracer == "staged" else None
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout, bounces)
@@ -145,7 +147,7 @@ class Renderer:
             program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
         # No budget of iterations: each one of the walk finishes a triangle or a cell, each one of the tracer a ray.
-        kernel = program.compile(self.backend, **self._options, loop_limit=None)
+        kernel = program.compile(self.backend, **self._options, **self._lanes, loop_limit=None)
         self.record_seconds += recorded - started
         self.compile_seconds += time.perf_counter() - recorded
         return {"program": program, "kernel": kernel, "params": program.params}
@@ -334,7 +336,6 @@ def render(
 
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
-
     Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for options
     that do not go together, and for an error that no variant keeps; sh.BackendUnavailable for a missing backend.
     """
