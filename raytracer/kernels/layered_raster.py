@@ -9,7 +9,8 @@ triangle is convex, so every texel of a span is a sample and nothing has to be s
 one order, so that the two triangles of an edge have the same spans there.
 
 With conservative rasterisation a triangle reaches each texel that it touches, and `MARGIN` farther, for rounding.
-Without it, it reaches the texels whose centres it covers, those on its border included.
+Without it, it reaches the texels whose centres it covers: of two triangles that share an edge in an image, one has a
+centre on the edge, as intervals do not hold their ends.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ def texels_between(begin: Any, end: Any, resolution: Any, conservative: bool) ->
     if conservative:
         first, last = sh.floor(begin - MARGIN), sh.floor(end + MARGIN)
     else:
-        first, last = sh.ceil(begin - 0.5), sh.floor(end - 0.5)
+        first, last = sh.ceil(begin - 0.5), sh.ceil(end - 0.5) - 1
     first, last = sh.max(sh.Attrib1i(first), 0), sh.min(sh.Attrib1i(last), resolution - 1)
     return first, sh.max(last - first + 1, 0)
 

@@ -87,6 +87,8 @@ def build_samples(triangles: NDArray[Any], frame: NDArray[np.float32], conservat
 
     Raises SceneError if there are more than memory holds.
     """
+    if not len(triangles):
+        return nothing(*(int(frame[raster.COUNTS, k]) for k in (0, 2)))
     lines = Scanlines(triangles, frame, conservative, backend)
     unsorted = lines.samples()
     if unsorted is None:
