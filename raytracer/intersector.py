@@ -110,6 +110,7 @@ class Intersector:
             raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         meshes = [mesh for mesh in meshes if len(mesh)]
+        self._accel = accel
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING.get(precision, np.float32)
@@ -292,8 +293,8 @@ class Intersector:
         if alone:
             assert isinstance(self._structure, Bvh)
             return WideIntersector(self._structure, self._rows, bound)
-        repeats = isinstance(self._structure, Grid) and self._structure.shape != (1, 1, 1)
-        structure = self._tree if repeats and name in ("count", "list_hits", "list_more") else self._structure
+        repeats = self._accel == "grid" and name in ("count", "list_hits", "list_more")
+        structure = self._tree if repeats else self._structure
         if structure is self._structure and not leaving:
             return self._walk
         return walk_with(structure, self._rows, self._target, bound)

@@ -41,8 +41,7 @@ class BvhIntersector:
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
         self.past = sh.Table(past, sh.Attrib1i, "past")
-        self.nodes = len(bvh.low)
-        self.low, self.high = bvh.low[0], bvh.high[0]
+        self.nodes = sh.Param(sh.Attrib1i, len(bvh.low), name="nodes")
         working = np.finfo(bvh.low.dtype)
         self.margin = MARGIN * float(working.eps)
         self.steepest = min(float(working.max), FAR)
@@ -61,7 +60,7 @@ class BvhIntersector:
     def _collect_before(self, limit: Any, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         box = BoxTest(ray, eye, begin, self.margin, self.steepest)
         reach = farther(limit)
-        with SH_IF((near < limit) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
+        with SH_IF((near < limit) & is_ray(ray, eye) & self.meets(box, 0, reach)):
             self.walk(ray, eye, near, any_hit, box, reach, hit)
 
     def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:

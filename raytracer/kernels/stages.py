@@ -208,10 +208,8 @@ def _precalculation(walk: GridIntersector) -> Any:
         SH_DISCARD(state != ACTIVE)
         cells = walk.walk(ray.direction, ray.eye, 0.0)
         lost = ~is_ray(ray.direction, ray.eye) | (ray.limit <= 0)
-        if walk.outside:
-            state[:] = sh.cond(lost, DEAD, WAIT)
-        else:
-            state[:] = sh.cond(lost | (cells.t >= cells.far), DEAD, ACTIVE)
+        beside = cells.t >= cells.far
+        state[:] = sh.cond(lost, DEAD, sh.cond(walk.outside > 0, WAIT, sh.cond(beside, DEAD, ACTIVE)))
         nearest = Nearest(ray.limit, sh.TexCoord2f(0, 0), sh.Attrib1i(-1))
         items = Items(sh.Attrib1i(0), sh.Attrib1i(walk.outside))
         return Placed(Cell(cells.t, cells.voxel), items, nearest, state)

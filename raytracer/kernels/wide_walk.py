@@ -41,6 +41,8 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
 NONE = 0xFFFFFFFF
 """The key of a box that is not met: it comes after all others."""
+LEVELS = 8
+"""Levels of nodes for which a stack has room, or a multiple: its length is in the text, which many meshes share."""
 LEAST = 2.0**-126
 """Farther than 0 by more than a tag adds to a key."""
 
@@ -55,11 +57,11 @@ class WideIntersector:
         self.bound = bound
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = Triangles(triangles)
-        self.last = len(wide.records) - 1
+        self.last = sh.Param(sh.Attrib1u, len(wide.records) - 1, name="last_record")
         spare = np.zeros((WIDTH - 1, ROWS, HALF), np.uint32)  # so that a child's number is in range without a look
         records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
         self.records = sh.Table(records, sh.Attrib4u, "records")
-        self.depth = wide.depth
+        self.depth = -(-wide.depth // LEVELS) * LEVELS
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
@@ -127,7 +129,7 @@ class WideIntersector:
 
     def number(self, read: Any) -> Any:
         """A record's number as it is read: the last at most, as it is anyway, so that it is known to be in range."""
-        return sh.Attrib1i(sh.min(read, sh.Attrib1u(self.last)))
+        return sh.Attrib1i(sh.min(read, self.last))
 
 
 def keys_of(halves: list[tuple[Any, Any, Any]]) -> list[Any]:
