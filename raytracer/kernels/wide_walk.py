@@ -41,8 +41,12 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
 NONE = 0xFFFFFFFF
 """The key of a box that is not met: it comes after all others."""
-LEVELS = 8
-"""Levels of nodes for which a stack has room, or a multiple: its length is in the text, which many meshes share."""
+LEVELS, RECORDS = 8, 1024
+"""Levels of nodes for which a stack has room, and records of a table, at least.
+
+Both are in the text: a stack costs its length, and to look whether an index is in range costs 8 % of a walk. All small
+meshes share a kernel. Larger ones do with as many levels, rounded to a multiple of 4, and records, to a power of 2.
+"""
 LEAST = 2.0**-126
 """Farther than 0 by more than a tag adds to a key."""
 
@@ -57,11 +61,12 @@ class WideIntersector:
         self.bound = bound
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = Triangles(triangles)
-        self.last = sh.Param(sh.Attrib1u, len(wide.records) - 1, name="last_record")
-        spare = np.zeros((WIDTH - 1, ROWS, HALF), np.uint32)  # so that a child's number is in range without a look
+        self.last = max(RECORDS, 1 << (len(wide.records) - 1).bit_length()) - 1
+        # So many that a child's number is in range without a look.
+        spare = np.zeros((self.last + WIDTH - len(wide.records), ROWS, HALF), np.uint32)
         records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
         self.records = sh.Table(records, sh.Attrib4u, "records")
-        self.depth = -(-wide.depth // LEVELS) * LEVELS
+        self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
@@ -129,7 +134,7 @@ class WideIntersector:
 
     def number(self, read: Any) -> Any:
         """A record's number as it is read: the last at most, as it is anyway, so that it is known to be in range."""
-        return sh.Attrib1i(sh.min(read, self.last))
+        return sh.Attrib1i(sh.min(read, sh.Attrib1u(self.last)))
 
 
 def keys_of(halves: list[tuple[Any, Any, Any]]) -> list[Any]:

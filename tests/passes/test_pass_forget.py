@@ -21,6 +21,40 @@ def test_a_shape_that_is_asked_for_stays():
     assert forget_data(given).tables == given.tables
 
 
+def test_the_least_size_stays_for_which_an_index_is_in_range():
+    given = module(
+        """
+        %4: i = const 3
+        %5: i = and %2, %4
+        %6: f = table data[%5]
+        %7: f = table data[%2]
+        %8: f = add %6, %7
+        store $o.0 = %8
+        """
+    )
+    assert forget_data(given).tables[0].size == (4,)
+
+
+def test_programs_share_a_kernel_that_knows_an_index_to_be_in_range(monkeypatch):
+    monkeypatch.setattr(kernel, "_executables", {})
+
+    def picked(data):
+        table = sh.Table(data, sh.Attrib1f, "table")
+
+        @sh.program
+        def picked(k: sh.Attrib1i) -> sh.Attrib1f:
+            return table[k & 3] + table[0]
+
+        return picked.compile("opencl", lanes=1)
+
+    four, five, three = (picked(np.arange(n) + 0.5) for n in (4, 5, 3))
+    assert four.source == five.source
+    assert "sh_at" not in four.source
+    assert "sh_at" in three.source
+    assert four(7) == five(7) == 4.0
+    assert three(7) == 3.0
+
+
 def scaled(data, by, wanted=sh.Attrib1f):
     table, factor = sh.Table(data, wanted, "table"), sh.Param(sh.Attrib1f, by, name="factor")
 

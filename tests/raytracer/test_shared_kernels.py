@@ -199,7 +199,7 @@ def test_no_query_of_a_second_intersector_compiles_anything(backend, accel, monk
 def query(backend, accel, names, monkeypatch):
     """Two meshes have the same kernels, and each its own hits."""
     monkeypatch.setattr(kernel, "_executables", {})
-    small, large = box(), sphere(2.0, rings=40, segments=80)
+    small, large = box(), sphere(2.0, rings=20, segments=40)
     ask(Intersector(small, accel=accel, backend=backend), names)
     compiled = list(kernel._executables)
     found = ask(Intersector(large, accel=accel, backend=backend), names)
