@@ -36,8 +36,9 @@ class Texture:
 
     `source` is a picture file, whose colours are taken for sRGB and decoded, or an array (H, W), (H, W, 1), (H, W, 3)
     or (H, W, 4), row 0 at the top: of floats, which are linear, or of uint8, which are sRGB. `srgb` says otherwise:
-    False for numbers that are not colours, such as a reflectivity. Alpha is not used. A number of a material is read
-    from the red channel. `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
+    False for numbers that are not colours, such as a reflectivity. A number of a material is read from the red channel.
+    With `alpha` the picture's alpha is read instead of its colours, 1 where it has none; it is not used otherwise.
+    `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
     edge goes on ("clamp"), or it is mirrored.
 
     `image` (H, W, 3) float32 holds the linear numbers. Raises FileNotFoundError, and SceneError for a file that is no
@@ -51,6 +52,7 @@ class Texture:
         srgb: bool | None = None,
         filter: Filter = "linear",
         wrap: Wrap = "repeat",
+        alpha: bool = False,
     ) -> None:
         for given, known, what in ((filter, get_args(Filter), "filter"), (wrap, WRAPS, "wrap")):
             if given not in known:
@@ -59,24 +61,26 @@ class Texture:
         self.wrap: Wrap = wrap
         if isinstance(source, str | PathLike):
             self.name = str(source)
-            pixels = _read(Path(source))
+            pixels = _read(Path(source), alpha)
         else:
             self.name = "a texture"
             pixels = np.asarray(source)
-        self.image: NDArray[np.float32] = _linear(pixels, srgb, self.name)
+            if alpha:
+                pixels = pixels[..., 3:] if pixels.ndim == 3 and pixels.shape[2] == 4 else np.ones((1, 1))
+        self.image: NDArray[np.float32] = _linear(pixels, False if alpha else srgb, self.name)
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
         return f"<Texture {self.name}, {width} x {height}>"
 
 
-def _read(path: Path) -> NDArray[Any]:
-    """The pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits."""
+def _read(path: Path, alpha: bool) -> NDArray[Any]:
+    """The pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits; or its alpha."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
     try:
         with opened(path) as picture:
-            return pixels_of(picture)
+            return pixels_of(alpha_of(picture) if alpha else picture)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
@@ -115,6 +119,17 @@ def pixels_of(picture: Any) -> NDArray[Any]:
     if picture.mode == "F":
         return np.asarray(picture, dtype=np.float32)
     return np.asarray(picture.convert("L" if picture.mode in ("1", "L", "LA") else "RGB"))
+
+
+def alpha_of(picture: Any) -> Any:
+    """The alpha of a picture of Pillow's as a grey picture: one white pixel if it has none."""
+    from PIL import Image as pillow
+
+    if picture.mode in ("P", "PA"):  # whose colours may be clear
+        picture = picture.convert("RGBA")
+    if "A" in picture.getbands():
+        return picture.getchannel("A")
+    return pillow.new("L", (1, 1), 255)
 
 
 def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.float32]:

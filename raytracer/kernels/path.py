@@ -88,6 +88,7 @@ class PathTracer:
                 )
         self.intersector = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.lobes = Lobes(self.surfaces.highlights)
         self.background = tuple(map(float, scene.background))

@@ -73,6 +73,7 @@ class Tracer:
         self.ambient = float(ambient)
         self.bounces = bounces
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, layout.scale)
         looks = self.surfaces.looks
         self.reflects = layout.reflects or "reflectivity" in looks.gives
