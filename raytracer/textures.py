@@ -80,7 +80,10 @@ def _read(path: Path, alpha: bool) -> NDArray[Any]:
         raise FileNotFoundError(f"there is no picture {path}")
     try:
         with opened(path) as picture:
-            return pixels_of(alpha_of(picture) if alpha else picture)
+            if not alpha:
+                return pixels_of(picture)
+            grey = alpha_of(picture)
+            return np.ones((1, 1), np.float32) if grey is None else pixels_of(grey)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
@@ -122,14 +125,10 @@ def pixels_of(picture: Any) -> NDArray[Any]:
 
 
 def alpha_of(picture: Any) -> Any:
-    """The alpha of a picture of Pillow's as a grey picture: one white pixel if it has none."""
-    from PIL import Image as pillow
-
+    """The alpha of a picture of Pillow's as a grey picture; None if it has none."""
     if picture.mode in ("P", "PA"):  # whose colours may be clear
         picture = picture.convert("RGBA")
-    if "A" in picture.getbands():
-        return picture.getchannel("A")
-    return pillow.new("L", (1, 1), 255)
+    return picture.getchannel("A") if "A" in picture.getbands() else None
 
 
 def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.float32]:

@@ -109,8 +109,10 @@ def test_upright_and_turned_cameras(tmp_path):
 def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file = File()
     image = file.picture(np.zeros((2, 2, 3)))
-    plain = {"normalTexture": {"index": image}, "alphaMode": "BLEND", "emissiveFactor": [1, 0, 0]}
-    look = {"baseColorTexture": {"index": image, "texCoord": 1}}
+    plain = {"normalTexture": {"index": image}, "occlusionTexture": {"index": image}}
+    clear = {"KHR_materials_transmission": {"transmissionFactor": 1}}
+    plain |= {"alphaMode": "BLEND", "extensions": clear}
+    look = {"baseColorTexture": {"index": image, "texCoord": 1}, "baseColorFactor": [1, 0.5, 1, 0.5]}
     material = file.material(**plain, pbrMetallicRoughness=look)
     square = file.square(material=material, targets=[{}, {}])
     lines = {"attributes": {"POSITION": file.array(SQUARE)}, "mode": 1}
@@ -120,11 +122,12 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.light(type="area")
     file.add("animations", {})
     file.add("scenes", {"nodes": []})
-    file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior"]
+    file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_sheen"]
     expected = (
-        "animations (1), scenes after the first (1), KHR_materials_ior (1), morph targets (2), "
-        "pictures of meshes without uv coordinates (1), alpha of materials (1), normal maps (1), "
-        "emission of materials (1), points and lines (1), orthographic cameras (1), "
+        "animations (1), scenes after the first (1), KHR_materials_sheen (1), morph targets (2), "
+        "pictures of meshes without uv coordinates (1), normal maps (1), occlusion maps (1), "
+        "alpha of clear materials (1), blur of clear materials (1), tints of clear materials (1), "
+        "points and lines (1), orthographic cameras (1), "
         "cones of spot lights, which shine all round (1), lights of the type area (1)"
     )
     scene = loaded(file.save(tmp_path / "much.glb"), f"ignored: {expected}")
