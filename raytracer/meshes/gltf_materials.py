@@ -15,6 +15,7 @@ from dataclasses import replace
 from io import BytesIO
 from typing import Any, Final
 
+from raytracer.errors import SceneError
 from raytracer.materials import Material, Triple
 from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
 from raytracer.meshes.folder import Notices
@@ -83,7 +84,7 @@ class GltfMaterials:
             self._picture(used.get("roughness")),
             emission=(r, g, b),
             emission_picture=self._picture(used.get("emission")),
-            ior=float(_extension(entry, "ior").get("ior", 1.5)),
+            ior=_ior(entry),
         )
         opacity, cutout = self._alpha(entry, color[3], used.get("color"))
         found = replace(found, opacity=opacity, cutout=cutout)
@@ -140,6 +141,14 @@ class GltfMaterials:
         filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
         wrap = _WRAPS.get(across, "repeat")
         return self.pictures.get(source, str(name), contents, wrap=wrap, filter=filter, alpha=alpha)
+
+
+def _ior(entry: dict[str, Any]) -> float:
+    """The refractive index of a material (KHR_materials_ior): 0 stands for a surface that mirrors all."""
+    found = float(_extension(entry, "ior").get("ior", 1.5))
+    if not 0 <= found < math.inf:
+        raise SceneError(f"the ior of a material is 0, or 1 and more, not {found}")
+    return found
 
 
 def _absorption(volume: dict[str, Any]) -> Triple:

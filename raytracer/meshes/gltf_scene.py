@@ -30,6 +30,7 @@ from raytracer.meshes.mesh import Mesh
 
 Matrix = NDArray[np.float64]
 _LIGHTS: Final = "KHR_lights_punctual"
+_PLACED: Final = {"matrix", "translation", "rotation", "scale"}
 _LISTS: Final = {"animations": "animations", "skins": "skins"}
 
 
@@ -178,7 +179,7 @@ def _nodes(document: Document) -> Iterator[Node]:
             raise SceneError(f"node {number} has more than one parent")
         seen.add(number)
         with np.errstate(all="ignore"):  # Instance refuses what is not finite
-            matrix = outer @ _local(entry)
+            matrix = outer @ _local(entry) if _PLACED & entry.keys() else outer
         yield Node(entry, matrix)
         waiting += [(child, matrix) for child in reversed(entry.get("children", []))]
 

@@ -18,12 +18,15 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.errors import SceneError
 from raytracer.materials import CUTOFF, Triple
 from raytracer.meshes.folder import Notices, shown
 from raytracer.textures import Filter, Texture, Wrap, alpha_of, decoded, opened, pixels_of
 
 MOST: Final = 1 << 26
 """Pixels of all pictures of a file."""
+MOST_DECODED: Final = 4 * MOST
+"""Pixels of all pictures before they are made smaller: a small file may hold large pictures of one colour."""
 Pixels = NDArray[Any]
 
 
@@ -129,6 +132,7 @@ class Pictures:
     def __init__(self, notices: Notices) -> None:
         self.notices = notices
         self._read_budget, self._made_budget = Budget(notices), Budget(notices)
+        self._decoded = 0
         self._pixels: dict[Hashable, Pixels | None] = {}
         self._pictures: dict[Hashable, Picture] = {}
 
@@ -159,6 +163,9 @@ class Pictures:
         try:
             found = source()
             with nullcontext(found) if hasattr(found, "convert") else opened(found) as picture:
+                self._decoded += picture.size[0] * picture.size[1]
+                if self._decoded > MOST_DECODED:
+                    raise SceneError(f"all pictures have more than {MOST_DECODED:,} pixels")
                 if not alpha:
                     return self._fitted(picture)
                 grey = alpha_of(picture)
@@ -172,5 +179,5 @@ class Pictures:
         """The pixels of a picture of Pillow's, as many as the budget has."""
         factor = self._read_budget.factor(*picture.size)
         if factor > 1:
-            picture = (picture if picture.mode == "L" else picture.convert("RGB")).reduce(factor)
+            picture = (picture if picture.mode in ("L", "RGB") else picture.convert("RGB")).reduce(factor)
         return pixels_of(picture)

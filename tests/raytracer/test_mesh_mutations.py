@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gltf_files import png, textured
+from gltf_files import png, shining, textured
 
 from raytracer import Scene, SceneError, render
 from raytracer.meshes.loading import FORMATS
@@ -52,7 +52,9 @@ Ks 0.1 0.2 0.3
 Ns 20
 illum 3
 d 0.5
+Ke 1 0 0
 map_Kd -s 1 1 1 -clamp on paint.png
+map_d paint.png
 """
 PLY = """ply
 format ascii 1.0
@@ -77,6 +79,15 @@ WORDS = [
     *(b"element face 1000000000\n", b'"count":99999999,', b"null", b"[]", b'"matrix":[' + b"0," * 15 + b"0],"),
     *(b"map_Kd ../x.png\n", b"map_Kd -s", b"newmtl red\n", b"Kd -1", b"Ns 1e40\n", b'"uri":"../x",', b'"index":9'),
     *(b'"children":[0],', b'"mesh":0,', b'"sparse":{},', b'"normalized":true,', b'"byteStride":1,', b'"scene":5,'),
+    *(
+        b"illum 7\nNi 0\n",
+        b"map_Ke paint.png\n",
+        b"Tf 1 0.5\n",
+        b"d -halo",
+        b'"alphaCutoff":0,',
+        b'"ior":-1,',
+        b"1e400",
+    ),
     *(b"TextureFile /dev/zero\n", b"\xff\xff\xff\xff", b"IHDR\x00\x00\xff\xff\x00\x00\xff\xff", b"true", b'"\\ud800"'),
 ]
 
@@ -94,7 +105,8 @@ def originals():
     alone = [{f"{SELF}.{kind}": data.encode() if isinstance(data, str) else bytes(data)} for kind, data in found]
     rng = np.random.default_rng(0)
     pixels = np.kron(rng.integers(0, 256, (3, 4, 3)), np.ones((4, 4, 1)))
-    alone += [{f"{SELF}.glb": textured().glb()}, {f"{SELF}.gltf": textured().gltf()}]
+    alone += [{f"{SELF}.glb": file.glb()} for file in (textured(), shining())]
+    alone += [{f"{SELF}.gltf": file.gltf()} for file in (textured(), shining())]
     painted = [
         {f"{SELF}.obj": TEXTURED.encode(), "paint.mtl": MTL.encode(), "paint.png": png(pixels, format)}
         for format in ("PNG", "JPEG", "GIF", "TIFF", "TGA", "WEBP", "BMP")
