@@ -8,6 +8,7 @@ Stage: scene description. A `Texture` holds linear numbers; `kernels.textures` r
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +23,8 @@ from raytracer.errors import SceneError
 
 __all__ = ["Texture"]
 
+logging.getLogger("PIL").addHandler(logging.NullHandler())
+"""Pillow logs faults besides raising them; without a handler Python prints them."""
 Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)

@@ -105,6 +105,10 @@ class Mesh:
         unit = np.where(right, normals, _unit(normals))
         return np.where(normals.any(axis=-1, keepdims=True), unit, self.face_normals[:, None])
 
+    def __repr__(self) -> str:
+        parts = [part for part in ("normals", "colors", "uv") if getattr(self, part) is not None]
+        return f"<Mesh {self.name}: {', '.join([f'{len(self):,} triangles', *parts])}>"
+
     def __len__(self) -> int:
         """The number of triangles."""
         return len(self.faces)

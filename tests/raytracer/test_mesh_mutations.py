@@ -1,5 +1,8 @@
 """Mesh files that somebody broke: each gives a scene or one clear error, in bounds of time and memory."""
 
+import copy
+import json
+import math
 import os
 import resource
 import signal
@@ -135,6 +138,46 @@ def mutated(data, rng):
     return data
 
 
+VALUES = [
+    *(0, -1, 1, 2, 7, 2**31, 2**63, 10**30, 0.5, -0.5, 1e-40, 1e38, 1e308, math.nan, math.inf, None, True, False),
+    *("", "x", "MASK", "BLEND", "../x.png", "data:;base64,AAAA", [], {}, [0], [1] * 16, [0, 0, 0, 1], {"index": 0}),
+]
+
+
+def regrown(data, rng):
+    """A GLB or glTF file whose JSON has one to three other values, or values in other places."""
+    binary = data.startswith(b"glTF")
+    length = int.from_bytes(data[12:16], "little")
+    tree = json.loads(data[20 : 20 + length] if binary else data)
+    for _ in range(rng.integers(1, 4)):
+        places = list(places_of(tree))
+        parent, key = places[rng.integers(len(places))]
+        other, from_there = places[rng.integers(len(places))]
+        kind = rng.integers(4)
+        if kind == 0:
+            parent[key] = VALUES[rng.integers(len(VALUES))]
+        elif kind == 1:
+            parent[key] = copy.deepcopy(other[from_there])
+        elif kind == 2:
+            del parent[key]
+        elif isinstance(parent, list):
+            parent.append(copy.deepcopy(parent[key]))
+        else:
+            parent[key] = [parent[key]]
+    text = json.dumps(tree).encode()
+    if not binary:
+        return text
+    chunks = len(text).to_bytes(4, "little") + b"JSON" + text + data[20 + length :]
+    return data[:8] + (12 + len(chunks)).to_bytes(4, "little") + chunks
+
+
+def places_of(value):
+    """The parent and the key of each value in a tree."""
+    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield value, key
+        yield from places_of(value[key])
+
+
 def survive(folder, first, count, renders=0):
     """Load files number `first` to `first + count`; gives how many were scenes, of which every `renders`th is rendered.
 
@@ -147,7 +190,8 @@ def survive(folder, first, count, renders=0):
         files = dict(kinds[number % len(kinds)])
         names = list(files)
         broken = names[rng.integers(len(names))]
-        files[broken] = mutated(files[broken], rng)
+        has_tree = Path(broken).suffix in (".glb", ".gltf") and rng.integers(2)
+        files[broken] = (regrown if has_tree else mutated)(files[broken], rng)
         for name, data in files.items():
             (Path(folder) / name.replace(SELF, f"file{number}")).write_bytes(data)
         path = Path(folder) / names[0].replace(SELF, f"file{number}")
