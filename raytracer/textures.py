@@ -30,6 +30,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 LARGEST: Final = 16384
 """Pixels along a side."""
+MOST_SCANS: Final = 100
+"""Scans of a JPEG file; ten are usual."""
 FORMATS: Final = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF", "PPM")
 """The formats of pictures that are read, by Pillow's names. Pillow knows others that run programs, such as EPS."""
 
@@ -115,7 +117,18 @@ def opened(source: Path | BinaryIO) -> Iterator[Any]:
         with picture:
             if max(picture.size) > LARGEST:
                 raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
+            if picture.format == "JPEG" and _scans(picture.fp) > MOST_SCANS:
+                raise SceneError(f"it goes over its pixels more than {MOST_SCANS} times")
             yield picture
+
+
+def _scans(file: Any) -> int:
+    """How many scans a JPEG file has: each of a few bytes may change all pixels."""
+    place = file.tell()
+    file.seek(0)
+    count: int = file.read().count(b"\xff\xda")
+    file.seek(place)
+    return count
 
 
 def pixels_of(picture: Any) -> NDArray[Any]:

@@ -104,11 +104,20 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
             contents = replace(contents, meshes=_smoothed([mesh for mesh in contents.meshes if len(mesh)]))
         # A reader's faults have no common type: whatever it raises, the file is what the user can mend.
     except Exception as error:
-        reason = shown(str(error) or type(error).__name__, _LONGEST)
+        reason = shown(_reason(error), _LONGEST)
         raise SceneError(f"{path}: not a readable {kind[1:].upper()} file ({reason})") from error
     if not contents.meshes:
         raise SceneError(f"{path}: the file holds no triangles")
     return contents
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong with a file whose reader raised this: mostly parts that are missing or of another kind."""
+    if isinstance(error, KeyError):
+        return f"it lacks {error}"
+    if isinstance(error, TypeError | AttributeError):
+        return f"a part of it is of the wrong kind: {error}"
+    return str(error) or type(error).__name__
 
 
 def _smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:

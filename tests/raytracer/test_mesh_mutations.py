@@ -145,11 +145,11 @@ VALUES = [
 
 
 def regrown(data, rng):
-    """A GLB or glTF file whose JSON has one to three other values, or values in other places."""
+    """A GLB or glTF file whose JSON has one or two other values, or values in other places."""
     binary = data.startswith(b"glTF")
     length = int.from_bytes(data[12:16], "little")
     tree = json.loads(data[20 : 20 + length] if binary else data)
-    for _ in range(rng.integers(1, 4)):
+    for _ in range(rng.integers(1, 3)):
         places = list(places_of(tree))
         parent, key = places[rng.integers(len(places))]
         other, from_there = places[rng.integers(len(places))]
