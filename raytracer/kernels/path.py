@@ -110,6 +110,7 @@ class PathTracer:
             "materials": len(layout.looks),
             "surface programs": len(looks.surfaces),
             "textures": len(looks.textured),
+            "cutouts": self.surfaces.accept is not None,
         }
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:

@@ -94,6 +94,8 @@ class Tracer:
         if looks:
             self.features |= {"surface programs": len(looks.surfaces), "shade programs": len(looks.shades)}
             self.features["textures"] = len(looks.textured)
+        if self.surfaces.accept is not None:
+            self.features["cutouts"] = True
         self.loops = self.reflects or self.lights.count > 0
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:

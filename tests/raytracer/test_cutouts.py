@@ -61,7 +61,7 @@ def test_one_sees_through_holes():
     np.testing.assert_array_equal(found.object_id, np.where(there, 0, 1))
     np.testing.assert_allclose(found.depth, np.where(there, 4, 5), rtol=1e-6)
     np.testing.assert_array_equal(found.pixels[..., 0], there)
-    assert found.stats.features["textures"] == 1
+    assert found.stats.features["cutouts"]
 
 
 @pytest.mark.parametrize("light", [DirectionalLight((0, -1, 0)), PointLight((0, 1e4, 0))])
@@ -149,6 +149,7 @@ def test_emission_of_a_picture():
 def test_a_scene_without_cutouts_has_no_filter():
     plain = Renderer(Scene.builtin("boxes"), backend="numpy")
     assert plain._tracer.intersector.accept is None
+    assert "cutouts" not in plain.features
 
 
 def test_alpha_is_read_on_demand(tmp_path):
