@@ -23,9 +23,9 @@ Triple = tuple[float, float, float]
 NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmission")
 """The coefficients that are one number."""
 PICTURED: Final = ("color", *NUMBERS, "emission", "cutout")
-"""What may be read from a picture."""
+"""The fields of a `Material` that may be a `Texture`."""
 CUTOFF: Final = 0.5
-"""The least number of a `cutout` where there is a surface."""
+"""The threshold of a `cutout`: below it there is no surface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class Material:
 
     @property
     def textures(self) -> dict[str, Texture]:
-        """What is read from pictures, by name."""
+        """The textures by the names of their fields."""
         return {name: found for name in PICTURED if isinstance(found := getattr(self, name), Texture)}
 
     @property

@@ -77,7 +77,7 @@ class Looks:
         They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
         """
         for k, name in enumerate(self.textured):
-            if name == "cutout":  # which the walk has looked at
+            if name == "cutout":  # the walk has applied it
                 continue
             picture = self.pictures_of[material, k]
             with SH_IF(picture >= 0):
@@ -95,7 +95,7 @@ class Looks:
                 given[name][:] = sh.clamp(given[name], 0, 1)
 
     def is_there(self, material: Any, uv: Any) -> Any:
-        """Return whether the `cutout` of a material leaves a surface at `uv`, which is computed where it has one."""
+        """Return whether the `cutout` of a material leaves a surface; `uv` records the coordinates in the branch for it."""
         picture = self.pictures_of[material, self.textured.index("cutout")]
         there = sh.Attrib1b(True)
         with SH_IF(picture >= 0):

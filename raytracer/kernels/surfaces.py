@@ -169,7 +169,7 @@ class SurfaceTables:
 
     @property
     def accept(self) -> Accept | None:
-        """What tells the walk whether there is a surface at a point of a triangle; None where nothing is cut out."""
+        """The filter of candidate hits; None if no material has a cutout."""
         return self.is_there if "cutout" in self.looks.gives else None
 
     def is_there(self, hit: Hit | Candidate) -> Any:

@@ -58,14 +58,14 @@ class Candidate(NamedTuple):
 
 
 Accept = Callable[[Candidate], Any]
-"""What says whether a point of a triangle that a ray meets is a hit."""
+"""A filter of candidates: tells which of the points that a ray meets become hits."""
 
 
 class Hit:
     """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
 
     `kernels.hits` has other ways to keep hits. A walk asks each of them how far it has to go (`l`), and whether there
-    is a hit (`id`), and offers it the triangles that are met. With `accept` it takes those points alone that pass.
+    is a hit (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter.
     """
 
     def __init__(self, limit: Any, accept: Accept | None = None) -> None:
@@ -97,7 +97,7 @@ class Hit:
             self.id[:] = number
 
     def accepting(self, number: Any, weights: Sequence[Any]) -> AbstractContextManager[Any]:
-        """A branch for the points that pass; none where all do."""
+        """Open a branch for the points that pass the filter; open none without a filter."""
         if self.accept is None:
             return nullcontext()
         wb, wc, whole = weights

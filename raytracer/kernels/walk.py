@@ -18,7 +18,7 @@ _TOGETHER = frozenset({"opencl"})
 
 
 class Walk(Protocol):
-    """The walk that finds a ray's hit among `triangles`, at the points that pass `accept`, if there is one."""
+    """The walk that finds a ray's hit among `triangles`, at points that pass the filter `accept`."""
 
     triangles: Triangles
     accept: Accept | None

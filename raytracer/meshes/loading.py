@@ -112,7 +112,7 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
 
 
 def _reason(error: Exception) -> str:
-    """What is wrong with a file whose reader raised this: mostly parts that are missing or of another kind."""
+    """Return what is wrong with a file, by the exception of its reader: mostly a missing part, or one of another kind."""
     if isinstance(error, KeyError):
         return f"it lacks {error}"
     if isinstance(error, TypeError | AttributeError):
