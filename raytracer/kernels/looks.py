@@ -95,7 +95,7 @@ class Looks:
                 given[name][:] = sh.clamp(given[name], 0, 1)
 
     def is_there(self, material: Any, uv: Any) -> Any:
-        """Return whether the `cutout` of a material leaves a surface; `uv` records the coordinates in the branch for it."""
+        """Return whether the `cutout` of a material leaves a surface at `uv()`, recorded where it is needed."""
         picture = self.pictures_of[material, self.textured.index("cutout")]
         there = sh.Attrib1b(True)
         with SH_IF(picture >= 0):

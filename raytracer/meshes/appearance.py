@@ -9,6 +9,7 @@ Stage: scene description. The readers of files give an `Appearance`: a metallic-
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -105,10 +106,10 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
 
     def textures() -> dict[str, float | Texture]:
         pixels = {picture: picture.fitting(len(places) + 1) for picture in pictures}
-        shape = np.max([found.shape[:2] for found in pixels.values()], axis=0)
+        shape = max((found.shape[:2] for found in pixels.values()), key=math.prod)
         for name, (picture, number) in places.items():
             if picture is not None:
-                factors[name] = factors[name] * _enlarged(channel(pixels[picture], number), *shape)
+                factors[name] = factors[name] * _resized(channel(pixels[picture], number), *shape)
         return {
             name: float(x.flat[0]) if np.ptp(x) == 0 else pictures[0].texture(x, srgb=False)
             for name, x in _lobe(look, shared, **factors).items()
@@ -119,8 +120,8 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
     return found
 
 
-def _enlarged(pixels: Any, height: int, width: int) -> Any:
-    """Pixels (h, w) repeated to (height, width), which are not smaller."""
+def _resized(pixels: Any, height: int, width: int) -> Any:
+    """Pixels (h, w) repeated or left out, so that there are (height, width)."""
     rows, columns = (np.arange(n) * old // n for n, old in zip((height, width), pixels.shape, strict=True))
     return pixels[rows][:, columns]
 

@@ -112,7 +112,7 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
 
 
 def _reason(error: Exception) -> str:
-    """Return what is wrong with a file, by the exception of its reader: mostly a missing part, or one of another kind."""
+    """Return what is wrong with a file, by the exception of its reader: mostly a part that is missing or wrong."""
     if isinstance(error, KeyError):
         return f"it lacks {error}"
     if isinstance(error, TypeError | AttributeError):

@@ -130,6 +130,17 @@ def test_pictures_of_transmission(tmp_path):
     np.testing.assert_allclose(found.reflectivity.image[0, :, 0], [0.02 / 0.52, 0.004 / 0.904], rtol=1e-6)
 
 
+def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
+    """A wide picture and a tall one make textures as large as one of them."""
+    file = File()
+    clear = file.picture(np.arange(64 * 3).reshape(1, 64, 3))
+    metal = file.picture(np.arange(48 * 3).reshape(48, 1, 3))
+    look = {"metallicRoughnessTexture": {"index": metal}, "roughnessFactor": 0.1, "metallicFactor": 1}
+    extensions = {"transmission": {"transmissionFactor": 1, "transmissionTexture": {"index": clear}}}
+    found = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
+    assert found.transmission.image.shape == (1, 64, 3)
+
+
 def test_the_ior_of_gltf_decides_how_high_highlights_are():
     """F0 is ((ior - 1) / (ior + 1))**2, and an ior of 0 stands for 1 (KHR_materials_ior)."""
     for ior, f0 in ((1.5, 0.04), (2.0, 1 / 9), (1.0, 0.0), (0.0, 1.0)):
