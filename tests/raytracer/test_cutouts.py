@@ -97,6 +97,15 @@ def test_backends_and_accelerators_agree_to_the_last_bit():
         same(first, render(scene, (48, 32), backend="numpy", bounces=2, accel=accel))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("lanes", [1, 4, 8, 16])
+def test_every_width_agrees(lanes):
+    scene = everything()
+    renderer = Renderer(scene, backend="opencl", bounces=2)
+    renderer.kernel = renderer.program.compile("opencl", lanes=lanes, loop_limit=None)
+    same(renderer.render((48, 32)), render(scene, (48, 32), backend="numpy", bounces=2))
+
+
 @pytest.mark.parametrize(
     "backend", ["numpy", *(pytest.param(name, marks=pytest.mark.slow) for name in ("opencl", "glsl"))]
 )
