@@ -17,7 +17,18 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import FAR, AheadBound, Hit, Triangles, TriangleTest, farther, higher, is_ray, lower
+from raytracer.kernels.triangle import (
+    FAR,
+    Accept,
+    AheadBound,
+    Hit,
+    Triangles,
+    TriangleTest,
+    farther,
+    higher,
+    is_ray,
+    lower,
+)
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -33,6 +44,7 @@ class BvhIntersector:
 
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
+        self.accept: Accept | None = None
         self.triangles = Triangles(triangles)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.leaves = Triangles(leaves, "leaves", sh.Table(bvh.items, sh.Attrib1i, "items"))
@@ -49,7 +61,7 @@ class BvhIntersector:
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self._collect_before(limit, hit, ray, eye, near, near, any_hit)
         return hit
 

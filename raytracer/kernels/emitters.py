@@ -18,7 +18,7 @@ from raytracer.kernels.chances import Chances
 from raytracer.kernels.lobes import around
 from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables, barylerp
-from raytracer.kernels.triangle import FAR, Hit
+from raytracer.kernels.triangle import FAR, Candidate, Hit
 from raytracer.layout import Layout
 from raytracer.lights import EnvironmentLight
 from shpy import SH_IF
@@ -118,6 +118,8 @@ class Emitters:
             emission = sh.Color3f(glow.rgb)
             if "emission" in self.surfaces.looks.gives:
                 self.surfaces.arrive(hit, found.ray, surface.inter, ShadedPoint(clear=self.surfaces.clear), emission)
+            if self.surfaces.accept is not None:
+                emission *= sh.cond(self.surfaces.accept(Candidate(number, hit.uv)), 1.0, 0.0)
             with SH_IF(cosine > 0):
                 found.incoming[:] = (cosine / (square * density)) * emission
                 found.density[:] = self.per_glow * glow.w * square / cosine

@@ -14,7 +14,7 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.cells import CellBox, CellWalk
-from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
+from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
@@ -23,6 +23,7 @@ class GridIntersector:
 
     def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
         self.bound = bound
+        self.accept: Accept | None = None
         self.triangles = Triangles(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
@@ -31,7 +32,7 @@ class GridIntersector:
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 

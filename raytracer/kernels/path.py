@@ -88,6 +88,7 @@ class PathTracer:
                 )
         self.intersector = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.lobes = Lobes(self.surfaces.highlights)
         self.background = sh.Param(sh.Color3f, tuple(map(float, scene.background)), name="background")
@@ -109,6 +110,7 @@ class PathTracer:
             "materials": len(layout.looks),
             "surface programs": len(looks.surfaces),
             "textures": len(looks.textured),
+            "cutouts": self.surfaces.accept is not None,
         }
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:

@@ -243,7 +243,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
     def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
         SH_DISCARD(state != WAIT)
-        hit = Hit.held_in(nearest)
+        hit = Hit.held_in(nearest, walk.accept)
         test = TriangleTest(ray.direction, ray.eye, walk.bound)
         tests = sh.Attrib1i(0)
         with SH_DO():

@@ -15,7 +15,7 @@ import shpy as sh
 from raytracer.kernels import shaders
 from raytracer.kernels.looks import Looks
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import FAR, Hit, PlaneView, Triangles, highest
+from raytracer.kernels.triangle import FAR, Accept, Candidate, Hit, PlaneView, Triangles, highest
 from raytracer.layout import Layout, Rows, is_programmed
 
 ROUNDINGS = 7
@@ -65,7 +65,7 @@ class SurfaceTables:
         )
         self.layout = layout
         self.glow = glow_rows(layout, self.looks)
-        self.glows = bool(self.glow[:, 3].any())
+        self.glows = bool(self.glow[:, 3].any()) or "emission" in self.looks.gives
         self.highlights = bool((layout.materials[1::2, 1] > 0).any()) or "specular" in self.looks.gives
         self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.looks.gives
         if self.clear:
@@ -155,7 +155,7 @@ class SurfaceTables:
         beside = PLANE_ROUNDINGS * self.roundoff * plane.error_at(t)
         return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
-    def material_at(self, hit: Hit) -> Any:
+    def material_at(self, hit: Hit | Candidate) -> Any:
         """The number of the material that was hit."""
         return 0 if self.material_of is None else self.material_of[hit.id]
 
@@ -171,6 +171,15 @@ class SurfaceTables:
         if self.tints and self.colors is not None:
             surface.color *= row.rgb
         return row.a
+
+    @property
+    def accept(self) -> Accept | None:
+        """The filter of candidate hits; None if no material has a cutout."""
+        return self.is_there if "cutout" in self.looks.gives else None
+
+    def is_there(self, hit: Hit | Candidate) -> Any:
+        """Return whether a material's cutout leaves a surface at a point of a triangle."""
+        return self.looks.is_there(self.material_at(hit), lambda: barylerp(hit, *rows_of(self.uvs, hit)))
 
     def vertex_color(self, hit: Hit) -> Any:
         """The colours at the corners, interpolated; white where there are none."""
@@ -296,18 +305,18 @@ def glow_rows(layout: Layout, looks: Looks) -> Rows:
     """
     rows = np.zeros((len(layout.looks), 4))
     for row, look, glowing in zip(rows, layout.looks, looks.glowing, strict=True):
-        row[:3] = look.emission
-        row[3] = np.mean(look.emission) or float(glowing)
+        row[:3] = look.glow
+        row[3] = np.mean(look.glow) or float(glowing)
     return rows
 
 
-def rows_of(table: Any, hit: Hit) -> tuple[Any, Any, Any]:
+def rows_of(table: Any, hit: Hit | Candidate) -> tuple[Any, Any, Any]:
     """The rows of the three corners of the triangle that was hit."""
     first = 3 * hit.id
     return table[first], table[first + 1], table[first + 2]
 
 
-def barylerp(hit: Hit, a: Any, b: Any, c: Any) -> Any:
+def barylerp(hit: Hit | Candidate, a: Any, b: Any, c: Any) -> Any:
     """What is `a`, `b`, `c` at the corners of the triangle, at the point that was hit: linear interpolation."""
     return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
 

@@ -73,6 +73,7 @@ class Tracer:
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, self.surfaces)
         looks = self.surfaces.looks
         self.reflects = layout.reflects or "reflectivity" in looks.gives
@@ -93,6 +94,8 @@ class Tracer:
         if looks:
             self.features |= {"surface programs": len(looks.surfaces), "shade programs": len(looks.shades)}
             self.features["textures"] = len(looks.textured)
+        if self.surfaces.accept is not None:
+            self.features["cutouts"] = True
         self.loops = self.reflects or self.lights.count > 0
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:

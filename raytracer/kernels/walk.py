@@ -11,16 +11,17 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
-from raytracer.kernels.triangle import AheadBound, Hit, Triangles
+from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles
 
 _TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
 
 
 class Walk(Protocol):
-    """The walk that finds a ray's hit among `triangles`."""
+    """The walk that finds a ray's hit among `triangles`, at points that pass the filter `accept`."""
 
     triangles: Triangles
+    accept: Accept | None
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""

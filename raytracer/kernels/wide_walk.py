@@ -23,6 +23,7 @@ from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROW
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
     FAR,
+    Accept,
     AheadBound,
     Hit,
     PlaneView,
@@ -59,6 +60,7 @@ class WideIntersector:
 
     def __init__(self, bvh: Bvh, triangles: NDArray[Any], bound: AheadBound | None = None) -> None:
         self.bound = bound
+        self.accept: Accept | None = None
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = Triangles(triangles)
         self.last = max(RECORDS, 1 << (len(wide.records) - 1).bit_length()) - 1
@@ -71,7 +73,7 @@ class WideIntersector:
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
         """The nearest hit at a distance in [near, limit); with `any_hit` the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
