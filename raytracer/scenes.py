@@ -13,12 +13,15 @@ from typing import Final
 
 import numpy as np
 
+import shpy as sh
 from raytracer import shaders
 from raytracer.camera import Camera
+from raytracer.kernels.shaders import Hit, Surface
 from raytracer.lights import DirectionalLight, PointLight
 from raytracer.materials import Material, Triple
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
+from raytracer.meshes.teapot import teapot as newells_teapot
 from raytracer.scene import Scene
 from raytracer.shaders import checker
 from raytracer.textures import Texture
@@ -178,6 +181,56 @@ def materials() -> Scene:
     return Scene([*meshes, step, ground], lights, camera, name="materials")
 
 
+def teapot() -> Scene:
+    """Newell's teapot, glazed, on a wooden table by a window: 61,324 triangles."""
+
+    def glazed(hit: Hit) -> Surface:  # Schlick's approximation of Fresnel's equations, as for glass of ior 1.6
+        return Surface(reflectivity=0.05 + 0.95 * _grazing(hit))
+
+    glaze = Material((0.015, 0.14, 0.17), diffuse=1.0, specular=0.0, surface=glazed)
+    table = box((17, 0.6, 9.5), Material(surface=_planks, specular=0.0)).moved((0, -0.3, 1.0))
+    # Behind the camera, so that there is something to be seen in the glaze.
+    pane, sky = (
+        Material((0, 0, 0), diffuse=0.0, specular=0.0, emission=color) for color in ((10, 9.5, 8.7), (1.6, 1.9, 2.3))
+    )
+    window = [floor(2.2, pane).moved((-8 + 2.4 * i, 6.6 + 2.4 * j, 8.5), tilt=90) for i in (0, 1) for j in (0, 1)]
+    sugar = box((0.36, 0.36, 0.36), Material((0.85, 0.83, 0.78), specular=0.1))
+    cubes = [sugar.moved((x, 0.18, z), turn=turn) for x, z, turn in ((2.1, 2.5, 25), (2.75, 2.2, -12), (2.6, 2.95, 55))]
+    meshes = [
+        newells_teapot(glaze).moved(turn=20),
+        table,
+        *cubes,
+        *window,
+        box((0.1, 7, 5), sky).moved((10, 4.5, 3)),
+    ]
+    lights = (PointLight((-6.5, 8.5, 8), (1.25, 1.18, 1.06)), PointLight((9, 6, 4), (0.18, 0.21, 0.27)))
+    camera = Camera((1.9, 3.9, 9.8), (0.25, 1.35, 0), fov=33)
+    return Scene(meshes, lights, camera, background=(0.055, 0.05, 0.048), ambient=0.16, name="teapot")
+
+
+def _grazing(hit: Hit) -> sh.Attrib1f:
+    """Return 0 where a surface is seen from above and 1 where it is seen edge-on, as Fresnel's share grows."""
+    return sh.pow(1 - sh.dot(hit.normal, hit.view), 5)
+
+
+def _planks(hit: Hit) -> Surface:
+    """Varnished planks along x, 1.5 wide, each cut from another part of a trunk."""
+    place = hit.position
+    across = place.z / 1.5 + 0.35
+    row = sh.floor(across)
+    own = sh.fract(0.618 * row + 0.1)
+    bend = 0.3 * sh.noise(sh.Attrib3f(0.2 * place.x + 40 * own, 0.5 * place.z, row))
+    ring = sh.fract(3.5 * sh.length(sh.Attrib2f(place.z + 5 * own + bend, 1.4 + own + bend)))
+    late = sh.smoothstep(0.1, 0.85, ring) * (1 - sh.smoothstep(0.85, 1.0, ring))
+    near = 1 - sh.smoothstep(9.0, 18.0, hit.distance)  # farther away the pattern is finer than pixels
+    fibre = near * sh.noise(sh.Attrib3f(1.5 * place.x, 25 * place.y, 25 * place.z))
+    part = sh.clamp(sh.mix(0.45, 0.9 * late, near) + 0.25 * fibre, 0, 1)
+    tone = sh.mix(sh.Color3f(0.33, 0.155, 0.06), sh.Color3f(0.16, 0.065, 0.024), part)
+    seam = sh.smoothstep(0.485, 0.496, sh.abs(sh.fract(across) - 0.5))
+    varnish = (0.03 + 0.5 * _grazing(hit)) * (1 - seam)
+    return Surface(color=tone * (0.8 + 0.4 * own) * (1 - 0.8 * seam), reflectivity=varnish)
+
+
 def cornell() -> Scene:
     """The Cornell box: two blocks in a room under an area light, 38 triangles, for `--integrator path`.
 
@@ -232,5 +285,6 @@ SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "spheres": spheres,
     "glass": glass,
     "materials": materials,
+    "teapot": teapot,
     "cornell": cornell,
 }
