@@ -44,8 +44,8 @@ def boxes() -> Scene:
 
 def cubes() -> Scene:
     """Cubes distributed in a room: 2,064 triangles, two lights, everything mirrors a little."""
-    room = box((12, 7, 12), Material((0.50, 0.49, 0.46), specular=0.0, reflectivity=0.12), inward=True)
-    colors = ((0.70, 0.16, 0.10), (0.12, 0.36, 0.55), (0.75, 0.52, 0.10), (0.20, 0.46, 0.16), (0.55, 0.55, 0.58))
+    room = box((12, 7, 12), Material((0.22, 0.23, 0.26), specular=0.0, reflectivity=0.1), inward=True)
+    colors = ((0.72, 0.09, 0.05), (0.03, 0.25, 0.60), (0.85, 0.45, 0.03), (0.10, 0.40, 0.08), (0.60, 0.60, 0.62))
     kinds = [
         box((0.5, 0.5, 0.5), Material(color, specular=0.4, reflectivity=reflectivity))
         for color, reflectivity in zip(colors, (0.1, 0.2, 0.1, 0.1, 0.5), strict=True)
@@ -55,7 +55,7 @@ def cubes() -> Scene:
         # Additive recurrence in three dimensions: places that are spread evenly (Roberts 2018).
         x, y, z = ((0.5 + k * step) % 1 for step in (0.8191725134, 0.6710436067, 0.5497004779))
         meshes.append(kinds[k % 5].moved((10.5 * x - 5.25, 0.5 + 6 * y, 8 * z - 5.5), turn=37.0 * k))
-    lights = (PointLight((-3, 6.6, 4), (0.85, 0.80, 0.72)), PointLight((4, 6.2, -2), (0.35, 0.38, 0.45)))
+    lights = (PointLight((-3, 6.6, 4), (1.0, 0.94, 0.84)), PointLight((4, 6.2, -2), (0.35, 0.38, 0.45)))
     camera = Camera((0.6, 4.2, 5.85), (0, 3.1, 0), fov=70)
     return Scene(meshes, lights, camera, background=(0, 0, 0), ambient=0.15, name="cubes")
 
@@ -110,11 +110,9 @@ def mixed() -> Scene:
 
 def spheres() -> Scene:
     """Mirroring balls on balls, four generations: 72,066 triangles."""
-    colors = ((0.50, 0.52, 0.55), (0.70, 0.38, 0.05), (0.04, 0.22, 0.50), (0.55, 0.05, 0.04))
+    colors = ((0.30, 0.33, 0.38), (0.72, 0.30, 0.02), (0.02, 0.16, 0.48), (0.50, 0.02, 0.02))
     shapes = [
-        sphere(
-            1.0, Material(color, diffuse=0.6, specular=0.7, shininess=120, reflectivity=0.3), rings=n, segments=2 * n
-        )
+        sphere(1.0, Material(color, specular=0.7, shininess=150, reflectivity=0.2), rings=n, segments=2 * n)
         for color, n in zip(colors, (48, 24, 16, 8), strict=True)
     ]
     meshes: list[Mesh] = []
@@ -130,9 +128,10 @@ def spheres() -> Scene:
                 grow(x + step * dx, y + step * dy, z + step * dz, smaller, level + 1, (dx, dy, dz))
 
     grow(0, 0, 0, 1, 0, (0, 1, 0))
-    ground = floor(400, Material((0.42, 0.41, 0.40), specular=0.0, reflectivity=0.15)).moved((0, -1.0, 0))
-    lights = (PointLight((-4, 7, 6), (0.9, 0.86, 0.78)), PointLight((6, 4, 1), (0.22, 0.26, 0.34)))
-    return Scene([*meshes, ground], lights, Camera((2.5, 2.1, 5.2), (0, 0.55, 0), fov=42), name="spheres")
+    ground = floor(4000, Material((0.15, 0.15, 0.16), specular=0.0, reflectivity=0.3)).moved((0, -1.0, 0))
+    lights = (PointLight((-4, 7, 6), (1.0, 0.95, 0.86)), PointLight((6, 4, 1), (0.24, 0.28, 0.36)))
+    camera = Camera((2.5, 2.1, 5.2), (0, 0.6, 0), fov=42)
+    return Scene([*meshes, ground], lights, camera, background=(0.10, 0.16, 0.26), name="spheres")
 
 
 def glass() -> Scene:
@@ -174,8 +173,9 @@ def materials() -> Scene:
         ball.with_material(look).moved((1.45 * (k % 5 - 2), 0.62 + 1.15 * (k < 5), -0.9 if k < 5 else 0.9), turn=20)
         for k, look in enumerate(looks)
     ]
-    step = box((7.6, 1.15, 1.5), Material((0.44, 0.43, 0.41), specular=0.0)).moved((0, 0.573, -0.9))
-    ground = floor(60, Material(surface=checker((0.46, 0.45, 0.43), (0.36, 0.35, 0.34), 60), specular=0.0))
+    step = box((7.6, 1.15, 1.5), Material((0.10, 0.11, 0.13), specular=0.0, reflectivity=0.08)).moved((0, 0.573, -0.9))
+    tiles = checker((0.40, 0.38, 0.34), (0.24, 0.23, 0.21), 60)
+    ground = floor(60, Material(surface=tiles, specular=0.0, reflectivity=0.1))
     lights = (PointLight((-5, 8, 7), (0.9, 0.87, 0.8)), PointLight((7, 5, 4), (0.25, 0.28, 0.34)))
     camera = Camera((0, 3.4, 8.8), (0, 0.95, 0), fov=39)
     return Scene([*meshes, step, ground], lights, camera, name="materials")
