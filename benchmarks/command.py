@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import (
+    alike,
     chaining,
     frames,
     functions,
@@ -61,6 +62,8 @@ STUDIES = (
         "modes": functions.modes,
         "widths": widths.widths,
         "calls": calls.calls,
+        "hits": alike.hits,
+        "whitted": alike.whitted,
         "path-z": lambda mesh, quick: paths.z_test(quick),
         "chaining": chaining.chaining,
         "early": chaining.early,
