@@ -22,6 +22,7 @@ from typing import Any
 from benchmarks import (
     alike,
     chaining,
+    features,
     frames,
     functions,
     machine,
@@ -62,6 +63,7 @@ STUDIES = (
         "modes": functions.modes,
         "widths": widths.widths,
         "calls": calls.calls,
+        "features": features.features,
         "hits": alike.hits,
         "whitted": alike.whitted,
         "path-z": lambda mesh, quick: paths.z_test(quick),

@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import shpy as sh
-from benchmarks import alike, command, peers, rays, record, report, rounds, startup, widths
+from benchmarks import alike, command, features, peers, rays, record, report, rounds, startup, widths
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 
@@ -85,6 +85,15 @@ def test_edges_of_pictures():
     pixels = np.zeros((4, 5, 3))
     pixels[:, 3:, 1] = 0.01
     np.testing.assert_array_equal(alike.edges(pixels), np.broadcast_to([False, False, True, True, False], (4, 5)))
+
+
+def test_features_that_have_nothing_to_do_cost_nothing(mesh):
+    known = features.cases(mesh)
+    found = {name: features.unused_costs_nothing(case, known, ["numpy"]) for name, case in known.items()}
+    assert {name for name, same in found.items() if same} == {"highlights", "thin lens", "glass, 4 bounces", "texture"}
+    assert set(found.values()) == {None, True}
+    used = features.text(known["texture"], "numpy")
+    assert used != features.text(known["plain"], "numpy")
 
 
 def toy(**versions):
