@@ -20,7 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import (
+    alike,
     chaining,
+    features,
     frames,
     functions,
     machine,
@@ -61,6 +63,9 @@ STUDIES = (
         "modes": functions.modes,
         "widths": widths.widths,
         "calls": calls.calls,
+        "features": features.features,
+        "hits": alike.hits,
+        "whitted": alike.whitted,
         "path-z": lambda mesh, quick: paths.z_test(quick),
         "chaining": chaining.chaining,
         "early": chaining.early,

@@ -25,6 +25,7 @@ from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
 from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
+from raytracer.meshes.folder import shown
 from raytracer.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRACERS, Progress, Renderer, render
 from raytracer.scene import Scene
 from raytracer.scenes import SCENES
@@ -87,7 +88,8 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (9)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.set_defaults(run=_gallery)
-    command = commands.add_parser("scenes", help="list the built-in scenes")
+    command = commands.add_parser("scenes", help="list the built-in scenes, or the meshes of a scene or file")
+    command.add_argument("scene", nargs="?", help="a built-in scene or a file")
     command.set_defaults(run=_scenes)
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
     command.set_defaults(run=_doctor)
@@ -285,7 +287,13 @@ def progress_bar(title: str) -> Iterator[Progress]:
         yield progress
 
 
-def _scenes(_: argparse.Namespace) -> int:
+def _scenes(options: argparse.Namespace) -> int:
+    if options.scene is not None:
+        meshes = find_scene(options.scene).meshes
+        width = max(len(shown(mesh.name)) for mesh in meshes)
+        for mesh in meshes:
+            print(f"{shown(mesh.name):{width}}  {len(mesh):,} triangles")
+        return 0
     width = max(map(len, SCENES))
     for name, make in SCENES.items():
         print(f"{name:{width}}  {(make.__doc__ or '').splitlines()[0]}")

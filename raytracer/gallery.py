@@ -19,9 +19,9 @@ __all__ = ["SIZE", "gallery"]
 
 SIZE: Final = (640, 480)
 SAMPLES: Final = 9
-_PATHS: Final = {"cornell": 128}
+_PATHS: Final = {"cornell": 512}
 """The samples of pictures that are path traced, as large as the shorter side along both."""
-_BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4}
+_BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4, "teapot": 4}
 """How often rays are mirrored or refracted, where it is not 3."""
 
 

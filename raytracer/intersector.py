@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 import shpy as sh
 from raytracer.accel.bvh import Bvh, build_bvh
 from raytracer.accel.choice import WORKING, build, check
-from raytracer.accel.grid import Grid
 from raytracer.errors import SceneError
 from raytracer.kernels import nearby, queries
 from raytracer.kernels.triangle import AheadBound
@@ -122,6 +121,7 @@ class Intersector:
             check(accel)
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         meshes = [mesh for mesh in meshes if len(mesh)]
+        self._accel = accel
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING.get(precision, np.float32)
@@ -315,8 +315,7 @@ class Intersector:
         if alone:
             assert isinstance(self._structure, Bvh)
             return WideIntersector(self._structure, self._rows, bound)
-        repeats = isinstance(self._structure, Grid) and self._structure.shape != (1, 1, 1)
-        structure = self._tree if repeats and several else self._structure
+        structure = self._tree if several and self._accel == "grid" else self._structure
         if structure is self._structure and not leaving:
             return self._walk
         return walk_with(structure, self._rows, self._target, bound)

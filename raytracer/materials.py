@@ -22,7 +22,10 @@ Triple = tuple[float, float, float]
 
 NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmission")
 """The coefficients that are one number."""
-COEFFICIENTS: Final = ("color", *NUMBERS)
+PICTURED: Final = ("color", *NUMBERS, "emission", "cutout")
+"""The fields of a `Material` that may be a `Texture`."""
+CUTOFF: Final = 0.5
+"""The threshold of a `cutout`: below it there is no surface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,9 @@ class Material:
     `emission` (r, g, b) is the linear radiance that the surface sends out, on both sides: it is an area light for
     `integrator="path"`; for the other integrator it is a colour that is seen and lights nothing.
 
-    Each number but `ior`, `absorption` and `emission` may be a `Texture`, which is read at the mesh's uv coordinates.
+    Each number but `ior` and `absorption` may be a `Texture`, which is read at the mesh's uv coordinates. `cutout` is
+    None or a Texture: there is no surface where its number is below 0.5, and rays of all kinds go on to what lies
+    behind, as through the gaps between leaves. `Texture("leaf.png", alpha=True)` reads a picture's alpha.
 
     `surface` is a function from a `Hit` to a `Surface`, recorded into the tracer and run once for each hit: what it
     leaves open is as the material says. It may also be an `sh.Program` whose inputs have names of a Hit and whose
@@ -67,9 +72,10 @@ class Material:
     transmission: float | Texture = 0.0
     ior: float = 1.5
     absorption: Triple = (0.0, 0.0, 0.0)
-    emission: Triple = (0.0, 0.0, 0.0)
+    emission: Triple | Texture = (0.0, 0.0, 0.0)
     surface: Callable[..., Any] | None = None
     shade: Callable[..., Any] | None = None
+    cutout: Texture | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.color, Texture) and (isinstance(self.color, str) or np.shape(self.color) != (3,)):
@@ -92,6 +98,8 @@ class Material:
             raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
         for name, what in (("absorption", "per unit of length"), ("emission", "of linear radiance")):
             triple = getattr(self, name)
+            if name == "emission" and isinstance(triple, Texture):
+                continue
             known = np.shape(triple) == (3,) and all(isinstance(x, float | int | np.number) for x in triple)
             if not known or not all(0 <= x < math.inf for x in triple):
                 raise SceneError(f"an {name} is (r, g, b) {what}, 0 or more, not {triple!r}")
@@ -100,11 +108,16 @@ class Material:
             program = getattr(self, name)
             if program is not None and not callable(program):
                 raise SceneError(f"a material's {name} is a function or a program, not {program!r}")
+        if not isinstance(self.cutout, Texture | None):
+            raise SceneError(
+                f"a material's cutout is a Texture or None, not {self.cutout!r}; a surface that is clear all over has "
+                "transmission=..., ior=1"
+            )
 
     @property
     def textures(self) -> dict[str, Texture]:
-        """The coefficients that are read from pictures, by name."""
-        return {name: found for name in COEFFICIENTS if isinstance(found := getattr(self, name), Texture)}
+        """The textures by the names of their fields."""
+        return {name: found for name in PICTURED if isinstance(found := getattr(self, name), Texture)}
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -115,6 +128,14 @@ class Material:
     def tint(self) -> Triple:
         """The colour; white where it is read from a picture."""
         return (1.0, 1.0, 1.0) if isinstance(self.color, Texture) else self.color
+
+    @property
+    def glow(self) -> Triple:
+        """The emission; its mean where it is read from a picture."""
+        if not isinstance(self.emission, Texture):
+            return self.emission
+        r, g, b = self.emission.image.mean(axis=(0, 1), dtype=np.float64).tolist()
+        return (r, g, b)
 
     @property
     def may_mirror(self) -> bool:

@@ -49,7 +49,7 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
         layout.triangles, layout.normals, layout.colors, layout.uvs, layout.materials, layout.material_of, layout.glass,
         layout.lights, tracer.surfaces.glow, *(texture.image for texture in pictures),
     ]  # fmt: skip
-    numbers = (camera, seed, tracer.bounces, scene.background, environment and environment.color)
+    numbers = (camera, seed, int(tracer.bounces.value), scene.background, environment and environment.color)
     digest = hashlib.sha256(repr(numbers).encode())
     if layout.secondary is not None:
         digest.update(repr(layout.secondary.options).encode())

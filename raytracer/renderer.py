@@ -82,14 +82,14 @@ class Renderer:
         bounces = BOUNCES[integrator] if bounces is None else bounces
         if isinstance(bounces, bool) or not isinstance(bounces, int) or not 0 <= bounces <= 64:
             raise SceneError(f"bounces is a number from 0 to 64, not {bounces!r}")
-        layered, accel = _layered(accel, secondary, tracer, precision)
+        cube, accel = _layered(accel, secondary, tracer, precision)
         accel = _checked_tracer(tracer, accel, threshold, grid)
         self.scene = scene
         self.backend = backend or sh.default_backend()
         started = time.perf_counter()
         self.layout = Layout.of(scene, accel, precision, grid) if scene.triangles else None
-        if self.layout is not None and (secondary or layered):
-            secondary = secondary or cube_of(layered, scene, self.backend)
+        if self.layout is not None and cube is not None:
+            secondary = cube if isinstance(cube, LayeredCube) else cube_of(cube, scene, self.backend)
             self.layout = dataclasses.replace(self.layout, secondary=secondary)
         self.build_seconds = time.perf_counter() - started
         self.record_seconds = self.compile_seconds = 0.0
@@ -102,14 +102,12 @@ class Renderer:
         if self.layout is None:
             return
         self._options: dict[str, Any] = {"precision": precision, "math": math}
-        # Rays in a cube take other ways than their neighbours, so packets of them cost more than rays alone.
-        self._lanes = {"lanes": 1} if secondary is not None and self.backend == "opencl" else {}
+        if cube is not None and self.backend == "opencl":
+            self._options["lanes"] = 1  # rays in a cube part, so that packets of them take longer than rays alone
         self._threshold = threshold if tracer == "staged" else None
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout, bounces)
-        self.features = self._tracer.features
-        if secondary is not None:
-            self.features |= {"layered cube": secondary.resolution}
+        self.features = self._tracer.features | ({"layered cube": secondary.resolution} if secondary else {})
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
@@ -147,7 +145,7 @@ class Renderer:
             program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
         # No budget of iterations: each one of the walk finishes a triangle or a cell, each one of the tracer a ray.
-        kernel = program.compile(self.backend, **self._options, **self._lanes, loop_limit=None)
+        kernel = program.compile(self.backend, **self._options, loop_limit=None)
         self.record_seconds += recorded - started
         self.compile_seconds += time.perf_counter() - recorded
         return {"program": program, "kernel": kernel, "params": program.params}
@@ -387,16 +385,22 @@ def _check_integrator(integrator: str, seed: int, scene: Scene, tracer: str, pre
         raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
 
 
-def _layered(accel: str | None, secondary: Any, tracer: str, precision: str) -> tuple[str, str | None]:
-    """The cube that is to be made, "" for none, and the accelerator of eye rays; SceneError if it cannot be used."""
-    layered, accel = (accel, None) if accel is not None and is_layered(accel) else ("", accel)
+def _layered(
+    accel: str | None, secondary: Any, tracer: str, precision: str
+) -> tuple[LayeredCube | str | None, str | None]:
+    """The cube, or the name of one that is to be made, and the accelerator of eye rays.
+
+    Raises SceneError if a cube cannot be used.
+    """
+    layered, accel = (accel, None) if accel is not None and is_layered(accel) else (None, accel)
     if secondary is not None and not isinstance(secondary, LayeredCube):
         raise SceneError(f"secondary is a LayeredCube, not {type(secondary).__name__}")
-    if (layered or secondary) and tracer != "unified":
+    cube = secondary or layered
+    if cube and tracer != "unified":
         raise SceneError('secondary rays go through a layered depth cube with tracer="unified" alone')
-    if (layered or secondary) and precision != "f32":
+    if cube and precision != "f32":
         raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
-    return layered, accel
+    return cube, accel
 
 
 def _checked_tracer(tracer: str, accel: str | None, threshold: float, grid: int | None) -> str:

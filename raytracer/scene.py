@@ -23,12 +23,15 @@ from raytracer.camera import Camera, radius_of
 from raytracer.errors import SceneError
 from raytracer.lights import EnvironmentLight, Light, PlacedLight, PointLight
 from raytracer.materials import Material, Triple
+from raytracer.meshes.folder import shown
 from raytracer.meshes.instance import placed
 from raytracer.meshes.loading import load_contents
 from raytracer.meshes.shapes import floor
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)
+_NAMED = 20
+"""Names of meshes that a message shows."""
 _LARGEST = 1e33
 """Radius of a mesh that can be framed: its floor is 400 times as large."""
 
@@ -71,6 +74,22 @@ class Scene:
     def triangles(self) -> int:
         """The number of triangles."""
         return sum(len(mesh) for mesh in self.meshes)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the meshes, in the order of the object ids."""
+        return [mesh.name for mesh in self.meshes]
+
+    def __repr__(self) -> str:
+        lights = f"{len(self.lights)} light{'' if len(self.lights) == 1 else 's'}"
+        return f"<Scene {self.name}: {_listed(self.names)}; {self.triangles:,} triangles, {lights}>"
+
+    def with_material(self, name: str, material: Material) -> Scene:
+        """The same scene, in which all meshes of this name are of another material; SceneError if there are none."""
+        if name not in self.names:
+            raise SceneError(f"{self.name} has no mesh {name!r}: its meshes are {_listed(self.names)}")
+        meshes = [mesh.with_material(material) if mesh.name == name else mesh for mesh in self.meshes]
+        return dataclasses.replace(self, meshes=meshes)
 
     @property
     def placed_lights(self) -> list[PlacedLight]:
@@ -131,6 +150,12 @@ class Scene:
         if name not in SCENES:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(SCENES)}")
         return SCENES[name]()
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in one line; of many, the first ones."""
+    more = len(names) - _NAMED
+    return (", ".join(map(shown, names[:_NAMED])) or "no meshes") + (f" and {more:,} more" if more > 0 else "")
 
 
 def _key_and_fill(name: str, low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[Light, Light]:

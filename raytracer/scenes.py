@@ -13,12 +13,15 @@ from typing import Final
 
 import numpy as np
 
+import shpy as sh
 from raytracer import shaders
 from raytracer.camera import Camera
+from raytracer.kernels.shaders import Hit, Surface
 from raytracer.lights import DirectionalLight, PointLight
 from raytracer.materials import Material, Triple
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
+from raytracer.meshes.teapot import teapot as newells_teapot
 from raytracer.scene import Scene
 from raytracer.shaders import checker
 from raytracer.textures import Texture
@@ -41,8 +44,8 @@ def boxes() -> Scene:
 
 def cubes() -> Scene:
     """Cubes distributed in a room: 2,064 triangles, two lights, everything mirrors a little."""
-    room = box((12, 7, 12), Material((0.50, 0.49, 0.46), specular=0.0, reflectivity=0.12), inward=True)
-    colors = ((0.70, 0.16, 0.10), (0.12, 0.36, 0.55), (0.75, 0.52, 0.10), (0.20, 0.46, 0.16), (0.55, 0.55, 0.58))
+    room = box((12, 7, 12), Material((0.22, 0.23, 0.26), specular=0.0, reflectivity=0.1), inward=True)
+    colors = ((0.72, 0.09, 0.05), (0.03, 0.25, 0.60), (0.85, 0.45, 0.03), (0.10, 0.40, 0.08), (0.60, 0.60, 0.62))
     kinds = [
         box((0.5, 0.5, 0.5), Material(color, specular=0.4, reflectivity=reflectivity))
         for color, reflectivity in zip(colors, (0.1, 0.2, 0.1, 0.1, 0.5), strict=True)
@@ -52,7 +55,7 @@ def cubes() -> Scene:
         # Additive recurrence in three dimensions: places that are spread evenly (Roberts 2018).
         x, y, z = ((0.5 + k * step) % 1 for step in (0.8191725134, 0.6710436067, 0.5497004779))
         meshes.append(kinds[k % 5].moved((10.5 * x - 5.25, 0.5 + 6 * y, 8 * z - 5.5), turn=37.0 * k))
-    lights = (PointLight((-3, 6.6, 4), (0.85, 0.80, 0.72)), PointLight((4, 6.2, -2), (0.35, 0.38, 0.45)))
+    lights = (PointLight((-3, 6.6, 4), (1.0, 0.94, 0.84)), PointLight((4, 6.2, -2), (0.35, 0.38, 0.45)))
     camera = Camera((0.6, 4.2, 5.85), (0, 3.1, 0), fov=70)
     return Scene(meshes, lights, camera, background=(0, 0, 0), ambient=0.15, name="cubes")
 
@@ -107,11 +110,9 @@ def mixed() -> Scene:
 
 def spheres() -> Scene:
     """Mirroring balls on balls, four generations: 72,066 triangles."""
-    colors = ((0.50, 0.52, 0.55), (0.70, 0.38, 0.05), (0.04, 0.22, 0.50), (0.55, 0.05, 0.04))
+    colors = ((0.30, 0.33, 0.38), (0.72, 0.30, 0.02), (0.02, 0.16, 0.48), (0.50, 0.02, 0.02))
     shapes = [
-        sphere(
-            1.0, Material(color, diffuse=0.6, specular=0.7, shininess=120, reflectivity=0.3), rings=n, segments=2 * n
-        )
+        sphere(1.0, Material(color, specular=0.7, shininess=150, reflectivity=0.2), rings=n, segments=2 * n)
         for color, n in zip(colors, (48, 24, 16, 8), strict=True)
     ]
     meshes: list[Mesh] = []
@@ -127,9 +128,10 @@ def spheres() -> Scene:
                 grow(x + step * dx, y + step * dy, z + step * dz, smaller, level + 1, (dx, dy, dz))
 
     grow(0, 0, 0, 1, 0, (0, 1, 0))
-    ground = floor(400, Material((0.42, 0.41, 0.40), specular=0.0, reflectivity=0.15)).moved((0, -1.0, 0))
-    lights = (PointLight((-4, 7, 6), (0.9, 0.86, 0.78)), PointLight((6, 4, 1), (0.22, 0.26, 0.34)))
-    return Scene([*meshes, ground], lights, Camera((2.5, 2.1, 5.2), (0, 0.55, 0), fov=42), name="spheres")
+    ground = floor(4000, Material((0.15, 0.15, 0.16), specular=0.0, reflectivity=0.3)).moved((0, -1.0, 0))
+    lights = (PointLight((-4, 7, 6), (1.0, 0.95, 0.86)), PointLight((6, 4, 1), (0.24, 0.28, 0.36)))
+    camera = Camera((2.5, 2.1, 5.2), (0, 0.6, 0), fov=42)
+    return Scene([*meshes, ground], lights, camera, background=(0.10, 0.16, 0.26), name="spheres")
 
 
 def glass() -> Scene:
@@ -171,11 +173,62 @@ def materials() -> Scene:
         ball.with_material(look).moved((1.45 * (k % 5 - 2), 0.62 + 1.15 * (k < 5), -0.9 if k < 5 else 0.9), turn=20)
         for k, look in enumerate(looks)
     ]
-    step = box((7.6, 1.15, 1.5), Material((0.44, 0.43, 0.41), specular=0.0)).moved((0, 0.573, -0.9))
-    ground = floor(60, Material(surface=checker((0.46, 0.45, 0.43), (0.36, 0.35, 0.34), 60), specular=0.0))
+    step = box((7.6, 1.15, 1.5), Material((0.10, 0.11, 0.13), specular=0.0, reflectivity=0.08)).moved((0, 0.573, -0.9))
+    tiles = checker((0.40, 0.38, 0.34), (0.24, 0.23, 0.21), 60)
+    ground = floor(60, Material(surface=tiles, specular=0.0, reflectivity=0.1))
     lights = (PointLight((-5, 8, 7), (0.9, 0.87, 0.8)), PointLight((7, 5, 4), (0.25, 0.28, 0.34)))
     camera = Camera((0, 3.4, 8.8), (0, 0.95, 0), fov=39)
     return Scene([*meshes, step, ground], lights, camera, name="materials")
+
+
+def teapot() -> Scene:
+    """Newell's teapot, glazed, on a wooden table by a window: 61,324 triangles."""
+
+    def glazed(hit: Hit) -> Surface:  # Schlick's approximation of Fresnel's equations, as for glass of ior 1.6
+        return Surface(reflectivity=0.05 + 0.95 * _grazing(hit))
+
+    glaze = Material((0.015, 0.14, 0.17), diffuse=1.0, specular=0.0, surface=glazed)
+    table = box((17, 0.6, 9.5), Material(surface=_planks, specular=0.0)).moved((0, -0.3, 1.0))
+    # Behind the camera, so that there is something to be seen in the glaze.
+    pane, sky = (
+        Material((0, 0, 0), diffuse=0.0, specular=0.0, emission=color) for color in ((10, 9.5, 8.7), (1.6, 1.9, 2.3))
+    )
+    window = [floor(2.2, pane).moved((-8 + 2.4 * i, 6.6 + 2.4 * j, 8.5), tilt=90) for i in (0, 1) for j in (0, 1)]
+    sugar = box((0.36, 0.36, 0.36), Material((0.85, 0.83, 0.78), specular=0.1))
+    cubes = [sugar.moved((x, 0.18, z), turn=turn) for x, z, turn in ((2.1, 2.5, 25), (2.75, 2.2, -12), (2.6, 2.95, 55))]
+    meshes = [
+        newells_teapot(glaze).moved(turn=20),
+        table,
+        *cubes,
+        *window,
+        box((0.1, 7, 5), sky).moved((10, 4.5, 3)),
+    ]
+    lights = (PointLight((-6.5, 8.5, 8), (1.25, 1.18, 1.06)), PointLight((9, 6, 4), (0.18, 0.21, 0.27)))
+    camera = Camera((1.9, 3.9, 9.8), (0.25, 1.35, 0), fov=33)
+    return Scene(meshes, lights, camera, background=(0.055, 0.05, 0.048), ambient=0.16, name="teapot")
+
+
+def _grazing(hit: Hit) -> sh.Attrib1f:
+    """Return 0 where a surface is seen from above and 1 where it is seen edge-on, as Fresnel's share grows."""
+    return sh.pow(1 - sh.dot(hit.normal, hit.view), 5)
+
+
+def _planks(hit: Hit) -> Surface:
+    """Varnished planks along x, 1.5 wide, each cut from another part of a trunk."""
+    place = hit.position
+    across = place.z / 1.5 + 0.35
+    row = sh.floor(across)
+    own = sh.fract(0.618 * row + 0.1)
+    bend = 0.3 * sh.noise(sh.Attrib3f(0.2 * place.x + 40 * own, 0.5 * place.z, row))
+    ring = sh.fract(3.5 * sh.length(sh.Attrib2f(place.z + 5 * own + bend, 1.4 + own + bend)))
+    late = sh.smoothstep(0.1, 0.85, ring) * (1 - sh.smoothstep(0.85, 1.0, ring))
+    near = 1 - sh.smoothstep(9.0, 18.0, hit.distance)  # farther away the pattern is finer than pixels
+    fibre = near * sh.noise(sh.Attrib3f(1.5 * place.x, 25 * place.y, 25 * place.z))
+    part = sh.clamp(sh.mix(0.45, 0.9 * late, near) + 0.25 * fibre, 0, 1)
+    tone = sh.mix(sh.Color3f(0.33, 0.155, 0.06), sh.Color3f(0.16, 0.065, 0.024), part)
+    seam = sh.smoothstep(0.485, 0.496, sh.abs(sh.fract(across) - 0.5))
+    varnish = (0.03 + 0.5 * _grazing(hit)) * (1 - seam)
+    return Surface(color=tone * (0.8 + 0.4 * own) * (1 - 0.8 * seam), reflectivity=varnish)
 
 
 def cornell() -> Scene:
@@ -232,5 +285,6 @@ SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "spheres": spheres,
     "glass": glass,
     "materials": materials,
+    "teapot": teapot,
     "cornell": cornell,
 }

@@ -8,6 +8,7 @@ Stage: scene description. A `Texture` holds linear numbers; `kernels.textures` r
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,11 +23,15 @@ from raytracer.errors import SceneError
 
 __all__ = ["Texture"]
 
+logging.getLogger("PIL").addHandler(logging.NullHandler())
+"""Pillow logs faults besides raising them; without a handler Python prints them."""
 Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 LARGEST: Final = 16384
 """Pixels along a side."""
+MOST_SCANS: Final = 100
+"""Scans of a JPEG file; ten are usual."""
 FORMATS: Final = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF", "PPM")
 """The formats of pictures that are read, by Pillow's names. Pillow knows others that run programs, such as EPS."""
 
@@ -36,8 +41,9 @@ class Texture:
 
     `source` is a picture file, whose colours are taken for sRGB and decoded, or an array (H, W), (H, W, 1), (H, W, 3)
     or (H, W, 4), row 0 at the top: of floats, which are linear, or of uint8, which are sRGB. `srgb` says otherwise:
-    False for numbers that are not colours, such as a reflectivity. Alpha is not used. A number of a material is read
-    from the red channel. `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
+    False for numbers that are not colours, such as a reflectivity. A number of a material is read from the red channel.
+    With `alpha` the picture's alpha is read instead of its colours, 1 where it has none; it is not used otherwise.
+    `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
     edge goes on ("clamp"), or it is mirrored.
 
     `image` (H, W, 3) float32 holds the linear numbers. Raises FileNotFoundError, and SceneError for a file that is no
@@ -51,6 +57,7 @@ class Texture:
         srgb: bool | None = None,
         filter: Filter = "linear",
         wrap: Wrap = "repeat",
+        alpha: bool = False,
     ) -> None:
         for given, known, what in ((filter, get_args(Filter), "filter"), (wrap, WRAPS, "wrap")):
             if given not in known:
@@ -59,24 +66,29 @@ class Texture:
         self.wrap: Wrap = wrap
         if isinstance(source, str | PathLike):
             self.name = str(source)
-            pixels = _read(Path(source))
+            pixels = _read(Path(source), alpha)
         else:
             self.name = "a texture"
             pixels = np.asarray(source)
-        self.image: NDArray[np.float32] = _linear(pixels, srgb, self.name)
+            if alpha:
+                pixels = pixels[..., 3:] if pixels.ndim == 3 and pixels.shape[2] == 4 else np.ones((1, 1))
+        self.image: NDArray[np.float32] = _linear(pixels, False if alpha else srgb, self.name)
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
         return f"<Texture {self.name}, {width} x {height}>"
 
 
-def _read(path: Path) -> NDArray[Any]:
-    """The pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits."""
+def _read(path: Path, alpha: bool) -> NDArray[Any]:
+    """The pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits; or its alpha."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
     try:
         with opened(path) as picture:
-            return pixels_of(picture)
+            if not alpha:
+                return pixels_of(picture)
+            grey = alpha_of(picture)
+            return np.ones((1, 1), np.float32) if grey is None else pixels_of(grey)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
@@ -105,7 +117,18 @@ def opened(source: Path | BinaryIO) -> Iterator[Any]:
         with picture:
             if max(picture.size) > LARGEST:
                 raise SceneError(f"a texture has at most {LARGEST} pixels along a side, not {picture.size}")
+            if picture.format == "JPEG" and _scans(picture.fp) > MOST_SCANS:
+                raise SceneError(f"it goes over its pixels more than {MOST_SCANS} times")
             yield picture
+
+
+def _scans(file: Any) -> int:
+    """How many scans a JPEG file has: each of a few bytes may change all pixels."""
+    place = file.tell()
+    file.seek(0)
+    count: int = file.read().count(b"\xff\xda")
+    file.seek(place)
+    return count
 
 
 def pixels_of(picture: Any) -> NDArray[Any]:
@@ -115,6 +138,13 @@ def pixels_of(picture: Any) -> NDArray[Any]:
     if picture.mode == "F":
         return np.asarray(picture, dtype=np.float32)
     return np.asarray(picture.convert("L" if picture.mode in ("1", "L", "LA") else "RGB"))
+
+
+def alpha_of(picture: Any) -> Any:
+    """The alpha of a picture of Pillow's as a grey picture; None if it has none."""
+    if picture.mode in ("P", "PA"):  # whose colours may be clear
+        picture = picture.convert("RGBA")
+    return picture.getchannel("A") if "A" in picture.getbands() else None
 
 
 def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.float32]:

@@ -32,6 +32,7 @@ from shpy.lang.guarded import guarded
 from shpy.lang.location import here
 from shpy.lang.record import Recorded
 from shpy.lang.structure import Leaf, build_arrays
+from shpy.passes.forget import forget_data
 from shpy.plans import KEPT, Plan, plan_of, signature
 from shpy.streams.running import (
     Prepared,
@@ -93,12 +94,13 @@ class Kernel:
         self._recorded = recorded
         self.backend = backend.name
         self.options = options
-        key = (backend.name, print_module(recorded.module), options)
+        module = forget_data(recorded.module)
+        key = (backend.name, print_module(module), options)
         dump("ir", recorded.module.name, lambda: str(recorded.module))
         found = _executables.get(key)
         if found is None:
-            with ieee_arithmetic(), uncollected(), announced(recorded.module, backend.name):
-                found = backend.compile(recorded.module, options)
+            with ieee_arithmetic(), uncollected(), announced(module, backend.name):
+                found = backend.compile(module, options)
             _executables[key] = found
             # Other threads compile meanwhile: the names are listed at once, and each may be gone already.
             for oldest in list(_executables)[: max(0, len(_executables) - _KEPT)]:

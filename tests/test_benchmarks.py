@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import shpy as sh
-from benchmarks import command, peers, record, report, rounds, startup, widths
+from benchmarks import alike, command, features, peers, rays, record, report, rounds, startup, widths
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 
@@ -54,6 +54,46 @@ def test_frames_are_the_same_on_every_backend(mesh):
     assert measured.failed == {}
     assert list(measured.agreement) == ["opencl", "glsl"]
     assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
+
+
+def test_the_errors_of_hits_are_lengths(mesh):
+    """An answer that names no triangle, or one beside the ray, is wrong by a length."""
+    origins, directions = (a[::5] for a in rays.primary_rays(mesh, 24))
+    pairs = zip(origins.astype(np.float64), directions, strict=True)
+    exact = np.array([alike.nearest(mesh.corners, *ray) for ray in pairs])
+    assert 0.2 < np.mean(exact >= 0) < 0.9
+    assert alike.compared(mesh, origins, directions, exact, exact) == ["100.00000%", "0", "0", "0e+00", "0e+00"]
+    wrong = exact.copy()
+    wrong[int(np.argmax(exact >= 0))] = -1
+    wrong[int(np.argmax(exact < 0))] = 7
+    share, ours, theirs, error, other = alike.compared(mesh, origins, directions, wrong, exact)
+    assert (share, ours, theirs, other) == (f"{1 - 2 / len(exact):.5%}", "0", "2", "0e+00")
+    assert 0.05 < float(error) < 1
+
+
+def test_a_ray_past_an_edge_is_as_far_off_as_the_edge():
+    corners = np.array([[[0.0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0.0, 0, -1], [4, 0, -1], [0, 4, -1]]])
+    ray = (np.array([1.0, -0.25, 3]), np.array([0, 0, -2.0]))
+    assert alike.nearest(corners, *ray) == -1
+    assert alike.error(corners, ray, -1, 0) == 0.25
+    inside = (np.array([1.0, 0.125, 3]), ray[1])
+    assert alike.nearest(corners, *inside) == 0
+    assert [alike.error(corners, inside, 0, answer) for answer in (0, -1, 1)] == [0, 0.125, 1]
+
+
+def test_edges_of_pictures():
+    pixels = np.zeros((4, 5, 3))
+    pixels[:, 3:, 1] = 0.01
+    np.testing.assert_array_equal(alike.edges(pixels), np.broadcast_to([False, False, True, True, False], (4, 5)))
+
+
+def test_features_that_have_nothing_to_do_cost_nothing(mesh):
+    known = features.cases(mesh)
+    found = {name: features.unused_costs_nothing(case, known, ["numpy"]) for name, case in known.items()}
+    assert {name for name, same in found.items() if same} == {"highlights", "thin lens", "glass, 4 bounces", "texture"}
+    assert set(found.values()) == {None, True}
+    used = features.text(known["texture"], "numpy")
+    assert used != features.text(known["plain"], "numpy")
 
 
 def toy(**versions):

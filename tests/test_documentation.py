@@ -12,8 +12,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
+from PIL import Image as pillow
 
 import shpy as sh
 from raytracer.meshes.shapes import knot
@@ -22,7 +24,7 @@ from shpy.ir.listing import table_of_operations
 ROOT = Path(__file__).parents[1]
 RUN = [
     "README.md", "docs/language.md", "docs/library.md", "docs/streams.md", "docs/testing.md", "docs/accuracy.md",
-    "docs/raytracer.md", "docs/tutorial.md",
+    "docs/raytracer.md", "docs/raytracer-files.md", "docs/tutorial.md",
 ]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
 OPERATIONS = re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL)
@@ -66,6 +68,21 @@ def write_mesh(path):
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
 
 
+def write_jar(path):
+    """A file with several objects in their places, of materials with and without a picture."""
+    scene = trimesh.Scene()
+    squares = pillow.fromarray(np.kron([[220, 90], [60, 180]], np.ones((4, 4))).astype(np.uint8))
+    for name, mesh, height in (
+        ("body", trimesh.creation.box((1, 1.6, 1)), 0.8),
+        ("knob", trimesh.creation.icosphere(2, 0.25), 1.8),
+    ):
+        look = trimesh.visual.material.PBRMaterial(baseColorFactor=[200, 120, 60, 255], metallicFactor=0.0)
+        look.baseColorTexture = squares if name == "body" else None
+        mesh.visual = trimesh.visual.TextureVisuals(uv=mesh.vertices[:, :2], material=look)
+        scene.add_geometry(mesh, name, name, transform=trimesh.transformations.translation_matrix((0, height, 0)))
+    scene.export(path)
+
+
 def compared(path, found, update):
     """Assert that the document reads like this, or make it so."""
     if update:
@@ -79,6 +96,7 @@ def test_the_code_runs_and_prints_what_the_document_says(name, tmp_path, monkeyp
     path = ROOT / name
     monkeypatch.chdir(tmp_path)
     write_mesh(tmp_path / "bunny.ply")
+    write_jar(tmp_path / "jar.glb")
     document = Document(tmp_path, {"__name__": "document"})
 
     def block(match):

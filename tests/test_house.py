@@ -31,7 +31,7 @@ LAYERS = {
     "shpy.host": _RECORDED,
     "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host", "shpy.ieee"],
     "shpy.plans": [*_RECORDED, "shpy.backends"],
-    "shpy.kernel": [*_RUN, "shpy.plans"],
+    "shpy.kernel": [*_RUN, "shpy.passes", "shpy.plans"],
     "shpy.uniforms": [*_RECORDED, "shpy.backends", "shpy.kernel"],
     "shpy.algebra": [*_RECORDED, "shpy.passes"],
     "shpy.program": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.uniforms"],

@@ -17,7 +17,18 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import FAR, AheadBound, Hit, Triangles, TriangleTest, farther, higher, is_ray, lower
+from raytracer.kernels.triangle import (
+    FAR,
+    Accept,
+    AheadBound,
+    Hit,
+    Triangles,
+    TriangleTest,
+    farther,
+    higher,
+    is_ray,
+    lower,
+)
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -33,6 +44,7 @@ class BvhIntersector:
 
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
+        self.accept: Accept | None = None
         self.triangles = Triangles(triangles)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.leaves = Triangles(leaves, "leaves", sh.Table(bvh.items, sh.Attrib1i, "items"))
@@ -41,8 +53,7 @@ class BvhIntersector:
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
         self.past = sh.Table(past, sh.Attrib1i, "past")
-        self.nodes = len(bvh.low)
-        self.low, self.high = bvh.low[0], bvh.high[0]
+        self.nodes = sh.Param(sh.Attrib1i, len(bvh.low), name="nodes")
         working = np.finfo(bvh.low.dtype)
         self.margin = MARGIN * float(working.eps)
         self.steepest = min(float(working.max), FAR)
@@ -50,7 +61,7 @@ class BvhIntersector:
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self._collect_before(limit, hit, ray, eye, near, near, any_hit)
         return hit
 
@@ -61,7 +72,7 @@ class BvhIntersector:
     def _collect_before(self, limit: Any, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         box = BoxTest(ray, eye, begin, self.margin, self.steepest)
         reach = farther(limit)
-        with SH_IF((near < limit) & is_ray(ray, eye) & box(sh.Point3f(self.low), sh.Point3f(self.high), reach)):
+        with SH_IF((near < limit) & is_ray(ray, eye) & self.meets(box, 0, reach)):
             self.walk(ray, eye, near, any_hit, box, reach, hit)
 
     def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:

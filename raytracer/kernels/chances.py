@@ -33,21 +33,23 @@ class Chances:
         self.numbers = np.arange(self.count) if numbers is None else np.asarray(numbers)
         self.densities = densities
         rows = np.stack([thresholds, aliases, densities.view(np.uint32), self.numbers.astype(np.uint32)], axis=1)
-        self.table = sh.Table(rows.astype(np.uint32), sh.Attrib4u, name) if self.count > 1 else None
+        self.table = sh.Table(rows.astype(np.uint32), sh.Attrib4u, name)
+        self.number = sh.Param(sh.Attrib1u, self.count, name=f"{name}_count")
 
     def choose(self, which: Any, instead: Any) -> tuple[Any, Any, Any]:
         """The place, number and density of the choice that two hashed words make."""
-        if self.table is None:
-            return sh.Attrib1i(0), sh.Attrib1i(int(self.numbers[0])), sh.Attrib1f(float(self.densities[0]))
-        first = which % self.count
+        if self.count == 1:
+            only = self.table[0]
+            return sh.Attrib1i(0), sh.Attrib1i(only.w), sh.float_from_bits(only.z)
+        first = which % self.number
         row = self.table[sh.Attrib1i(first)]
-        place = sh.Attrib1i(sh.min(sh.cond((instead >> 8) < row.x, first, row.y), sh.Attrib1u(self.count - 1)))
+        place = sh.Attrib1i(sh.min(sh.cond((instead >> 8) < row.x, first, row.y), self.number - 1))
         chosen = self.table[place]
         return place, sh.Attrib1i(chosen.w), sh.float_from_bits(chosen.z)
 
     def density_at(self, place: Any) -> Any:
         """The density of the choice at a place."""
-        return sh.Attrib1f(float(self.densities[0])) if self.table is None else sh.float_from_bits(self.table[place].z)
+        return sh.float_from_bits(self.table[place if self.count > 1 else 0].z)
 
 
 def alias_table(weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

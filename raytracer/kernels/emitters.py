@@ -18,7 +18,7 @@ from raytracer.kernels.chances import Chances
 from raytracer.kernels.lobes import around
 from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables, barylerp
-from raytracer.kernels.triangle import FAR, Hit
+from raytracer.kernels.triangle import FAR, Candidate, Hit
 from raytracer.layout import Layout
 from raytracer.lights import EnvironmentLight
 from shpy import SH_IF
@@ -53,7 +53,7 @@ class Emitters:
 
     def __init__(self, layout: Layout, surfaces: SurfaceTables, environment: EnvironmentLight | None) -> None:
         self.surfaces = surfaces
-        self.placed = LightList(layout.lights, layout.scale)
+        self.placed = LightList(layout.lights, surfaces)
         self.around = None if environment is None else Environment(environment)
         corners = layout.triangles[:, :3].reshape(-1, 3, 3)
         size = float(np.linalg.norm(np.ptp(corners, axis=(0, 1))))
@@ -64,7 +64,6 @@ class Emitters:
             areas * glows / size**2 if len(areas) else [],
             [] if self.around is None else [pi * self.around.mean],
         ])  # fmt: skip
-        self.places = (self.placed.count, self.placed.count + len(shining))
         self.features: dict[str, bool | int] = {"emissive triangles": len(shining), "environment": bool(self.around)}
         self.count = len(weights)
         if not self.count:
@@ -74,23 +73,26 @@ class Emitters:
         numbers = np.concatenate([np.arange(self.placed.count), shining, [0] * bool(self.around)])
         per = np.concatenate([np.ones(self.placed.count), areas, [1.0] * bool(self.around)])
         self.chances = Chances(weights, numbers, per, "emitters")
-        self.share_around = float(self.chances.probabilities[-1])
-        self.per_glow = 1 / (size**2 * float(weights.sum())) if len(shining) else 0.0
+        self.share_around = sh.Param(sh.Attrib1f, float(self.chances.probabilities[-1]), name="share_around")
+        self.shining = len(shining)
+        if self.shining:
+            self.per_glow = sh.Param(sh.Attrib1f, 1 / (size**2 * float(weights.sum())), name="per_glow")
+        self.first = sh.Param(sh.Attrib1i, self.placed.count, name="first_shining")
+        self.last = sh.Param(sh.Attrib1i, self.placed.count + self.shining, name="past_shining")
 
     def aim(self, surface: ShadedPoint, random: Any) -> Aim:
         """Choose a light for a surface, and a direction to it; `random(k)` are hashed words, of which six are used."""
         found = Aim()
         place, number, density = self.chances.choose(random(0), random(1))
         u, v = sh.unit_float(random(2)), sh.unit_float(random(3))
-        first, last = self.places
-        if first:
-            with SH_IF(place < first):
+        if self.placed.count:
+            with SH_IF(place < self.first):
                 self._aim_placed(found, surface, number, density)
-        if last > first:
-            with SH_IF((place >= first) & (place < last)):
+        if self.shining:
+            with SH_IF((place >= self.first) & (place < self.last)):
                 self._aim_triangle(found, surface, number, density, u, v)
         if self.around is not None:
-            with SH_IF(place >= last):
+            with SH_IF(place >= self.last):
                 self._aim_around(found, self.around, surface, random, u, v)
         return found
 
@@ -116,6 +118,8 @@ class Emitters:
             emission = sh.Color3f(glow.rgb)
             if "emission" in self.surfaces.looks.gives:
                 self.surfaces.arrive(hit, found.ray, surface.inter, ShadedPoint(clear=self.surfaces.clear), emission)
+            if self.surfaces.accept is not None:
+                emission *= sh.cond(self.surfaces.accept(Candidate(number, hit.uv)), 1.0, 0.0)
             with SH_IF(cosine > 0):
                 found.incoming[:] = (cosine / (square * density)) * emission
                 found.density[:] = self.per_glow * glow.w * square / cosine
@@ -141,7 +145,10 @@ class Environment:
     def __init__(self, light: EnvironmentLight) -> None:
         self.light = light
         self.cells: Chances | None = None
-        self.mean = 1.0 if light.color is None else float(np.mean(light.color))
+        self.mean = 1.0
+        if light.color is not None:
+            self.mean = float(np.mean(light.color))
+            self.color = sh.Param(sh.Color3f, light.color, name="environment_color")
         if light.picture is None:
             return
         image = light.picture.image
@@ -156,7 +163,7 @@ class Environment:
     def radiance(self, ray: Any) -> Any:
         """The light from the direction of a unit vector."""
         if self.light.color is not None:
-            return sh.Color3f(*self.light.color)
+            return self.color
         if self.light.program is not None:
             program = self.light.program
             what = "what the program of an EnvironmentLight gives"

@@ -41,7 +41,7 @@ class GlassTracer(Tracer):
         path, surface, pixel = self.begin()
         rays = pixel.rays
         share = sh.Color3f(1, 1, 1)
-        waiting = sh.Array(Waiting, min(max(self.bounces, 1), WAITING))
+        waiting = sh.Array(Waiting, WAITING)
         count = sh.Attrib1i(0)
         limit = sh.Attrib1f(FAR)
         lightcol = sh.Color3f(0, 0, 0)
@@ -76,7 +76,7 @@ class GlassTracer(Tracer):
                     path.scolor[:] = self.ambient * surface.color
                     if emission is not None:
                         path.scolor += emission
-                    path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.count), 0)
+                    path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
             if self.lights.count:
                 with SH_ELSE():
                     self.meet_light(path, surface, hit, ray, eye, limit, lightcol, through)

@@ -13,8 +13,8 @@ from typing import Any
 
 import shpy as sh
 from raytracer.accel.grid import Grid
-from raytracer.kernels.cells import CellWalk
-from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
+from raytracer.kernels.cells import CellBox, CellWalk
+from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
@@ -23,16 +23,16 @@ class GridIntersector:
 
     def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
         self.bound = bound
+        self.accept: Accept | None = None
         self.triangles = Triangles(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
-        self.outside = grid.outside
-        self.shape = grid.shape
-        self.low, self.size = grid.low, grid.cell
+        self.outside = sh.Param(sh.Attrib1i, grid.outside, name="outside")
+        self.box = CellBox(grid.low, grid.cell, grid.shape)
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
@@ -57,7 +57,7 @@ class GridIntersector:
 
     def walk(self, ray: Any, eye: Any, near: Any) -> CellWalk:
         """The cells that a ray goes through from the distance `near` on."""
-        return CellWalk(self.low, self.size, self.shape, ray, eye, near)
+        return CellWalk(self.box, ray, eye, near)
 
     def try_next(self, test: TriangleTest, item: Any, near: Any, hit: Hit) -> None:
         """Try the triangle at `item` of the lists, and go on to the next one."""

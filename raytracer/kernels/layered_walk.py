@@ -33,6 +33,7 @@ from raytracer.kernels.layered_raster import (
 )
 from raytracer.kernels.triangle import (
     FAR,
+    Accept,
     AheadBound,
     Hit,
     PlaneView,
@@ -73,6 +74,7 @@ class LayeredIntersector:
         cube.check_triangles(triangles)
         self.bound, self.test, self.conservative = bound, cube.hit, cube.conservative
         self.triangles = Triangles(triangles)
+        self.accept: Accept | None = None
         records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
         self.offsets = sh.Table(cube.images.offsets, sh.Attrib1i, "offsets")
@@ -81,7 +83,7 @@ class LayeredIntersector:
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
@@ -297,22 +299,29 @@ class DepthTest:
                 normal = [row.w for row in rows]
                 plane = PlaneView(normal, self.triangles.levels[number], way.ray, way.eye)
                 met = met & self.bound(plane, normal, rows[0].xyz - way.eye)
-            way.hit.offer(met, t, number, (0.0, 0.0, 1.0))
+            way.hit.offer(met, t, number, (0.0, 0.0, 1.0) if way.hit.accept is None else self.weights(number, t))
             way.shorten()
 
     def finish(self) -> None:
-        """Give the hit the place in its triangle that is closest to it, as the triangle's image sees it."""
+        """Give the hit its place in its triangle."""
         hit = self.way.hit
+        if hit.accept is not None:
+            return
         with SH_IF(hit.id >= 0):
-            rows = self.triangles[hit.id]
-            axis = largest_axis(sh.Vector3f(*(row.w for row in rows)))
-            point = self.way.eye + hit.l * self.way.ray
-            (ax, ay, _), (bx, by, _), (cx, cy, _) = (turned(row.xyz - point, axis) for row in rows)
-            weights = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
-            side = sh.cond(weights[0] + weights[1] + weights[2] < 0, -1.0, 1.0)
-            a, b, c = (higher(side * weight, 0.0) for weight in weights)
-            whole = a + b + c
-            hit.uv[:] = sh.cond(whole > 0, sh.TexCoord2f(b, c) / sh.cond(whole > 0, whole, 1.0), 1.0 / 3.0)
+            b, c, whole = self.weights(hit.id, hit.l)
+            hit.uv[:] = sh.TexCoord2f(b, c) / whole
+
+    def weights(self, number: Any, t: Any) -> tuple[Any, Any, Any]:
+        """The weights of corners 1 and 2, and of all, at the ray's point moved into a triangle along its image."""
+        rows = self.triangles[number]
+        axis = largest_axis(sh.Vector3f(*(row.w for row in rows)))
+        point = self.way.eye + t * self.way.ray
+        (ax, ay, _), (bx, by, _), (cx, cy, _) = (turned(row.xyz - point, axis) for row in rows)
+        weights = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+        side = sh.cond(weights[0] + weights[1] + weights[2] < 0, -1.0, 1.0)
+        a, b, c = (higher(side * weight, 0.0) for weight in weights)
+        whole = a + b + c
+        return b, c, sh.cond(whole > 0, whole, 1.0)
 
 
 class PlaneTest(DepthTest):

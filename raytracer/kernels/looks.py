@@ -24,7 +24,7 @@ from raytracer.kernels.shaders import (
 )
 from raytracer.kernels.textures import Atlas
 from raytracer.layout import Layout
-from raytracer.materials import COEFFICIENTS
+from raytracer.materials import CUTOFF, PICTURED
 from shpy import SH_IF
 
 Program = Callable[..., Any]
@@ -48,7 +48,7 @@ class Looks:
         found = [examine_surface(program) for program in self.surfaces]
         for program in self.shades:
             examine_shade(program)
-        self.textured = [name for name in COEFFICIENTS if any(name in look.textures for look in looks)]
+        self.textured = [name for name in PICTURED if any(name in look.textures for look in looks)]
         self.gives = frozenset(self.textured).union(*(examined.gives for examined in found))
         gives = {program: examined.gives for program, examined in zip(self.surfaces, found, strict=True)}
         self.glowing = [look.surface is not None and "emission" in gives[look.surface] for look in looks]
@@ -77,13 +77,15 @@ class Looks:
         They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
         """
         for k, name in enumerate(self.textured):
+            if name == "cutout":  # the walk has applied it
+                continue
             picture = self.pictures_of[material, k]
             with SH_IF(picture >= 0):
                 color = self.atlas.sample(picture, hit.uv)
                 if name == "color":
                     given[name] *= color
                 else:
-                    given[name][:] = color.r
+                    given[name][:] = color if name == "emission" else color.r
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).given.items():
@@ -91,6 +93,14 @@ class Looks:
         for name in ("reflectivity", "transmission"):
             if name in self.gives:
                 given[name][:] = sh.clamp(given[name], 0, 1)
+
+    def is_there(self, material: Any, uv: Any) -> Any:
+        """Return whether the `cutout` of a material leaves a surface at `uv()`, recorded where it is needed."""
+        picture = self.pictures_of[material, self.textured.index("cutout")]
+        there = sh.Attrib1b(True)
+        with SH_IF(picture >= 0):
+            there[:] = self.atlas.sample(picture, uv()).r >= CUTOFF
+        return there
 
     def shade_of(self, material: Any) -> Any:
         """The number of a material's `shade`; 0 for Phong's model."""

@@ -88,10 +88,11 @@ class PathTracer:
                 )
         self.intersector = scene_walk(layout, backend)
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.lobes = Lobes(self.surfaces.highlights)
-        self.background = tuple(map(float, scene.background))
-        self.bounces = bounces
+        self.background = sh.Param(sh.Color3f, tuple(map(float, scene.background)), name="background")
+        self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         looks = self.surfaces.looks
         self.mirrors = layout.reflects or "reflectivity" in looks.gives
         self.first_row = sh.Param(sh.Attrib1f, 0, name="top_row")
@@ -109,6 +110,7 @@ class PathTracer:
             "materials": len(layout.looks),
             "surface programs": len(looks.surfaces),
             "textures": len(looks.textured),
+            "cutouts": self.surfaces.accept is not None,
         }
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
@@ -187,7 +189,7 @@ class PathTracer:
         of_light = path.lighting
         if self.emitters.around is None:
             # A background is seen by the eye, directly or in mirrors, and lights nothing.
-            brought *= sh.cond(path.density > 0, sh.Color3f(0, 0, 0), sh.Color3f(*self.background))
+            brought *= sh.cond(path.density > 0, sh.Color3f(0, 0, 0), self.background)
             path.color += sh.cond(of_light, pending, brought)
             return
         with SH_IF(path.density > 0):

@@ -208,10 +208,8 @@ def _precalculation(walk: GridIntersector) -> Any:
         SH_DISCARD(state != ACTIVE)
         cells = walk.walk(ray.direction, ray.eye, 0.0)
         lost = ~is_ray(ray.direction, ray.eye) | (ray.limit <= 0)
-        if walk.outside:
-            state[:] = sh.cond(lost, DEAD, WAIT)
-        else:
-            state[:] = sh.cond(lost | (cells.t >= cells.far), DEAD, ACTIVE)
+        beside = cells.t >= cells.far
+        state[:] = sh.cond(lost, DEAD, sh.cond(walk.outside > 0, WAIT, sh.cond(beside, DEAD, ACTIVE)))
         nearest = Nearest(ray.limit, sh.TexCoord2f(0, 0), sh.Attrib1i(-1))
         items = Items(sh.Attrib1i(0), sh.Attrib1i(walk.outside))
         return Placed(Cell(cells.t, cells.voxel), items, nearest, state)
@@ -245,7 +243,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
     def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
         SH_DISCARD(state != WAIT)
-        hit = Hit.held_in(nearest)
+        hit = Hit.held_in(nearest, walk.accept)
         test = TriangleTest(ray.direction, ray.eye, walk.bound)
         tests = sh.Attrib1i(0)
         with SH_DO():

@@ -1,11 +1,12 @@
 """The surface that a ray arrives at, and the lights that shine on it.
 
-Stage: kernel. The tracer's `readTables` and `getLightValues`. What all triangles or lights have in common is a constant
-of the kernel; only what differs is a table.
+Stage: kernel. The tracer's `readTables` and `getLightValues`. A scene of one material or light looks nothing up: it
+reads the first row. No number of a scene is a constant of its kernel, so that scenes alike in their features share one.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import shpy as sh
 from raytracer.kernels import shaders
 from raytracer.kernels.looks import Looks
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import FAR, Hit, PlaneView, Triangles, highest
+from raytracer.kernels.triangle import FAR, Accept, Candidate, Hit, PlaneView, Triangles, highest
 from raytracer.layout import Layout, Rows, is_programmed
 
 ROUNDINGS = 7
@@ -62,22 +63,31 @@ class SurfaceTables:
         self.uvs = (
             None if layout.uvs is None or "uv" not in self.looks.reads else sh.Table(layout.uvs, sh.TexCoord2f, "uvs")
         )
-        self.origin, self.scale = layout.origin, layout.scale
+        self.layout = layout
         self.glow = glow_rows(layout, self.looks)
-        self.glows = bool(self.glow[:, 3].any())
+        self.glows = bool(self.glow[:, 3].any()) or "emission" in self.looks.gives
         self.highlights = bool((layout.materials[1::2, 1] > 0).any()) or "specular" in self.looks.gives
         self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.looks.gives
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
         self.black = bool(self.looks) or is_black(layout)
         self.dark = bool((layout.materials[1::2, :2] == 0).all(axis=1).any()) and not self.looks.shades
-        self.one = layout.materials if len(layout.materials) == 2 else None
-        if self.one is None:
-            self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
-            self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of")
-            if self.glows:
-                self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
+        self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
+        several = len(layout.materials) > 2
+        self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of") if several else None
+        if self.glows:
+            self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
+
+    @cached_property
+    def scale(self) -> Any:
+        """What the scene's lengths are multiplied by."""
+        return sh.Param(sh.Attrib1f, self.layout.scale, name="scale")
+
+    @cached_property
+    def origin(self) -> Any:
+        """The place in the scene that is 0 in the kernel; None if it is the scene's own."""
+        return sh.Param(sh.Point3f, self.layout.origin, name="origin") if self.layout.origin.any() else None
 
     def arrive(self, hit: Hit, ray: Any, eye: Any, surface: ShadedPoint, emission: Any = None) -> Any:
         """Fill in `surface` for a hit, and `emission` in a scene that glows; gives the reflectivity."""
@@ -145,27 +155,31 @@ class SurfaceTables:
         beside = PLANE_ROUNDINGS * self.roundoff * plane.error_at(t)
         return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
-    def material_at(self, hit: Hit) -> Any:
+    def material_at(self, hit: Hit | Candidate) -> Any:
         """The number of the material that was hit."""
-        return 0 if self.one is not None else self.material_of[hit.id]
+        return 0 if self.material_of is None else self.material_of[hit.id]
 
     def glow_at(self, hit: Hit) -> Any:
         """The emission of the material that was hit, and how bright that is expected to be; see `glow_rows`."""
-        return sh.Attrib4f(self.glow[0]) if self.one is not None else self.emissions[self.material_at(hit)]
+        return self.emissions[self.material_at(hit)]
 
     def paint(self, hit: Hit, surface: ShadedPoint, number: Any) -> Any:
         """Colour and coefficients of the surface, as the numbers of its material say; gives its reflectivity."""
-        if self.one is not None:
-            row = sh.Attrib4f(self.one[0])
-            surface.coefficients[:] = self.one[1, :3]
-        else:
-            material = 2 * number
-            row = self.materials[material]
-            surface.coefficients[:] = self.materials[material + 1].xyz
+        row = self.materials[2 * number]
+        surface.coefficients[:] = self.materials[2 * number + 1].xyz
         surface.color[:] = row.rgb if self.colors is None else self.vertex_color(hit)
         if self.tints and self.colors is not None:
             surface.color *= row.rgb
         return row.a
+
+    @property
+    def accept(self) -> Accept | None:
+        """The filter of candidate hits; None if no material has a cutout."""
+        return self.is_there if "cutout" in self.looks.gives else None
+
+    def is_there(self, hit: Hit | Candidate) -> Any:
+        """Return whether a material's cutout leaves a surface at a point of a triangle."""
+        return self.looks.is_there(self.material_at(hit), lambda: barylerp(hit, *rows_of(self.uvs, hit)))
 
     def vertex_color(self, hit: Hit) -> Any:
         """The colours at the corners, interpolated; white where there are none."""
@@ -206,13 +220,13 @@ class SurfaceTables:
     def world(self, point: Any) -> Any:
         """A point in the scene's coordinates."""
         place = point / self.scale
-        return place + sh.Point3f(self.origin) if self.origin.any() else place
+        return place if self.origin is None else place + self.origin
 
     def object_at(self, hit: Hit) -> Any:
         """The number of the mesh that was hit."""
         return 0 if self.object_of is None else self.object_of[hit.id]
 
-    def lights_seen(self, surface: ShadedPoint, count: int) -> Any:
+    def lights_seen(self, surface: ShadedPoint, count: Any) -> Any:
         """How many of the lights show on the surface: none on a perfect mirror, which no shadow ray need start from."""
         if not self.dark:
             return count
@@ -248,21 +262,22 @@ class SurfaceTables:
 
 
 class LightList:
-    """The lights of a scene."""
+    """The lights of a scene: `count` of them, which is the uniform `number` where there are several."""
 
-    def __init__(self, rows: Rows, scale: float) -> None:
+    def __init__(self, rows: Rows, surfaces: SurfaceTables) -> None:
         self.count = len(rows) // 2
+        self.number = sh.Param(sh.Attrib1i, self.count, name="lights_count") if self.count > 1 else self.count
         self.fades = bool((rows[1::2, 3] > 0).any())
-        self.scale = scale
+        self.surfaces = surfaces
         self.points = bool((rows[::2, 3] > 0).any())
         self.directions = bool((rows[::2, 3] == 0).any())
-        self.rows = rows
-        self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count > 1 else None
+        self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
 
     def aim(self, n: Any, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
-        place = sh.Attrib4f(self.rows[0]) if self.table is None else self.table[2 * n]
-        color = sh.Attrib4f(self.rows[1]) if self.table is None else self.table[2 * n + 1]
+        assert self.table is not None  # else no ray is aimed
+        first = 2 * n if self.count > 1 else 0
+        place, color = self.table[first], self.table[first + 1]
         toward = sh.Vector3f(place.xyz)
         distance = sh.Attrib1f(FAR)
         if self.points:
@@ -273,7 +288,7 @@ class LightList:
         limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)
         lightcol[:] = color.rgb
         if self.fades:
-            way = distance / self.scale
+            way = distance / self.surfaces.scale
             lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
 
 
@@ -290,18 +305,18 @@ def glow_rows(layout: Layout, looks: Looks) -> Rows:
     """
     rows = np.zeros((len(layout.looks), 4))
     for row, look, glowing in zip(rows, layout.looks, looks.glowing, strict=True):
-        row[:3] = look.emission
-        row[3] = np.mean(look.emission) or float(glowing)
+        row[:3] = look.glow
+        row[3] = np.mean(look.glow) or float(glowing)
     return rows
 
 
-def rows_of(table: Any, hit: Hit) -> tuple[Any, Any, Any]:
+def rows_of(table: Any, hit: Hit | Candidate) -> tuple[Any, Any, Any]:
     """The rows of the three corners of the triangle that was hit."""
     first = 3 * hit.id
     return table[first], table[first + 1], table[first + 2]
 
 
-def barylerp(hit: Hit, a: Any, b: Any, c: Any) -> Any:
+def barylerp(hit: Hit | Candidate, a: Any, b: Any, c: Any) -> Any:
     """What is `a`, `b`, `c` at the corners of the triangle, at the point that was hit: linear interpolation."""
     return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
 

@@ -49,7 +49,7 @@ class Path:
         self.shadows, self.tracing, self.finished = shadows, tracing, finished
 
     @classmethod
-    def eye_ray(cls, bounces: int) -> Path:
+    def eye_ray(cls, bounces: Any) -> Path:
         """The path of an eye ray that has met nothing yet."""
         color = sh.Color3f(0, 0, 0)
         scolor = sh.Color3f(0, 0, 0)
@@ -69,11 +69,12 @@ class Tracer:
 
     def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
         self.intersector = scene_walk(layout, backend)
-        self.background = tuple(map(float, background))
-        self.ambient = float(ambient)
-        self.bounces = bounces
+        self.background = sh.Param(sh.Color3f, tuple(map(float, background)), name="background")
+        self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
+        self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
-        self.lights = LightList(layout.lights, layout.scale)
+        self.intersector.accept = self.surfaces.accept
+        self.lights = LightList(layout.lights, self.surfaces)
         looks = self.surfaces.looks
         self.reflects = layout.reflects or "reflectivity" in looks.gives
         self.features: dict[str, bool | int] = {
@@ -93,6 +94,8 @@ class Tracer:
         if looks:
             self.features |= {"surface programs": len(looks.surfaces), "shade programs": len(looks.shades)}
             self.features["textures"] = len(looks.textured)
+        if self.surfaces.accept is not None:
+            self.features["cutouts"] = True
         self.loops = self.reflects or self.lights.count > 0
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
@@ -138,7 +141,7 @@ class Tracer:
                 path.scolor[:] = self.ambient * surface.color
                 if emission is not None:
                     path.scolor += emission
-                path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.count)
+                path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
             with SH_ELSE():
                 path.scolor[:] = self.background
                 path.rn.y = 0

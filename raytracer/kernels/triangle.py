@@ -20,10 +20,11 @@ behind its nearest hit then finds the same hit in whatever order it goes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,24 +50,35 @@ EDGE_ON = 2.0**24
 """1 / slope at which a triangle is seen so nearly edge-on that a mean of its corners may be anywhere between them."""
 
 
+class Candidate(NamedTuple):
+    """A point of a triangle that may become a hit, by the names of a `Hit`."""
+
+    id: Any
+    uv: Any
+
+
+Accept = Callable[[Candidate], Any]
+"""A filter of candidates: tells which of the points that a ray meets become hits."""
+
+
 class Hit:
     """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
 
     `kernels.hits` has other ways to keep hits. A walk asks each of them how far it has to go (`l`), and whether there
-    is a hit (`id`), and offers it the triangles that are met.
+    is a hit (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter.
     """
 
-    def __init__(self, limit: Any) -> None:
+    def __init__(self, limit: Any, accept: Accept | None = None) -> None:
         l = sh.Attrib1f(limit)  # noqa: E741 - the paper's name
         uv = sh.TexCoord2f(0, 0)
         id = sh.Attrib1i(-1)
-        self.l, self.uv, self.id = l, uv, id
+        self.l, self.uv, self.id, self.accept = l, uv, id, accept
 
     @classmethod
-    def held_in(cls, place: Any) -> Hit:
+    def held_in(cls, place: Any, accept: Accept | None = None) -> Hit:
         """The hit whose variables are those of `place`."""
         hit = cls.__new__(cls)
-        hit.l, hit.uv, hit.id = place.l, place.uv, place.id
+        hit.l, hit.uv, hit.id, hit.accept = place.l, place.uv, place.id, accept
         return hit
 
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
@@ -75,11 +87,21 @@ class Hit:
         Of triangles at the same distance the lowest number is taken, whichever is offered first. `weights` are those of
         corners 1 and 2, and the sum of all three.
         """
-        with SH_IF(met & ((t < self.l) | ((t == self.l) & (number < self.id)))):
+        with (
+            SH_IF(met & ((t < self.l) | ((t == self.l) & (number < self.id)))),
+            self.accepting(number, weights),
+        ):
             wb, wc, whole = weights
             self.l[:] = t
             self.uv[:] = sh.TexCoord2f(wb, wc) / whole
             self.id[:] = number
+
+    def accepting(self, number: Any, weights: Sequence[Any]) -> AbstractContextManager[Any]:
+        """Open a branch for the points that pass the filter; open none without a filter."""
+        if self.accept is None:
+            return nullcontext()
+        wb, wc, whole = weights
+        return SH_IF(self.accept(Candidate(number, sh.TexCoord2f(wb, wc) / whole)))
 
 
 class Sight:

@@ -14,7 +14,7 @@ from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
-from raytracer.kernels.triangle import AheadBound, Hit, Triangles
+from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles
 from raytracer.layered.cube import LayeredCube
 from raytracer.layout import Layout
 from shpy import SH_ELSE, SH_IF
@@ -26,9 +26,10 @@ _TOGETHER = frozenset({"opencl"})
 
 
 class Walk(Protocol):
-    """The walk that finds a ray's hit among `triangles`."""
+    """The walk that finds a ray's hit among `triangles`, at points that pass the filter `accept`."""
 
     triangles: Triangles
+    accept: Accept | None
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
         """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
@@ -39,12 +40,13 @@ class Walk(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass
 class SplitWalk:
     """Two walks through the same triangles: an exact one for eye rays, and one for the rays that come of them."""
 
     exact: Walk
     secondary: Walk
+    accept: Accept | None = None
 
     @property
     def triangles(self) -> Triangles:
@@ -66,7 +68,7 @@ def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, 
     """The nearest hit of a ray before `limit`, which `is_eye` tells from a secondary one; `any_hit` as in `Walk`."""
     if not isinstance(walk, SplitWalk):
         return walk(ray, eye, 0.0, limit, any_hit)
-    hit = Hit(limit)
+    hit = Hit(limit, walk.accept)
     with SH_IF(is_eye()):
         walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
     with SH_ELSE():

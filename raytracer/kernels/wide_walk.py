@@ -23,6 +23,7 @@ from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROW
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
     FAR,
+    Accept,
     AheadBound,
     Hit,
     PlaneView,
@@ -41,6 +42,12 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
 NONE = 0xFFFFFFFF
 """The key of a box that is not met: it comes after all others."""
+LEVELS, RECORDS = 8, 1024
+"""Levels of nodes for which a stack has room, and records of a table, at least.
+
+Both are in the text: a stack costs its length, and to look whether an index is in range costs 8 % of a walk. All small
+meshes share a kernel. Larger ones do with as many levels, rounded to a multiple of 4, and records, to a power of 2.
+"""
 LEAST = 2.0**-126
 """Farther than 0 by more than a tag adds to a key."""
 
@@ -53,18 +60,20 @@ class WideIntersector:
 
     def __init__(self, bvh: Bvh, triangles: NDArray[Any], bound: AheadBound | None = None) -> None:
         self.bound = bound
+        self.accept: Accept | None = None
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = Triangles(triangles)
-        self.last = len(wide.records) - 1
-        spare = np.zeros((WIDTH - 1, ROWS, HALF), np.uint32)  # so that a child's number is in range without a look
+        self.last = max(RECORDS, 1 << (len(wide.records) - 1).bit_length()) - 1
+        # So many that a child's number is in range without a look.
+        spare = np.zeros((self.last + WIDTH - len(wide.records), ROWS, HALF), np.uint32)
         records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
         self.records = sh.Table(records, sh.Attrib4u, "records")
-        self.depth = wide.depth
+        self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
         """The nearest hit at a distance in [near, limit); with `any_hit` the first that is found."""
-        hit = Hit(limit)
+        hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 

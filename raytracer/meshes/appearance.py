@@ -9,13 +9,14 @@ Stage: scene description. The readers of files give an `Appearance`: a metallic-
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from raytracer.materials import Material, Triple
+from raytracer.materials import CUTOFF, Material, Triple
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.pictures import Picture, channel
 from raytracer.textures import Texture
@@ -23,17 +24,25 @@ from raytracer.textures import Texture
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 """What a mesh of a file is made of that has neither material nor colours: friendlier than white."""
 WHITE: Triple = (1.0, 1.0, 1.0)
-DIELECTRIC = 0.04
-"""The share of light that a glTF surface reflects at normal incidence if it is no metal (appendix B.2)."""
+BLACK: Triple = (0.0, 0.0, 0.0)
 SHARPEST = 1000.0
 """The largest exponent of a highlight: a roughness of about 0.15."""
+
+
+class Alpha(NamedTuple):
+    """The share of a surface that is there, and the picture that cuts the rest out."""
+
+    opacity: float = 1.0
+    cutout: Texture | None = None
 
 
 @dataclass(frozen=True)
 class MetallicRoughness:
     """A material of glTF: `color` is linear; `color_picture` multiplies it.
 
-    `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one.
+    `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; the red channel of
+    `transmission_picture` multiplies `transmission`. `absorption` is None for thin walls, which have no inside.
+    `emission` may exceed 1; `opacity` is the share of the surface that is there, and `cutout` where it is.
     """
 
     color: Triple = WHITE
@@ -41,6 +50,19 @@ class MetallicRoughness:
     roughness: float = 1.0
     color_picture: Picture | None = None
     roughness_picture: Picture | None = None
+    emission: Triple = BLACK
+    emission_picture: Picture | None = None
+    transmission: float = 0.0
+    transmission_picture: Picture | None = None
+    ior: float = 1.5
+    absorption: Triple | None = None
+    opacity: float = 1.0
+    cutout: Texture | None = None
+
+    @property
+    def f0(self) -> float:
+        """The share of light that is reflected at normal incidence if it is no metal: 0.04 for an ior of 1.5."""
+        return ((self.ior - 1) / (self.ior + 1)) ** 2
 
 
 def metallic_roughness(look: MetallicRoughness) -> Material:
@@ -49,67 +71,154 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
     With alpha = roughness**2 (Karis 2013), the exponent s of Blinn-Phong's highlight is 2 / alpha**2 - 2 (Walter et al.
     2007, section 5.2), and Phong's is a quarter of s (Fisher and Woo 1994). The highlight has the height F0 s / 8, at
     most 1: the normalization (s + 2) / 8 (Hoffman 2010) without the part that is spread over all directions, which is
-    seen as diffuse light. F0 is 0.04, and a metal's own colour.
+    seen as diffuse light. F0 is ((ior - 1) / (ior + 1))**2, and a metal's own colour.
 
     Mirror images have no colour here: a metal mirrors the part of its colour that all channels share, times
     (1 - roughness)**2, as a rough one blurs what it mirrors. What is not mirrored is seen as diffuse light. The mirror
-    image in surfaces that are no metals is left out.
+    image in surfaces that are no metals is left out, but for clear ones.
+
+    The clear share, transmission * (1 - metallic), has no colour either: the part of the colour that all channels share
+    goes through, and the rest is seen as diffuse light. With an `absorption` it is the surface of a body that refracts
+    (KHR_materials_volume). Thin walls let light go straight on (KHR_materials_transmission): their `ior` is 1 here, and
+    they mirror the share F0 in all directions. Blurred refraction is left out. An `opacity` below 1 is a share that is
+    clear and does not refract, which is what alpha blending does.
     """
     mean = np.asarray(look.color) * (1 if look.color_picture is None else look.color_picture.mean())
-    shared = float(mean.min())
-    if look.roughness_picture is None:
-        specular, shininess, reflectivity = (float(x) for x in _lobe(look.roughness, look.metallic, shared))
-        return Material(_color(look.color, look.color_picture), 1.0, specular, shininess, reflectivity)
-    picture = look.roughness_picture
-
-    def textures() -> list[float | Texture]:
-        pixels = picture.fitting(3)
-        maps = _lobe(look.roughness * channel(pixels, 1), look.metallic * channel(pixels, 2), shared)
-        return [
-            float(numbers.flat[0]) if np.ptp(numbers) == 0 else picture.texture(numbers, srgb=False) for numbers in maps
-        ]
-
-    specular, shininess, reflectivity = picture.made((look.roughness, look.metallic, shared), textures)
-    return Material(_color(look.color, look.color_picture), 1.0, specular, shininess, reflectivity)
+    numbers = _numbers(look, float(mean.min()))
+    found = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
+    if any(look.emission):
+        found = replace(found, emission=_color(look.emission, look.emission_picture))
+    if look.transmission and look.absorption is not None:
+        return replace(found, ior=look.ior or 1.0, absorption=look.absorption)
+    if look.transmission:
+        return replace(found, ior=1.0)
+    return found if look.opacity == 1 else replace(found, transmission=1 - look.opacity, ior=1.0)
 
 
-def _lobe(roughness: Any, metallic: Any, shared: float) -> list[Any]:
-    """Specular, shininess and reflectivity of numbers or of pictures (H, W)."""
-    roughness, metallic = np.broadcast_arrays(np.clip(roughness, 0, 1), np.clip(metallic, 0, 1))
+def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
+    """Specular, shininess, reflectivity and transmission by name: numbers, or textures where pictures decide them."""
+    factors = {"roughness": look.roughness, "metallic": look.metallic, "transmission": look.transmission}
+    places = {"roughness": (look.roughness_picture, 1), "metallic": (look.roughness_picture, 2)}
+    places["transmission"] = (look.transmission_picture if look.transmission else None, 0)
+    pictures = list(dict.fromkeys(picture for picture, _ in places.values() if picture is not None))
+    if not pictures:
+        return {name: float(x) for name, x in _lobe(look, shared, **factors).items()}
+
+    def textures() -> dict[str, float | Texture]:
+        pixels = {picture: picture.fitting(len(places) + 1) for picture in pictures}
+        shape = max((found.shape[:2] for found in pixels.values()), key=math.prod)
+        for name, (picture, number) in places.items():
+            if picture is not None:
+                factors[name] = factors[name] * _resized(channel(pixels[picture], number), *shape)
+        return {
+            name: float(x.flat[0]) if np.ptp(x) == 0 else pictures[0].texture(x, srgb=False)
+            for name, x in _lobe(look, shared, **factors).items()
+        }
+
+    key = (*factors.values(), shared, look.ior, look.absorption is None, *pictures)
+    found: dict[str, Any] = pictures[0].made(key, textures)
+    return found
+
+
+def _resized(pixels: Any, height: int, width: int) -> Any:
+    """Pixels (h, w) repeated or left out, so that there are (height, width)."""
+    rows, columns = (np.arange(n) * old // n for n, old in zip((height, width), pixels.shape, strict=True))
+    return pixels[rows][:, columns]
+
+
+def _lobe(
+    look: MetallicRoughness, shared: float, *, roughness: Any, metallic: Any, transmission: Any
+) -> dict[str, Any]:
+    """Specular, shininess, reflectivity and transmission of numbers or of pictures (H, W)."""
+    given = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
+    roughness, metallic, clear = np.broadcast_arrays(*given)
     alpha = np.maximum(roughness, 1e-3) ** 2
     exponent = np.minimum(2 / alpha**2 - 2, 4 * SHARPEST)
-    f0 = DIELECTRIC + (shared - DIELECTRIC) * metallic
-    specular = np.clip(f0 * exponent / 8, 0, 1)
-    return [specular, np.maximum(exponent / 4, 1), np.clip(metallic * (1 - roughness) ** 2 * shared, 0, 1)]
+    f0 = look.f0 + (shared - look.f0) * metallic
+    clear = clear * (1 - metallic)
+    mirror = metallic * (1 - roughness) ** 2 * shared
+    through = np.clip(shared, 0, 1) * clear
+    if look.absorption is None:  # a thin wall; a body has Fresnel's share by its ior
+        mirror, through = mirror + look.f0 * clear, (1 - look.f0) * through
+    opaque = np.maximum(1 - through, 2.0**-20)
+    return {
+        "specular": np.clip(f0 * exponent / 8, 0, 1),
+        "shininess": np.maximum(exponent / 4, 1),
+        "reflectivity": np.clip(mirror / opaque, 0, 1),
+        "transmission": through,
+    }
 
 
-_MTL_READ = {"newmtl", "kd", "ks", "ns", "illum", "map_kd", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"}
+def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
+    """The meaning of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
+
+    The picture of a material that blends cuts out at 0.5, so that its shadows are as the surface is.
+    """
+    if mode == "MASK":
+        if picture is None:
+            return Alpha(1.0 if factor >= cutoff else 0.0)
+        return Alpha(cutout=picture.cutout(factor * CUTOFF / cutoff) if cutoff > 0 else None)
+    if picture is not None and picture.is_partly_clear():
+        notices.ignore("partial transparency of pictures")
+    return Alpha(min(max(factor, 0.0), 1.0), None if picture is None else picture.cutout(1.0))
+
+
+_MTL_READ = {
+    *("newmtl", "kd", "ks", "ns", "illum", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"),
+    *("map_kd", "map_d", "map_ke"),
+}
 _MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
+_REFRACTING = (6, 7)
+"""The models of illumination with refraction."""
 
 
-def mtl(words: Mapping[str, list[str]], color_picture: Picture | None, notices: Notices) -> Material:
+@dataclass(frozen=True)
+class MtlPictures:
+    """The pictures of map_Kd and map_Ke, and the alpha or grey numbers of map_d."""
+
+    color: Picture | None = None
+    emission: Picture | None = None
+    opacity: Picture | None = None
+
+
+def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices) -> Material:
     """Return the material that the statements of an MTL file describe, by their names in lower case.
 
-    Kd times map_Kd is the colour, Ks the height and Ns the exponent of the highlight; numbers are linear. Of Ks, the
-    mean is taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight. Ka is
-    not read: a scene has one ambient light. Raises ValueError for what is no number.
+    The statements are those of Wavefront's Advanced Visualizer (appendix B1.2). Kd times map_Kd is the colour, Ke times
+    map_Ke the emission, Ks the height and Ns the exponent of the highlight; numbers are linear. Of Ks, the mean is
+    taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight. Ka is not read:
+    a scene has one ambient light.
+
+    The share 1 - d, or Tr, is clear. With illum 6 and 7 it refracts by Ni and mirrors by Fresnel's equations; where d
+    says nothing it is the least channel of Tf, or 1. With the others light goes straight on. map_d cuts out what is
+    below 0.5. Raises ValueError for what is no number.
     """
     color, shiny = _rgb(words, "kd", 0.8), float(np.mean(_rgb(words, "ks", 0.0)))
     model = int(_number(words, "illum", 2))
-    if _number(words, "d", 1) < 1 or _number(words, "tr", 0) > 0 or model in (4, 6, 7, 9):
-        notices.ignore("transparency of materials")
-    if any(_rgb(words, "ke", 0.0)):
-        notices.ignore("emission of materials")
     for name in words:
         if name not in _MTL_READ:
             notices.ignore(_MTL_PICTURES.get(name, f"{name} of materials"))
-    return Material(
-        _color(color, color_picture),
+    clear = 1 - _number(words, "d", 1 - _number(words, "tr", 0))
+    filtered = _rgb(words, "tf", 1.0)
+    if model in _REFRACTING and clear <= 0:
+        clear = min(filtered)
+    clear = min(max(clear, 0.0), 1.0)
+    notices.ignore("tints of clear materials", int(clear > 0 and len(set(filtered)) > 1))
+    notices.ignore("halos of materials", int("-halo" in words.get("d", [])))
+    if pictures.opacity is not None and pictures.opacity.is_partly_clear():
+        notices.ignore("partial transparency of pictures")
+    found = Material(
+        _color(color, pictures.color),
         diffuse=1.0,
         specular=shiny if model >= 2 else 0.0,
         shininess=max(_number(words, "ns", 40.0), 0.0),  # old versions of Blender wrote negative ones
-        reflectivity=min(shiny, 1.0) if model >= 3 else 0.0,
+        reflectivity=min(shiny, 1.0) if 3 <= model <= 9 else 0.0,
+        emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
+        cutout=None if pictures.opacity is None else pictures.opacity.cutout(1.0),
     )
+    if not clear:
+        return found
+    return replace(found, transmission=clear, ior=_number(words, "ni", 1.5) if model in _REFRACTING else 1.0)
 
 
 def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:

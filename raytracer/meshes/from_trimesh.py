@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from raytracer.errors import SceneError
 from raytracer.materials import PLAIN, Material
-from raytracer.meshes.appearance import MetallicRoughness, metallic_roughness
+from raytracer.meshes.appearance import MetallicRoughness, alpha_of, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
@@ -109,31 +110,35 @@ def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
     picture = _picture(image, pictures)
     if not pbr:
         return _simple(given, picture)
-    names = {"normalTexture": "normal maps", "emissiveTexture": "emission of materials"}
-    for name, what in names.items():
-        notices.ignore(what, int(getattr(given, name) is not None))
-    base = np.ones(3) if given.baseColorFactor is None else np.asarray(given.baseColorFactor)[:3] / 255
-    r, g, b = base.tolist()
-    return metallic_roughness(
-        MetallicRoughness(
-            (r, g, b),
-            1.0 if given.metallicFactor is None else given.metallicFactor,
-            1.0 if given.roughnessFactor is None else given.roughnessFactor,
-            picture,
-            _picture(given.metallicRoughnessTexture, pictures),
-        )
+    notices.ignore("normal maps", int(given.normalTexture is not None))
+    base = np.ones(4) if given.baseColorFactor is None else np.append(np.asarray(given.baseColorFactor) / 255, 1)[:4]
+    r, g, b, opacity = base.tolist()
+    found = MetallicRoughness(
+        (r, g, b),
+        1.0 if given.metallicFactor is None else given.metallicFactor,
+        1.0 if given.roughnessFactor is None else given.roughnessFactor,
+        picture,
+        _picture(given.metallicRoughnessTexture, pictures),
     )
+    if given.emissiveFactor is not None:
+        r, g, b = np.asarray(given.emissiveFactor, dtype=np.float64).tolist()
+        found = replace(found, emission=(r, g, b), emission_picture=_picture(given.emissiveTexture, pictures))
+    if given.alphaMode in ("MASK", "BLEND"):
+        cutoff = 0.5 if given.alphaCutoff is None else given.alphaCutoff
+        opacity, cutout = alpha_of(given.alphaMode, opacity, cutoff, _picture(image, pictures, alpha=True), notices)
+        found = replace(found, opacity=opacity, cutout=cutout)
+    return metallic_roughness(found)
 
 
-def _picture(image: Any, pictures: Pictures) -> Picture | None:
-    """The picture of a material, known by its contents, as scenes of trimesh hold copies."""
+def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture | None:
+    """The picture of a material or its alpha, known by its contents, as scenes of trimesh hold copies."""
     if image is None:
         return None
     try:
         key: Hashable = (image.size, image.mode, hash(image.tobytes()))
     except Exception:  # of a picture that cannot be decoded, which `get` reports
         key = id(image)
-    return pictures.get(key, "a picture", lambda: image)
+    return pictures.get(key, "a picture", lambda: image, alpha=alpha)
 
 
 def _simple(given: Any, picture: Any) -> Material:

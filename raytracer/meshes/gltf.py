@@ -27,8 +27,11 @@ _COMPONENTS: Final = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<
 _WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 _MOST_ZEROS = 1 << 26
-"""Bytes of an accessor without a buffer, whose numbers are zeros."""
-_TRANSLATED = ("KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_webp")
+"""Bytes of all accessors without a buffer, whose numbers are zeros."""
+_TRANSLATED = (
+    *("KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_webp"),
+    *("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_volume"),
+)
 _HARMLESS = ("KHR_materials_", "KHR_texture_transform", "KHR_animation_", "KHR_xmp", "MSFT_", "KHR_node_")
 """Beginnings of the names of extensions without which a file still shows its shapes."""
 
@@ -55,6 +58,7 @@ class Document:
             raise SceneError(f"it needs {shown(', '.join(sorted(unread)))}, which is not read: export it without")
         self._lists: dict[str, list[dict[str, Any]]] = {}
         self._buffers: dict[int, bytes] = {}
+        self._zeros = 0
         self._arrays: dict[int, NDArray[Any]] = {}
 
     @property
@@ -119,9 +123,10 @@ class Document:
         count, width = _count(accessor["count"]), _WIDTHS[accessor["type"]]
         if "bufferView" in accessor:
             rows = self._rows(accessor["bufferView"], accessor.get("byteOffset", 0), kind, count, width)
-        elif count * width * kind.itemsize > _MOST_ZEROS:
-            raise SceneError(f"an accessor of {count:,} elements has no bytes")
         else:
+            self._zeros += count * width * kind.itemsize
+            if self._zeros > _MOST_ZEROS:
+                raise SceneError(f"an accessor of {count:,} elements has no bytes")
             rows = np.zeros((count, width), kind)
         if "sparse" in accessor:
             sparse = accessor["sparse"]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from io import BytesIO
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -22,20 +21,17 @@ from raytracer.errors import SceneError
 from raytracer.lights import DirectionalLight, PlacedLight, PointLight
 from raytracer.materials import PLAIN, Material, Triple
 from raytracer.memory import check_triangles
-from raytracer.meshes.appearance import CLAY, MetallicRoughness, metallic_roughness
+from raytracer.meshes.appearance import CLAY
 from raytracer.meshes.folder import Notices, shown
 from raytracer.meshes.gltf import Document
+from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
-from raytracer.meshes.pictures import Picture, Pictures
-from raytracer.textures import Filter, Wrap
 
 Matrix = NDArray[np.float64]
-_WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_NEAREST: Final = 9728
 _LIGHTS: Final = "KHR_lights_punctual"
+_PLACED: Final = {"matrix", "translation", "rotation", "scale"}
 _LISTS: Final = {"animations": "animations", "skins": "skins"}
-_MAPS: Final = {"normalTexture": "normal maps", "occlusionTexture": "occlusion maps"}
 
 
 class Node(NamedTuple):
@@ -51,9 +47,8 @@ class GltfScene:
     def __init__(self, document: Document, name: str, notices: Notices, *, materials: bool = True) -> None:
         self.document, self.name, self.notices = document, name, notices
         self.nodes = list(_nodes(document))
-        self.pictures = Pictures(notices)
+        self.materials = GltfMaterials(document, notices)
         self.reads_materials = materials
-        self._materials: dict[tuple[Any, bool], Material] = {}
         self._meshes: dict[int, list[Mesh]] = {}
         self._built = self._placed = 0
         for key, what in _LISTS.items():
@@ -140,9 +135,10 @@ class GltfScene:
         order = np.arange(len(vertices))
         if "indices" in primitive:
             order = self.document.array(primitive["indices"])[:, 0].astype(np.int64)
+        look = primitive.get("material")
         normals, uv, colors = (
             self.document.array(attributes[name]) if name in attributes else None
-            for name in ("NORMAL", f"TEXCOORD_{self._uv_set(primitive)}", "COLOR_0")
+            for name in ("NORMAL", f"TEXCOORD_{self.materials.uv_set(look)}", "COLOR_0")
         )
         faces = _faces(order, mode)
         self._built += len(faces)
@@ -152,79 +148,15 @@ class GltfScene:
             faces,
             normals,
             None if colors is None else colors[:, :3],
-            self._material(primitive.get("material"), uv is not None, colors is not None),
+            self._material(look, uv is not None, colors is not None),
             self.name,
             None if uv is None else uv * (1, -1) + (0, 1),  # v runs down in glTF, up here
         )
 
-    def _uv_set(self, primitive: dict[str, Any]) -> int:
-        """The number of the uv coordinates that the colours of a primitive are read at."""
-        if "material" not in primitive:
-            return 0
-        look = self.document.one("materials", primitive["material"]).get("pbrMetallicRoughness", {})
-        used = look.get("baseColorTexture") or look.get("metallicRoughnessTexture") or {}
-        return int(used.get("texCoord", 0))
-
     def _material(self, number: Any, has_uv: bool, has_colors: bool) -> Material:
         if number is None or not self.reads_materials:
             return PLAIN if has_colors else CLAY
-        entry = self.document.one("materials", number)
-        look = entry.get("pbrMetallicRoughness", {})
-        base, rough = (look.get(key) for key in ("baseColorTexture", "metallicRoughnessTexture"))
-        if base and rough and base.get("texCoord", 0) != rough.get("texCoord", 0):
-            self.notices.ignore("second uv coordinates of materials")
-            rough = None
-        if (base or rough) and not has_uv:
-            self.notices.ignore("pictures of meshes without uv coordinates")
-            base = rough = None
-        key = (number, bool(base or rough))
-        if key not in self._materials:
-            self._materials[key] = self._read_material(entry, look, self._picture(base), self._picture(rough))
-        return self._materials[key]
-
-    def _read_material(
-        self, entry: dict[str, Any], look: dict[str, Any], base: Picture | None, rough: Picture | None
-    ) -> Material:
-        color = [float(x) for x in look.get("baseColorFactor", (1, 1, 1, 1))]
-        if entry.get("alphaMode", "OPAQUE") != "OPAQUE":
-            self.notices.ignore("alpha of materials")
-        for key, what in _MAPS.items():
-            self.notices.ignore(what, int(key in entry))
-        if "emissiveTexture" in entry or any(entry.get("emissiveFactor", (0, 0, 0))):
-            self.notices.ignore("emission of materials")
-        return metallic_roughness(
-            MetallicRoughness(
-                (color[0], color[1], color[2]),
-                float(look.get("metallicFactor", 1)),
-                float(look.get("roughnessFactor", 1)),
-                base,
-                rough,
-            )
-        )
-
-    def _picture(self, used: dict[str, Any] | None) -> Picture | None:
-        """The picture of a texture that a material uses; None, with a notice, where it cannot be read."""
-        if not used:
-            return None
-        texture = self.document.one("textures", used.get("index"))
-        sampler = self.document.one("samplers", texture["sampler"]) if "sampler" in texture else {}
-        across, down = (sampler.get(key, 10497) for key in ("wrapS", "wrapT"))
-        if across != down:
-            self.notices.ignore("wraps of textures that differ across and down")
-        source = texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
-        if source is None:
-            self.notices.miss("a texture", "its picture is of a kind that is not read")
-            return None
-        image = self.document.one("images", source)
-        uri = image.get("uri", "")
-        name = image.get("name") or ("" if uri.startswith("data:") else uri) or f"picture {source}"
-
-        def contents() -> BytesIO:
-            held = self.document.bytes_of(image["bufferView"]) if "bufferView" in image else self.document.uri(uri)
-            return BytesIO(held)
-
-        filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
-        return self.pictures.get(source, str(name), contents, wrap=_WRAPS.get(across, "repeat"), filter=filter)
+        return self.materials.get(number, has_uv)
 
 
 def _nodes(document: Document) -> Iterator[Node]:
@@ -247,7 +179,7 @@ def _nodes(document: Document) -> Iterator[Node]:
             raise SceneError(f"node {number} has more than one parent")
         seen.add(number)
         with np.errstate(all="ignore"):  # Instance refuses what is not finite
-            matrix = outer @ _local(entry)
+            matrix = outer @ _local(entry) if _PLACED & entry.keys() else outer
         yield Node(entry, matrix)
         waiting += [(child, matrix) for child in reversed(entry.get("children", []))]
 

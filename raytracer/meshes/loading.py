@@ -23,7 +23,7 @@ from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.lights import Light
 from raytracer.materials import PLAIN, Material
-from raytracer.meshes.appearance import CLAY, WHITE, mtl
+from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.contents import READABLE, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
 from raytracer.meshes.from_trimesh import parts_of, texture_file
@@ -31,13 +31,15 @@ from raytracer.meshes.gltf import Document
 from raytracer.meshes.gltf_scene import GltfScene
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh, joined
-from raytracer.meshes.obj import PictureWords, Words, picture_words, read_mtl, read_obj
+from raytracer.meshes.obj import Words, picture_words, read_mtl, read_obj
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.textures import Wrap
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 """trimesh logs tracebacks of faults that it passes over; without a handler Python prints them."""
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+_PICTURES = ("map_kd", "map_ke", "map_d")
+"""The statements of an MTL file whose pictures are read."""
 _LONGEST = 200
 """Characters of a reader's own message that are shown."""
 
@@ -102,11 +104,20 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
             contents = replace(contents, meshes=_smoothed([mesh for mesh in contents.meshes if len(mesh)]))
         # A reader's faults have no common type: whatever it raises, the file is what the user can mend.
     except Exception as error:
-        reason = shown(str(error) or type(error).__name__, _LONGEST)
+        reason = shown(_reason(error), _LONGEST)
         raise SceneError(f"{path}: not a readable {kind[1:].upper()} file ({reason})") from error
     if not contents.meshes:
         raise SceneError(f"{path}: the file holds no triangles")
     return contents
+
+
+def _reason(error: Exception) -> str:
+    """Return what is wrong with a file, by the exception of its reader: mostly a part that is missing or wrong."""
+    if isinstance(error, KeyError):
+        return f"it lacks {error}"
+    if isinstance(error, TypeError | AttributeError):
+        return f"a part of it is of the wrong kind: {error}"
+    return str(error) or type(error).__name__
 
 
 def _smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
@@ -169,19 +180,21 @@ class Library:
                 self.notices.ignore("names of materials that are not described")
             return None
         words = self.words[name]
-        pictured = bool(words.get("map_kd")) and mesh.uv is not None
-        if words.get("map_kd") and not pictured:
+        pictured = any(words.get(statement) for statement in _PICTURES)
+        if pictured and mesh.uv is None:
             self.notices.ignore("pictures of meshes without uv coordinates")
-        key = (name, pictured)
+        key = (name, pictured and mesh.uv is not None)
         if key not in self._made:
-            picture = self._picture(picture_words(words["map_kd"])) if pictured else None
-            self._made[key] = self._read(name, words, picture)
+            self._made[key] = self._read(name, words, key[1])
         return self._made[key]
 
-    def _read(self, name: str, words: Words, picture: Picture | None) -> Material | None:
+    def _read(self, name: str, words: Words, pictured: bool) -> Material | None:
+        color, emission, opacity = (
+            self._picture(words.get(statement, []), pictured, mask=statement == "map_d") for statement in _PICTURES
+        )
         try:
-            return mtl(words, picture, self.notices)
-        except ValueError as error:
+            return mtl(words, MtlPictures(color, emission, opacity), self.notices)
+        except (ValueError, SceneError) as error:
             self.notices.miss(f"material {name}", str(error))
             return None
 
@@ -193,12 +206,20 @@ class Library:
             return line.split()
         return [line]
 
-    def _picture(self, given: PictureWords) -> Picture | None:
+    def _picture(self, words: list[str], read: bool, *, mask: bool = False) -> Picture | None:
+        """The picture of a statement; with `mask` its alpha, where it has some."""
+        if not (words and read):
+            return None
+        given = picture_words(words)
         for option in given.options:
             if option != "-clamp":
                 self.notices.ignore(f"{option} of pictures")
         wrap: Wrap = "clamp" if given.options.get("-clamp") == ["on"] else "repeat"
-        return self.pictures.get(given.file, given.file, lambda: self.folder.find(given.file), wrap=wrap)
+        found = self._known(given.file, wrap, alpha=mask)
+        return self._known(given.file, wrap, alpha=False) if mask and found is None else found
+
+    def _known(self, file: str, wrap: Wrap, *, alpha: bool) -> Picture | None:
+        return self.pictures.get(file, file, lambda: self.folder.find(file), wrap=wrap, alpha=alpha)
 
 
 def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:

@@ -75,7 +75,7 @@ class Mesh:
             if getattr(self, what) is not None:
                 object.__setattr__(self, what, self._at_corners(what, getattr(self, what), size))
         if self.normals is not None:
-            object.__setattr__(self, "normals", _of_unit_length(self.normals, self.face_normals))
+            object.__setattr__(self, "normals", self._of_unit_length(self.normals))
 
     def _array(self, what: str, values: ArrayLike, size: int = 3) -> Floats:
         array = np.asarray(values, dtype=np.float64)
@@ -92,6 +92,22 @@ class Mesh:
         if array.shape != (len(self.faces), 3, size):
             raise SceneError(f"{self.name}: {what} are (V, {size}) or (F, 3, {size}), not {array.shape}")
         return array
+
+    def _of_unit_length(self, normals: Floats) -> Floats:
+        """Normals (F, 3, 3) divided by their lengths, those of the faces where they are zero.
+
+        What has length 1 already, but for rounding to binary32, stays as it is.
+        """
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        right = np.abs(length - 1) <= 1e-6
+        if right.all():
+            return normals
+        unit = np.where(right, normals, _unit(normals))
+        return np.where(normals.any(axis=-1, keepdims=True), unit, self.face_normals[:, None])
+
+    def __repr__(self) -> str:
+        parts = [part for part in ("normals", "colors", "uv") if getattr(self, part) is not None]
+        return f"<Mesh {self.name}: {', '.join([f'{len(self):,} triangles', *parts])}>"
 
     def __len__(self) -> int:
         """The number of triangles."""
@@ -245,16 +261,6 @@ def _scaled(vectors: Floats) -> Floats:
     """Each vector divided by its largest component; zero stays zero."""
     largest = np.abs(vectors).max(axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(largest > 0, largest, 1))
-
-
-def _of_unit_length(normals: Floats, face_normals: Floats) -> Floats:
-    """Normals (F, 3, 3) divided by their lengths, those of the faces (F, 3) where they are zero.
-
-    What has length 1 already, but for rounding to binary32, stays as it is.
-    """
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    unit = np.where(np.abs(length - 1) <= 1e-6, normals, _unit(normals))
-    return np.where(normals.any(axis=-1, keepdims=True), unit, face_normals[:, None])
 
 
 def _places(vertices: Floats) -> Ints:

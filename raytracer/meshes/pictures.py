@@ -18,12 +18,15 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.materials import Triple
+from raytracer.errors import SceneError
+from raytracer.materials import CUTOFF, Triple
 from raytracer.meshes.folder import Notices, shown
-from raytracer.textures import Filter, Texture, Wrap, decoded, opened, pixels_of
+from raytracer.textures import Filter, Texture, Wrap, alpha_of, decoded, opened, pixels_of
 
 MOST: Final = 1 << 26
 """Pixels of all pictures of a file."""
+MOST_DECODED: Final = 4 * MOST
+"""Pixels of all pictures before they are made smaller: a small file may hold large pictures of one colour."""
 Pixels = NDArray[Any]
 
 
@@ -65,6 +68,25 @@ class Picture:
             scale = np.asarray(factor, np.float32)
             made = self.made(factor, lambda: self.texture(_linear(self.fitting(1)) * scale, srgb=False))
         return made
+
+    def cutout(self, factor: float) -> Texture | None:
+        """Return the Texture of a material's `cutout`, the mean of the channels as they are times a factor.
+
+        None if no point is cut out.
+        """
+
+        def texture() -> Texture | None:
+            pixels = self.fitting(1)
+            channels = [channel(pixels, k) for k in range(pixels.shape[2])]
+            numbers = np.asarray(factor * np.mean(channels, axis=0, dtype=np.float64))
+            return None if numbers.min() >= CUTOFF else self.texture(numbers, srgb=False)
+
+        found: Texture | None = self.made(("cutout", factor), texture)
+        return found
+
+    def is_partly_clear(self) -> bool:
+        """Return whether a pixel is neither 0 nor 1."""
+        return not np.isin(self.pixels, (0, 255 if self.pixels.dtype == np.uint8 else 1)).all()
 
     def mean(self) -> NDArray[np.float64]:
         """The mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
@@ -110,6 +132,7 @@ class Pictures:
     def __init__(self, notices: Notices) -> None:
         self.notices = notices
         self._read_budget, self._made_budget = Budget(notices), Budget(notices)
+        self._decoded = 0
         self._pixels: dict[Hashable, Pixels | None] = {}
         self._pictures: dict[Hashable, Picture] = {}
 
@@ -121,23 +144,32 @@ class Pictures:
         *,
         wrap: Wrap = "repeat",
         filter: Filter = "linear",
+        alpha: bool = False,
     ) -> Picture | None:
         """Return the picture that is known by `key`; None, with a notice that has its `name`, if it cannot be read.
 
-        `source` gives its file, the contents of a file, or a picture of Pillow's.
+        `source` gives its file, the contents of a file, or a picture of Pillow's. With `alpha` it is a grey picture of
+        the alpha, and None where there is none.
         """
+        key = (key, alpha)
         if key not in self._pixels:
-            self._pixels[key] = self._read(name, source)
+            self._pixels[key] = self._read(name, source, alpha)
         pixels = self._pixels[key]
         if pixels is None:
             return None
         return self._pictures.setdefault((key, wrap, filter), Picture(pixels, name, wrap, filter, self._made_budget))
 
-    def _read(self, name: str, source: Callable[[], Any]) -> Pixels | None:
+    def _read(self, name: str, source: Callable[[], Any], alpha: bool) -> Pixels | None:
         try:
             found = source()
             with nullcontext(found) if hasattr(found, "convert") else opened(found) as picture:
-                return self._fitted(picture)
+                self._decoded += picture.size[0] * picture.size[1]
+                if self._decoded > MOST_DECODED:
+                    raise SceneError(f"all pictures have more than {MOST_DECODED:,} pixels")
+                if not alpha:
+                    return self._fitted(picture)
+                grey = alpha_of(picture)
+                return None if grey is None else self._fitted(grey)
         # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
         except Exception as error:
             self.notices.miss(name, shown(str(error) or type(error).__name__, 100))
@@ -146,4 +178,6 @@ class Pictures:
     def _fitted(self, picture: Any) -> Pixels:
         """The pixels of a picture of Pillow's, as many as the budget has."""
         factor = self._read_budget.factor(*picture.size)
-        return pixels_of(picture if factor == 1 else picture.convert("RGB").reduce(factor))
+        if factor > 1:
+            picture = (picture if picture.mode in ("L", "RGB") else picture.convert("RGB")).reduce(factor)
+        return pixels_of(picture)

@@ -61,13 +61,13 @@ def checkerboard(size: float, squares: int, light: Triple, dark: Triple, materia
 
 def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, segments: int = 64) -> Mesh:
     """A sphere of `rings` bands, 2 * segments * (rings - 1) triangles."""
-    vertices, faces = _lattice(rings, segments, closed=False)
+    vertices, faces = lattice(rings, segments, closed=False)
     theta, phi = np.pi * vertices[:, 0], 2 * np.pi * vertices[:, 1]
     around = np.where(theta < np.pi, np.sin(theta), 0.0)  # exactly one pole, where sin(pi) is not quite 0
     units = np.stack([around * np.sin(phi), np.cos(theta), around * np.cos(phi)], axis=1)
     poles = (faces < segments).sum(axis=1) > 1
     poles |= (faces >= rings * segments).sum(axis=1) > 1
-    uv = _unwrapped(np.stack([vertices[:, 1], 1 - vertices[:, 0]], axis=1)[faces], (0,))[~poles]
+    uv = unwrapped(np.stack([vertices[:, 1], 1 - vertices[:, 0]], axis=1)[faces], (0,))[~poles]
     return Mesh(units * radius, faces[~poles], units, material=material, name="sphere", uv=uv)
 
 
@@ -110,7 +110,7 @@ def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAI
     turns = np.tile(k / segments, 2)
     side = np.stack([turns, np.repeat([1.0, 0.0], segments)], axis=1)
     caps = vertices[:, ::2] / (2 * radius) * [1, -1] + 0.5
-    uv = np.concatenate([_unwrapped(side[faces[: 2 * segments]], (0,)), caps[faces[2 * segments :]]])
+    uv = np.concatenate([unwrapped(side[faces[: 2 * segments]], (0,)), caps[faces[2 * segments :]]])
     return Mesh(vertices, faces, material=material, name="cylinder", uv=uv).smoothed(60)
 
 
@@ -130,7 +130,7 @@ def _tube(
     curve: Callable[[Floats], Floats], tube: float, segments: int, sides: int, material: Material, name: str
 ) -> Mesh:
     """A tube of radius `tube` along a closed curve over [0, 2 pi), its cross sections turned as little as possible."""
-    lattice, faces = _lattice(segments, sides, closed=True)
+    parameters, faces = lattice(segments, sides, closed=True)
     t = 2 * np.pi * np.arange(segments) / segments
     step = 1e-4
     tangent = curve(t + step) - curve(t - step)
@@ -144,15 +144,15 @@ def _tube(
     # Carried once round, the frame comes back turned: spread the difference over the whole curve.
     last = start - tangent[0] * (start @ tangent[0])
     twist = np.arctan2(np.cross(frame[0], last) @ tangent[0], frame[0] @ last)
-    angle = 2 * np.pi * lattice[:, 1] - twist * lattice[:, 0]
-    k = np.rint(lattice[:, 0] * segments).astype(int)
+    angle = 2 * np.pi * parameters[:, 1] - twist * parameters[:, 0]
+    k = np.rint(parameters[:, 0] * segments).astype(int)
     across = np.cross(tangent, frame)
     normals = np.cos(angle)[:, None] * frame[k] + np.sin(angle)[:, None] * across[k]
-    uv = _unwrapped(lattice[faces[:, ::-1]], (0, 1))
+    uv = unwrapped(parameters[faces[:, ::-1]], (0, 1))
     return Mesh(curve(t)[k] + tube * normals, faces[:, ::-1], normals, material=material, name=name, uv=uv)
 
 
-def _unwrapped(uv: Floats, axes: Sequence[int]) -> Floats:
+def unwrapped(uv: Floats, axes: Sequence[int]) -> Floats:
     """Coordinates (F, 3, 2) at corners; a triangle that goes round the end along one of these axes ends at 1, not 0."""
     for axis in axes:
         there = uv[..., axis]
@@ -161,7 +161,7 @@ def _unwrapped(uv: Floats, axes: Sequence[int]) -> Floats:
     return uv
 
 
-def _lattice(rows: int, columns: int, *, closed: bool) -> tuple[Floats, NDArray[np.int64]]:
+def lattice(rows: int, columns: int, *, closed: bool) -> tuple[Floats, NDArray[np.int64]]:
     """Parameters (V, 2) in [0, 1] and two triangles for each cell; columns wrap round, rows too where `closed`."""
     count = rows if closed else rows + 1
     i, j = np.mgrid[:count, :columns]

@@ -108,3 +108,23 @@ def textured():
     file.light(type="point", intensity=30, place={"translation": [0, 3, 4]})
     file.light(type="directional", color=[1, 0.5, 0.5])
     return file
+
+
+def shining():
+    """A file whose materials shine, are clear, or have holes."""
+    file = File()
+    leaf = file.picture([[[255, 0, 0, 255], [0, 255, 0, 0]], [[0, 0, 255, 128], [255, 255, 255, 255]]])
+    look = {"baseColorTexture": {"index": leaf}, "baseColorFactor": [1, 1, 1, 0.8], "metallicFactor": 0}
+    glow = {"emissiveFactor": [1, 0.5, 0], "emissiveTexture": {"index": leaf}}
+    volume = {"thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 0.25]}
+    clear = {"transmissionFactor": 0.9, "transmissionTexture": {"index": leaf}}
+    extensions = {"emissive_strength": {"emissiveStrength": 3}, "ior": {"ior": 1.4}, "transmission": clear}
+    for entry in (
+        {"alphaMode": "MASK", "alphaCutoff": 0.3, **glow},
+        {"alphaMode": "BLEND"},
+        {"extensions": {f"KHR_materials_{name}": found for name, found in extensions.items()}, **glow},
+        {"extensions": {"KHR_materials_transmission": clear, "KHR_materials_volume": volume}},
+    ):
+        file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, **entry))))
+    file.tree["extensionsUsed"] = [f"KHR_materials_{name}" for name in (*extensions, "volume")]
+    return file

@@ -10,7 +10,7 @@ from oracle import closest
 
 import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
-from raytracer.kernels.cells import CellWalk
+from raytracer.kernels.cells import CellBox, CellWalk
 from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
@@ -349,7 +349,7 @@ def test_a_walk_through_cells_does_not_drift(backend):
 
     @sh.program
     def cell_at(eye: sh.Point3f, ray: sh.Vector3f, k: sh.Attrib1i) -> _Cell:
-        walk = CellWalk(low, size, (cells,) * 3, ray, eye, sh.Attrib1f(0))
+        walk = CellWalk(CellBox(low, size, (cells,) * 3), ray, eye, sh.Attrib1f(0))
         found = sh.Attrib3i(-1)
         steps = sh.Attrib1i(0)
         with SH_WHILE(lambda: walk.t < walk.far):

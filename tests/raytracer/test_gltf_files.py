@@ -1,6 +1,7 @@
 """glTF and GLB files: shapes, places, names, materials, pictures, cameras and lights, and what is said of the rest."""
 
 import dataclasses
+import math
 import warnings
 
 import numpy as np
@@ -109,8 +110,10 @@ def test_upright_and_turned_cameras(tmp_path):
 def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file = File()
     image = file.picture(np.zeros((2, 2, 3)))
-    plain = {"normalTexture": {"index": image}, "alphaMode": "BLEND", "emissiveFactor": [1, 0, 0]}
-    look = {"baseColorTexture": {"index": image, "texCoord": 1}}
+    plain = {"normalTexture": {"index": image}, "occlusionTexture": {"index": image}}
+    clear = {"KHR_materials_transmission": {"transmissionFactor": 1}}
+    plain |= {"alphaMode": "BLEND", "extensions": clear}
+    look = {"baseColorTexture": {"index": image, "texCoord": 1}, "baseColorFactor": [1, 0.5, 1, 0.5]}
     material = file.material(**plain, pbrMetallicRoughness=look)
     square = file.square(material=material, targets=[{}, {}])
     lines = {"attributes": {"POSITION": file.array(SQUARE)}, "mode": 1}
@@ -120,11 +123,12 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.light(type="area")
     file.add("animations", {})
     file.add("scenes", {"nodes": []})
-    file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior"]
+    file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_sheen"]
     expected = (
-        "animations (1), scenes after the first (1), KHR_materials_ior (1), morph targets (2), "
-        "pictures of meshes without uv coordinates (1), alpha of materials (1), normal maps (1), "
-        "emission of materials (1), points and lines (1), orthographic cameras (1), "
+        "animations (1), scenes after the first (1), KHR_materials_sheen (1), morph targets (2), "
+        "pictures of meshes without uv coordinates (1), normal maps (1), occlusion maps (1), "
+        "alpha of clear materials (1), blur of clear materials (1), tints of clear materials (1), "
+        "points and lines (1), orthographic cameras (1), "
         "cones of spot lights, which shine all round (1), lights of the type area (1)"
     )
     scene = loaded(file.save(tmp_path / "much.glb"), f"ignored: {expected}")
@@ -295,6 +299,9 @@ def test_trimesh_reads_what_we_read(tmp_path):
         (lambda tree: tree.update(extensionsRequired=["KHR_draco_mesh_compression"]), "export it without"),
         (lambda tree: tree.update(asset={"version": "1.0"}), "version of glTF is 1.0"),
         (lambda tree: tree.update(nodes=[{"mesh": 0, "children": "x"}]), "not a readable GLB"),
+        (lambda tree: tree["accessors"][0].pop("type"), r"\(it lacks 'type'\)"),
+        (lambda tree: tree["meshes"][0].update(primitives=[7]), "a part of it is of the wrong kind"),
+        (lambda tree: tree["nodes"][0].update(scale=[math.nan] * 3), "finite numbers"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, change, words):
@@ -311,6 +318,42 @@ def test_an_accessor_of_zeros_may_not_fill_the_memory(tmp_path):
     file.node(mesh=file.mesh({"attributes": {"POSITION": zeros}}))
     with pytest.raises(SceneError, match="1,000,000,000 elements has no bytes"):
         Scene.load(file.save(tmp_path / "zeros.glb"))
+
+
+def test_what_costs_few_bytes_is_bounded(tmp_path, monkeypatch):
+    """Zeros, pixels of one colour, and scans of a picture: all of a file together."""
+    monkeypatch.setattr("raytracer.meshes.gltf._MOST_ZEROS", 200)
+    file = File()
+    zeros = [file.add("accessors", {"componentType": 5126, "count": 9, "type": "VEC3"}) for _ in range(2)]
+    file.node(mesh=file.mesh(*({"attributes": {"POSITION": k}} for k in zeros)))
+    with pytest.raises(SceneError, match="9 elements has no bytes"):
+        Scene.load(file.save(tmp_path / "zeros.glb"))
+    monkeypatch.setattr(pictures, "MOST_DECODED", 1500)
+    file = File()
+    for value in (255, 128):
+        look = {"baseColorTexture": {"index": file.picture(np.full((32, 32, 3), value))}}
+        file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
+    with pytest.warns(sh.ShpyWarning, match=r"picture 1 \(all pictures have more than 1,500 pixels\)"):
+        scene = Scene.load(file.save(tmp_path / "pictures.glb"))
+    assert [len(mesh.material.textures) for mesh in scene.meshes[:2]] == [1, 0]
+    held = png(np.full((8, 8, 3), 50), "JPEG")
+    at = held.index(b"\xff\xda")
+    (tmp_path / "scans.jpg").write_bytes(held[:at] + held[at:] * 101)
+    with pytest.raises(SceneError, match=r"scans.jpg: it goes over its pixels more than 100 times"):
+        Texture(tmp_path / "scans.jpg")
+
+
+def test_deep_files(tmp_path):
+    """Nodes within nodes are followed however deep; lists within lists are refused."""
+    file = File()
+    mesh = file.mesh(file.square())
+    inner = [{"children": [k + 1], "translation": [0, 0, 1]} for k in range(3000)]
+    file.tree["nodes"], file.tree["scenes"][0]["nodes"] = [*inner, {"mesh": mesh}], [0]
+    scene = loaded(file.save(tmp_path / "deep.glb"))
+    np.testing.assert_allclose(scene.meshes[0].vertices[:, 2], 3000)
+    (tmp_path / "lists.gltf").write_text('{"asset":' + "[" * 10**5)
+    with pytest.raises(SceneError, match="not a readable GLTF file"):
+        Scene.load(tmp_path / "lists.gltf")
 
 
 def test_too_many_instances_are_refused_before_they_are_made(tmp_path, monkeypatch):

@@ -1,5 +1,8 @@
 """Mesh files that somebody broke: each gives a scene or one clear error, in bounds of time and memory."""
 
+import copy
+import json
+import math
 import os
 import resource
 import signal
@@ -10,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gltf_files import png, textured
+from gltf_files import png, shining, textured
 
 from raytracer import Scene, SceneError, render
 from raytracer.meshes.loading import FORMATS
@@ -52,7 +55,9 @@ Ks 0.1 0.2 0.3
 Ns 20
 illum 3
 d 0.5
+Ke 1 0 0
 map_Kd -s 1 1 1 -clamp on paint.png
+map_d paint.png
 """
 PLY = """ply
 format ascii 1.0
@@ -77,6 +82,15 @@ WORDS = [
     *(b"element face 1000000000\n", b'"count":99999999,', b"null", b"[]", b'"matrix":[' + b"0," * 15 + b"0],"),
     *(b"map_Kd ../x.png\n", b"map_Kd -s", b"newmtl red\n", b"Kd -1", b"Ns 1e40\n", b'"uri":"../x",', b'"index":9'),
     *(b'"children":[0],', b'"mesh":0,', b'"sparse":{},', b'"normalized":true,', b'"byteStride":1,', b'"scene":5,'),
+    *(
+        b"illum 7\nNi 0\n",
+        b"map_Ke paint.png\n",
+        b"Tf 1 0.5\n",
+        b"d -halo",
+        b'"alphaCutoff":0,',
+        b'"ior":-1,',
+        b"1e400",
+    ),
     *(b"TextureFile /dev/zero\n", b"\xff\xff\xff\xff", b"IHDR\x00\x00\xff\xff\x00\x00\xff\xff", b"true", b'"\\ud800"'),
 ]
 
@@ -94,7 +108,8 @@ def originals():
     alone = [{f"{SELF}.{kind}": data.encode() if isinstance(data, str) else bytes(data)} for kind, data in found]
     rng = np.random.default_rng(0)
     pixels = np.kron(rng.integers(0, 256, (3, 4, 3)), np.ones((4, 4, 1)))
-    alone += [{f"{SELF}.glb": textured().glb()}, {f"{SELF}.gltf": textured().gltf()}]
+    alone += [{f"{SELF}.glb": file.glb()} for file in (textured(), shining())]
+    alone += [{f"{SELF}.gltf": file.gltf()} for file in (textured(), shining())]
     painted = [
         {f"{SELF}.obj": TEXTURED.encode(), "paint.mtl": MTL.encode(), "paint.png": png(pixels, format)}
         for format in ("PNG", "JPEG", "GIF", "TIFF", "TGA", "WEBP", "BMP")
@@ -123,6 +138,46 @@ def mutated(data, rng):
     return data
 
 
+VALUES = [
+    *(0, -1, 1, 2, 7, 2**31, 2**63, 10**30, 0.5, -0.5, 1e-40, 1e38, 1e308, math.nan, math.inf, None, True, False),
+    *("", "x", "MASK", "BLEND", "../x.png", "data:;base64,AAAA", [], {}, [0], [1] * 16, [0, 0, 0, 1], {"index": 0}),
+]
+
+
+def regrown(data, rng):
+    """A GLB or glTF file whose JSON has one or two other values, or values in other places."""
+    binary = data.startswith(b"glTF")
+    length = int.from_bytes(data[12:16], "little")
+    tree = json.loads(data[20 : 20 + length] if binary else data)
+    for _ in range(rng.integers(1, 3)):
+        places = list(places_of(tree))
+        parent, key = places[rng.integers(len(places))]
+        other, from_there = places[rng.integers(len(places))]
+        kind = rng.integers(4)
+        if kind == 0:
+            parent[key] = VALUES[rng.integers(len(VALUES))]
+        elif kind == 1:
+            parent[key] = copy.deepcopy(other[from_there])
+        elif kind == 2:
+            del parent[key]
+        elif isinstance(parent, list):
+            parent.append(copy.deepcopy(parent[key]))
+        else:
+            parent[key] = [parent[key]]
+    text = json.dumps(tree).encode()
+    if not binary:
+        return text
+    chunks = len(text).to_bytes(4, "little") + b"JSON" + text + data[20 + length :]
+    return data[:8] + (12 + len(chunks)).to_bytes(4, "little") + chunks
+
+
+def places_of(value):
+    """The parent and the key of each value in a tree."""
+    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield value, key
+        yield from places_of(value[key])
+
+
 def survive(folder, first, count, renders=0):
     """Load files number `first` to `first + count`; gives how many were scenes, of which every `renders`th is rendered.
 
@@ -135,7 +190,8 @@ def survive(folder, first, count, renders=0):
         files = dict(kinds[number % len(kinds)])
         names = list(files)
         broken = names[rng.integers(len(names))]
-        files[broken] = mutated(files[broken], rng)
+        has_tree = Path(broken).suffix in (".glb", ".gltf") and rng.integers(2)
+        files[broken] = (regrown if has_tree else mutated)(files[broken], rng)
         for name, data in files.items():
             (Path(folder) / name.replace(SELF, f"file{number}")).write_bytes(data)
         path = Path(folder) / names[0].replace(SELF, f"file{number}")

@@ -31,7 +31,7 @@ def check(sketch, backend, count=300):
     found = {accel: one.intersect(origins, directions) for accel, one in shoot.items()}
     found["wide"] = by_wide(shoot["bvh"], origins, directions, backend)
     brute = found["brute"]
-    near = np.abs(intersector_eye(shoot["grid"], origins)).max(axis=1) < CELLS * shoot["grid"]._walk.size.min()
+    near = np.abs(intersector_eye(shoot["grid"], origins)).max(axis=1) < CELLS * shoot["grid"]._structure.cell.min()
     for accel in ("bvh", "wide", "grid"):
         for name, ours, expected in zip(Hits._fields, found[accel], brute, strict=True):
             other = np.flatnonzero((ours != expected) & (near | (accel != "grid")))
@@ -42,8 +42,8 @@ def check(sketch, backend, count=300):
 
 def intersector_eye(intersector, origins):
     """The origins as the kernels see them, from the middle of the grid."""
-    walk = intersector._walk
-    return (origins - intersector._frame.origin) * intersector._frame.scale - (walk.low + walk.size * walk.shape / 2)
+    grid, frame = intersector._structure, intersector._frame
+    return (origins - frame.origin) * frame.scale - (grid.low + grid.cell * grid.shape / 2)
 
 
 def by_wide(intersector, origins, directions, backend):

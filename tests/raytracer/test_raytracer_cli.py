@@ -118,6 +118,13 @@ def test_scenes_lists_them_all(capsys):
     assert "61,562 triangles" in out
 
 
+def test_scenes_lists_the_meshes_of_a_file(tmp_path, capsys):
+    path = tmp_path / "two.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\no sail\nf 1 2 3\no flag\nf 1 3 2\n")
+    assert cli.main(["scenes", str(path)]) == 0
+    assert capsys.readouterr().out == "sail   1 triangles\nflag   1 triangles\nfloor  2 triangles\n"
+
+
 def test_doctor_names_backends_and_packages(capsys):
     assert cli.main(["doctor"]) == 0
     out = capsys.readouterr().out

@@ -121,8 +121,8 @@ def test_features_say_what_is_in_and_out():
     assert full.features["smooth normals"] is True
     assert full.features["materials"] == 4
     levels = {"levels_of_triangles", "levels_of_leaves"}
-    assert set(bare.program.tables) == {"triangles", "boxes", "first", "past", "leaves", "items", *levels}
-    shaded = {"normals", "materials", "material_of", "object_of", "lights"}
+    assert set(bare.program.tables) == {"triangles", "boxes", "first", "past", "leaves", "items", "materials", *levels}
+    shaded = {"normals", "material_of", "object_of", "lights"}
     assert set(full.program.tables) == {*bare.program.tables, *shaded}
     assert "pow" not in str(bare.program.ir)
     assert "pow" in str(full.program.ir)
@@ -224,7 +224,7 @@ def test_unknown_scene_names_the_known():
     ("name", "triangles"),
     [
         ("boxes", 36), ("cubes", 2064), ("mirror-box", 4558), ("mixed", 61_562), ("spheres", 72_066), ("glass", 21_230),
-        ("materials", 71_454),
+        ("materials", 71_454), ("teapot", 61_324),
     ],
 )  # fmt: skip
 def test_built_in_scenes(name, triangles):

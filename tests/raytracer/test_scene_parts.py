@@ -177,3 +177,19 @@ def test_a_part_of_trimesh_is_seen_in_its_colours():
     scene = Scene([painted((0, 255, 0))], (DirectionalLight((0, 0, -1)),), Camera((0, 0, 4)), ambient=0.0)
     seen = render(dataclasses.replace(scene, background=(0, 0, 0)), (16, 16), backend="numpy", bounces=0)
     np.testing.assert_allclose(seen.pixels[8, 8], [0, 0.9, 0], atol=0.11)
+
+
+def test_materials_are_replaced_by_the_names_of_meshes():
+    ball = icosahedron(0.5)
+    parts = [Instance(ball, matrix(1, 1, 1, at=(k, 0, 0)), name) for k, name in enumerate(("a", "b\n", "a"))]
+    scene = Scene(parts, (PointLight((0, 5, 5)),), name="three")
+    assert scene.names == ["a", "b\n", "a"]
+    assert repr(scene) == "<Scene three: a, b, a; 60 triangles, 1 light>"
+    assert repr(scene.meshes[0]) == "<Mesh a: 20 triangles, uv>"
+    red = scene.with_material("a", Material((1, 0, 0)))
+    assert [mesh.material.color for mesh in red.meshes] == [(1, 0, 0), (0.8, 0.8, 0.8), (1, 0, 0)]
+    assert (red.camera, red.lights) == (scene.camera, scene.lights)
+    with pytest.raises(SceneError, match="three has no mesh 'c': its meshes are a, b, a"):
+        scene.with_material("c", Material())
+    many = Scene([TRIANGLE] * 30)
+    assert repr(many).endswith("sail and 10 more; 30 triangles, 0 lights>")

@@ -24,6 +24,7 @@ from raytracer import (
 from raytracer import render as rendered
 from raytracer.kernels.textures import Atlas
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
+from raytracer.meshes.teapot import teapot
 from shpy import SH_IF
 
 BACKENDS = ["numpy", "opencl", "glsl"]
@@ -187,7 +188,7 @@ def test_uv_of_a_box_shows_a_picture_upright_on_its_sides():
         np.testing.assert_allclose(corners, PICTURE[[0, 0, 1, 1], [0, 2, 0, 2]], atol=1e-6)
 
 
-@pytest.mark.parametrize("shape", [box, floor, sphere, torus, knot, cylinder, icosahedron])
+@pytest.mark.parametrize("shape", [box, floor, sphere, torus, knot, cylinder, icosahedron, teapot])
 def test_uv_of_shapes_lie_on_the_picture(shape):
     mesh = shape()
     assert mesh.uv.shape == (len(mesh), 3, 2)

@@ -1,0 +1,159 @@
+"""What each feature of the ray tracer costs, on every backend, and that it costs nothing where it is not used.
+
+    print(features(mesh, quick=False).markdown())
+
+The plain scene has two matt materials, flat triangles, one light at a point and no bounces. Each feature is added to it
+alone. A feature that is there but has nothing to do, such as glass that lets no light through, gives the plain
+scene's kernel.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.record import TEXTS
+from benchmarks.studies import Table, in_turns
+from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
+from raytracer.meshes.shapes import floor
+from raytracer.renderer import Renderer
+from shpy.passes.size import count_ops
+
+MATT = Material((0.5, 0.5, 0.5), diffuse=1.0, specular=0.0)
+SIZES = {"numpy": 48, "opencl": 256, "glsl": 256}
+"""Pixels along each side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene with a feature, and one in which the feature has nothing to do."""
+
+    scene: Scene
+    unused: Scene | None = None
+    bounces: int = 0
+    options: tuple[tuple[str, Any], ...] = ()
+    samples: int = 1
+
+    def renderer(self, backend: str) -> Renderer:
+        """The compiled scene."""
+        return Renderer(self.scene, backend=backend, bounces=self.bounces, **dict(self.options))
+
+
+def plain(mesh: Mesh) -> Scene:
+    """A mesh on a floor, with nothing that costs anything."""
+    low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
+    middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    x, _, z = middle.tolist()
+    ground = floor(20 * radius, replace(MATT, color=(0.4, 0.38, 0.36))).moved((x, float(low[1]) - 1e-3 * radius, z))
+    flat = replace(mesh, normals=None, colors=None, uv=None, material=MATT)
+    place = middle + np.array([-3, 5, 4]) * radius
+    light = PointLight((place[0], place[1], place[2]), (0.9, 0.9, 0.9))
+    return Scene((flat, replace(ground, uv=None)), (light,), Camera.framing(low, high), ambient=0.1, name="plain")
+
+
+def cases(mesh: Mesh) -> dict[str, Case]:
+    """The features by name, the plain scene first."""
+    scene = plain(mesh)
+    body, ground = scene.meshes
+    (light,) = scene.lights
+    camera = scene.camera
+    assert camera is not None
+    assert isinstance(light, PointLight)
+    uv = np.random.default_rng(1).random((len(body), 3, 2))
+    picture = Texture(np.random.default_rng(2).random((64, 64, 3)))
+    span = 2 * float(np.linalg.norm(np.subtract(camera.position, camera.target)) * np.tan(np.radians(camera.fov) / 2))
+
+    def of(unused: Material | None = None, bounces: int = 0, mesh: Mesh = body, **changes: Any) -> Case:
+        """The mesh of another material; `unused` has numbers of a feature whose coefficient is 0."""
+        neutral = None if unused is None else replace(scene, meshes=[body.with_material(unused), ground])
+        used = replace(scene, meshes=[mesh.with_material(replace(MATT, **changes)), ground])
+        return Case(used, neutral, bounces)
+
+    def seen_by(**changes: Any) -> Case:
+        return Case(replace(scene, camera=replace(camera, **changes)))
+
+    def lit_by(*lights: Any) -> Case:
+        return Case(replace(scene, lights=lights))
+
+    def by_hand(hit: Any) -> Surface:
+        return Surface(color=sh.abs(hit.normal))
+
+    return {
+        "plain": Case(scene),
+        "highlights": of(replace(MATT, shininess=7.0), specular=0.4),
+        "smooth normals": of(mesh=body.smoothed(60)),
+        "vertex colours": of(mesh=replace(body, colors=np.ones((len(body), 3, 3)))),
+        "a second light": lit_by(light, replace(light, color=(0.1, 0.1, 0.2))),
+        "a light from a direction": lit_by(DirectionalLight((3, -5, -4), light.color)),
+        "a light that fades": lit_by(replace(light, falloff="square")),
+        "orthographic camera": seen_by(projection="orthographic", span=span),
+        "thin lens": replace(seen_by(aperture=0.05 * span), unused=replace(scene, camera=replace(camera, focus=3.0))),
+        "mirror, 1 bounce": of(bounces=1, reflectivity=0.5),
+        "glass, 4 bounces": of(replace(MATT, ior=2.0, absorption=(1, 2, 3)), 4, transmission=1.0),
+        "texture": Case(
+            replace(scene, meshes=[replace(body, uv=uv, material=replace(MATT, color=picture)), ground]),
+            replace(scene, meshes=[replace(body, uv=uv), ground]),
+        ),
+        "a small surface program": of(surface=by_hand),
+        "marble": of(surface=shaders.marble()),
+        "a shade, toon": of(shade=shaders.toon()),
+        "path, 4 samples, 1 bounce": Case(scene, None, 1, (("integrator", "path"),), 4),
+    }
+
+
+def features(mesh: Mesh, quick: bool) -> Table:
+    """Operations of the kernel with each feature, and the time of its picture beside the plain one's."""
+    backends = [b.name for b in sh.backends() if b.available and b.name in SIZES]
+    known = cases(mesh)
+    if quick:
+        known = dict(list(known.items())[:3])
+    rows: dict[str, list[str]] = {}
+    for name, case in known.items():
+        renderer = case.renderer("numpy")
+        shot = renderer.render((64, 64), samples=case.samples).stats.rays / 64**2
+        rows[name] = [name, f"{sum(count_ops(renderer.program.ir).values()):,}", f"{shot:.2f}"]
+    for backend in backends:
+        size = 16 if quick else SIZES[backend]
+        runs = []
+        for case in known.values():
+            runs.append(partial(case.renderer(backend).render, (size, size), samples=case.samples))
+        seconds = in_turns(runs, 1 if quick else 5, time.process_time)
+        for row, busy in zip(rows.values(), seconds, strict=True):
+            row.append(f"{busy / seconds[0]:.2f}")
+        rows["plain"][-1] = f"{1e3 * seconds[0]:.1f} ms"
+    for name, case in known.items():
+        rows[name].append(
+            "" if case.unused is None else "same text" if unused_costs_nothing(case, known) else "DIFFERS"
+        )
+    head = ["feature", "operations", "rays a pixel", *backends, "unused"]
+    pixels = ", ".join(f"{SIZES[b]}² on {b}" for b in backends)
+    note = (
+        f"{mesh.name}, {len(mesh):,} triangles, on a floor. Of the kernel: the statements that are recorded. Of each "
+        f"backend: how many times the CPU time of the plain picture, the best of 5 in turns; pixels: {pixels}. "
+        "Unused: whether the kernel's text is the plain one's where the feature is there and has nothing to do."
+    )
+    return Table("features", note, head, list(rows.values()))
+
+
+def unused_costs_nothing(case: Case, known: dict[str, Case], backends: Sequence[str] = tuple(TEXTS)) -> bool | None:
+    """Whether a scene in which the feature has nothing to do has the text of the plain scene, on each backend.
+
+    None where there is no such scene but the plain one.
+    """
+    if case.unused is None:
+        return None
+    idle = replace(case, scene=case.unused, bounces=0)
+    return all(text(idle, backend) == text(known["plain"], backend) for backend in backends)
+
+
+@cache
+def text(case: Case, backend: str) -> str:
+    """The kernel's text without the lines of Python that its comments name."""
+    return re.sub(r"\S+\.py:\d+", "", TEXTS[backend](case.renderer(backend).program.ir))

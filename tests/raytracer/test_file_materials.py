@@ -1,0 +1,263 @@
+"""Materials of files that shine, are clear, or have holes: glTF's extensions, alpha, and the statements of MTL."""
+
+import dataclasses
+import math
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from gltf_files import SQUARE, File, png
+from PIL import Image as pillow
+
+import shpy as sh
+from raytracer import Camera, Material, Mesh, Scene, Texture, render
+from raytracer.meshes.appearance import MetallicRoughness, metallic_roughness
+from raytracer.meshes.shapes import box
+
+AHEAD = Camera((0, 0, 4), (0, 0, 0), projection="orthographic", span=2)
+WALL = Mesh(5 * SQUARE - (0, 0, 1), [[0, 1, 2], [0, 2, 3]], material=Material((0, 1, 0), 1.0, 0.0))
+HALF = png(np.full((1, 1, 4), 128))
+
+
+def loaded(path, *ignored):
+    """The first material of a file, which warns of just this."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = Scene.load(path)
+    assert [str(w.message) for w in caught] == [f"{path.name}: ignored: {text}" for text in ignored]
+    return scene.meshes[0].material
+
+
+def gltf(folder, *ignored, file=None, **entry):
+    """The material of a GLB file with one material; `extensions` are those of KHR_materials."""
+    file = file or File()
+    extensions = {f"KHR_materials_{name}": found for name, found in entry.pop("extensions", {}).items()}
+    file.tree["extensionsUsed"] = list(extensions)
+    entry.setdefault("pbrMetallicRoughness", {}).setdefault("metallicFactor", 0)
+    file.node(mesh=file.mesh(file.square(material=file.material(extensions=extensions, **entry))))
+    return loaded(file.save(folder / "one.glb"), *ignored)
+
+
+def written(folder, text, **pictures):
+    """An OBJ file whose library has these statements."""
+    for name, data in pictures.items():
+        (folder / f"{name}.png").write_bytes(data)
+    (folder / "one.mtl").write_text(f"newmtl one\n{text}\n")
+    path = folder / "one.obj"
+    path.write_text("mtllib one.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl one\nf 1/1 2/2 3/3\n")
+    return path
+
+
+def obj(folder, text, *ignored, **pictures):
+    """The material of such a file."""
+    return loaded(written(folder, text, **pictures), *ignored)
+
+
+def before_green(material, mesh=None):
+    """The colours (8, 8, 3) that are seen of a square of a material before a green wall, without lights."""
+    square = mesh or Mesh(SQUARE, [[0, 1, 2], [0, 2, 3]], uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
+    scene = Scene([square.with_material(material), WALL], (), AHEAD, ambient=1.0, background=(0, 0, 0))
+    return render(scene, (8, 8), backend="numpy", bounces=2).pixels
+
+
+def test_emission_of_gltf(tmp_path):
+    strong = gltf(tmp_path, emissiveFactor=[1, 0.5, 0], extensions={"emissive_strength": {"emissiveStrength": 4}})
+    assert strong.emission == (4, 2, 0)
+    file = File()
+    picture = file.picture([[[255, 255, 255], [0, 0, 0]]], magFilter=9728)
+    shown = gltf(tmp_path, file=file, emissiveFactor=[0, 0.5, 1], emissiveTexture={"index": picture})
+    np.testing.assert_allclose(shown.emission.image, [[[0, 0.5, 1], [0, 0, 0]]])
+    black = dataclasses.replace(shown, color=(0, 0, 0))
+    seen = before_green(black)[4]
+    np.testing.assert_allclose(seen[[1, 6]], [[0, 0.5, 1], [0, 0, 0]])
+    assert gltf(tmp_path, emissiveTexture={"index": 0}, file=with_picture()).emission == (0, 0, 0)
+
+
+def with_picture(pixels=((0, 0, 0),)):
+    file = File()
+    file.picture(np.array([pixels]))
+    return file
+
+
+def test_thin_walls_of_gltf_let_light_go_straight_on(tmp_path):
+    glass = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
+        "transmission": {"transmissionFactor": 1}})  # fmt: skip
+    assert (glass.transmission, glass.ior) == (pytest.approx(0.96), 1)
+    assert (1 - glass.transmission) * glass.reflectivity == pytest.approx(0.04)
+    np.testing.assert_allclose(before_green(glass), np.broadcast_to([0, 0.96, 0], (8, 8, 3)), atol=1e-6)
+    dense = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
+        "transmission": {"transmissionFactor": 0.5}, "ior": {"ior": 2.0}})  # fmt: skip
+    assert dense.transmission == pytest.approx(0.5 * 8 / 9)
+    metal = gltf(tmp_path, pbrMetallicRoughness={"metallicFactor": 1, "roughnessFactor": 0}, extensions={
+        "transmission": {"transmissionFactor": 1}})  # fmt: skip
+    assert (metal.transmission, metal.reflectivity) == (0, 1)
+
+
+def test_the_colour_of_a_thin_wall_is_seen_as_diffuse_light(tmp_path):
+    look = {"baseColorFactor": [1, 0.25, 0.5, 1], "roughnessFactor": 0.5}
+    tinted = gltf(
+        tmp_path, "blur of clear materials (1), tints of clear materials (1)",
+        pbrMetallicRoughness=look, extensions={"transmission": {"transmissionFactor": 1}},
+    )  # fmt: skip
+    assert tinted.transmission == pytest.approx(0.25 * 0.96)
+    assert tinted.color == (1, 0.25, 0.5)
+
+
+def test_bodies_of_gltf_refract_and_absorb(tmp_path):
+    volume = {"thicknessFactor": 1, "attenuationColor": [0.5, 0.25, 1], "attenuationDistance": 2}
+    body = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
+        "transmission": {"transmissionFactor": 1}, "volume": volume, "ior": {"ior": 1.4}})  # fmt: skip
+    assert (body.transmission, body.ior, body.reflectivity) == (1, 1.4, 0)
+    np.testing.assert_allclose(body.absorption, [math.log(2) / 2, math.log(4) / 2, 0])
+    slab = dataclasses.replace(body, ior=1.0)
+    seen = before_green(slab, box((9, 9, 1)))
+    np.testing.assert_allclose(seen, np.broadcast_to([0, 0.25**0.5, 0], seen.shape), atol=1e-6)
+    plain = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
+        "transmission": {"transmissionFactor": 1}, "volume": {"thicknessFactor": 0.1}})  # fmt: skip
+    assert (plain.absorption, plain.ior) == ((0, 0, 0), 1.5)
+
+
+def test_pictures_of_transmission(tmp_path):
+    """The red channel times the factor, beside a picture of metal that is smaller."""
+    file = File()
+    clear = file.picture([[[255, 0, 0], [51, 0, 0]]])
+    metal = file.picture([[[0, 255, 0]]])
+    look = {"metallicRoughnessTexture": {"index": metal}, "metallicFactor": 1}
+    extensions = {"transmission": {"transmissionFactor": 0.5, "transmissionTexture": {"index": clear}}}
+    found = gltf(tmp_path, "blur of clear materials (1)", file=file, pbrMetallicRoughness=look, extensions=extensions)
+    np.testing.assert_allclose(found.transmission.image[0, :, 0], [0.48, 0.096], rtol=1e-6)
+    np.testing.assert_allclose(found.reflectivity.image[0, :, 0], [0.02 / 0.52, 0.004 / 0.904], rtol=1e-6)
+
+
+def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
+    """A wide picture and a tall one make textures as large as one of them."""
+    file = File()
+    clear = file.picture(np.arange(64 * 3).reshape(1, 64, 3))
+    metal = file.picture(np.arange(48 * 3).reshape(48, 1, 3))
+    look = {"metallicRoughnessTexture": {"index": metal}, "roughnessFactor": 0.1, "metallicFactor": 1}
+    extensions = {"transmission": {"transmissionFactor": 1, "transmissionTexture": {"index": clear}}}
+    found = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
+    assert found.transmission.image.shape == (1, 64, 3)
+
+
+def test_the_ior_of_gltf_decides_how_high_highlights_are():
+    """F0 is ((ior - 1) / (ior + 1))**2, and an ior of 0 stands for 1 (KHR_materials_ior)."""
+    for ior, f0 in ((1.5, 0.04), (2.0, 1 / 9), (1.0, 0.0), (0.0, 1.0)):
+        look = metallic_roughness(MetallicRoughness(roughness=0.7, ior=ior))
+        assert look.specular == pytest.approx(f0 * (2 / 0.49**2 - 2) / 8)
+        assert metallic_roughness(MetallicRoughness(ior=ior, transmission=1.0, absorption=(0, 0, 0))).ior > 0
+
+
+def test_masks_of_gltf_cut_out(tmp_path):
+    """Where alpha is at least the cutoff there is a surface: 0.4 * 128 / 255 = 0.2008."""
+    pixels = [[[255, 0, 0, 0], [255, 0, 0, 128]]]
+    look = {"baseColorFactor": [1, 1, 1, 0.4], "roughnessFactor": 1}
+    seen = {}
+    for cutoff in (0.2, 0.202):
+        file = File()
+        base = file.picture(pixels, magFilter=9728)
+        entry = {"pbrMetallicRoughness": look | {"baseColorTexture": {"index": base}}, "alphaMode": "MASK"}
+        seen[cutoff] = before_green(gltf(tmp_path, file=file, alphaCutoff=cutoff, **entry))[4, [1, 6]]
+    np.testing.assert_allclose(seen[0.2], [[0, 1, 0], [1, 0, 0]], atol=1e-6)
+    np.testing.assert_allclose(seen[0.202], [[0, 1, 0], [0, 1, 0]], atol=1e-6)
+    file = with_picture(((9, 9, 9, 200),))
+    look = {"baseColorTexture": {"index": 0}}
+    assert gltf(tmp_path, file=file, alphaMode="MASK", pbrMetallicRoughness=look).cutout is None
+    gone = gltf(tmp_path, alphaMode="MASK", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0.4]})
+    np.testing.assert_array_equal(before_green(gone), np.broadcast_to([0, 1, 0], (8, 8, 3)))
+    opaque = gltf(tmp_path, alphaMode="OPAQUE", file=with_picture(((9, 9, 9, 0),)), pbrMetallicRoughness=look)
+    assert (opaque.cutout, opaque.transmission) == (None, 0)
+
+
+def test_blended_materials_of_gltf(tmp_path):
+    """A constant alpha blends; a picture of it cuts out, and that is said where it is neither 0 nor 1."""
+    look = {"baseColorFactor": [1, 0, 0, 0.25], "roughnessFactor": 1}
+    blended = gltf(tmp_path, alphaMode="BLEND", pbrMetallicRoughness=dict(look))
+    np.testing.assert_allclose(before_green(blended), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)
+    look = {"baseColorTexture": {"index": 0}}
+    file = with_picture(((255, 0, 0, 255), (255, 0, 0, 100)))
+    soft = gltf(
+        tmp_path, "partial transparency of pictures (1)", file=file, alphaMode="BLEND", pbrMetallicRoughness=look
+    )
+    np.testing.assert_allclose(soft.cutout.image[0, :, 0], [1, 100 / 255])
+    file = with_picture(((255, 0, 0, 255), (255, 0, 0, 0)))
+    assert gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look).transmission == 0
+
+
+def test_trimesh_materials_shine_and_have_holes():
+    made = trimesh.creation.box()
+    uv = np.zeros((len(made.vertices), 2))
+    image = pillow.fromarray(np.array([[[255, 0, 0, 255], [0, 0, 0, 0]]], np.uint8))
+    look = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=image, metallicFactor=0.0, alphaMode="MASK", alphaCutoff=0.25, emissiveFactor=[0, 0.5, 1]
+    )
+    made.visual = trimesh.visual.TextureVisuals(uv=uv, material=look)
+    found = Mesh.from_trimesh(made).material
+    np.testing.assert_array_equal(found.cutout.image[0, :, 0], [2, 0])
+    assert found.emission == (0, 0.5, 1)
+    look.alphaMode, look.baseColorTexture, look.baseColorFactor = "BLEND", None, [255, 255, 255, 51]
+    assert Mesh.from_trimesh(made).material.transmission == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("Ke 2 1 0", {"emission": (2, 1, 0)}),
+        ("d 0.25", {"transmission": 0.75, "ior": 1.0}),
+        ("Tr 0.25\nNi 1.7", {"transmission": 0.25, "ior": 1.0}),
+        ("d 1.0\nTr 1.0", {"transmission": 0.0}),
+        ("illum 7\nNi 1.7\nKs 0.125", {"transmission": 1.0, "ior": 1.7, "reflectivity": 0.125}),
+        ("illum 6\nTf 0.5 0.5 0.5", {"transmission": 0.5, "ior": 1.5}),
+        ("illum 7\nd 0.25\nNi 1.3", {"transmission": 0.75, "ior": 1.3}),
+        ("illum 4\nd 0.5\nNi 1.3", {"transmission": 0.5, "ior": 1.0}),
+        ("illum 2\nNi 1.45\nTf 0 1 0", {"transmission": 0.0}),
+        ("illum 10\nKs 1", {"reflectivity": 0.0}),
+    ],
+)
+def test_statements_of_mtl(tmp_path, text, expected):
+    found = obj(tmp_path, text)
+    assert {name: getattr(found, name) for name in expected} == expected
+
+
+def test_dissolved_materials_of_mtl_are_mixed_with_what_is_behind(tmp_path):
+    found = obj(tmp_path, "Kd 1 0 0\nd 0.25")
+    np.testing.assert_allclose(before_green(found), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)
+
+
+def test_pictures_of_mtl(tmp_path):
+    """map_d is the alpha of a picture that has some, or else its grey."""
+    leaf = np.array([[[255, 0, 0, 255], [255, 0, 0, 0]]])
+    grey = np.array([[[0, 0, 0], [255, 255, 255]]])
+    pictures = {"leaf": png(leaf), "grey": png(grey)}
+    found = obj(tmp_path, "map_Kd leaf.png\nmap_d leaf.png\nmap_Ke grey.png", **pictures)
+    np.testing.assert_array_equal(found.cutout.image[0, :, 0], [1, 0])
+    np.testing.assert_array_equal(found.emission.image[0], [[0] * 3, [1] * 3])
+    found = obj(tmp_path, "map_d grey.png\nd 0.5", **pictures)
+    np.testing.assert_array_equal(found.cutout.image[0, :, 0], [0, 1])
+    assert found.transmission == 0.5
+    assert isinstance(obj(tmp_path, "map_Kd leaf.png", **pictures).color, Texture)
+    half = obj(tmp_path, "map_d half.png", "partial transparency of pictures (1)", half=HALF)
+    assert half.cutout is None  # 128 / 255 is all there
+    halo = "d -halo 0.5\nTf 1 0.5 1"
+    assert obj(tmp_path, halo, "tints of clear materials (1), halos of materials (1)").transmission == 0.5
+
+
+def test_a_mask_that_cannot_be_read_leaves_the_surface_whole(tmp_path):
+    path = written(tmp_path, "map_d gone.png")
+    with pytest.warns(sh.ShpyWarning, match=r"plain colours: gone.png \(there is no such file\)"):
+        scene = Scene.load(path)
+    assert scene.meshes[0].material.cutout is None
+
+
+def test_large_masks_are_made_smaller(tmp_path, monkeypatch):
+    monkeypatch.setattr("raytracer.meshes.pictures.MOST", 256)
+    mask = np.zeros((32, 32, 4))
+    mask[:, 16:] = 255
+    path = written(tmp_path, "map_d mask.png", mask=png(mask))
+    with pytest.warns(sh.ShpyWarning, match="detail of pictures beyond 256 pixels"):
+        scene = Scene.load(path)
+    image = scene.meshes[0].material.cutout.image
+    height, width = image.shape[:2]
+    assert height * width <= 128
+    np.testing.assert_array_equal(image[0, :, 0], np.arange(width) >= width // 2)
