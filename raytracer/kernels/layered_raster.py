@@ -58,6 +58,14 @@ class Sample(NamedTuple):
     slope: sh.Attrib2f
 
 
+class Plane(NamedTuple):
+    """A triangle's image, a corner of it there (column, row, depth), and its depth's change by a texel."""
+
+    image: sh.Attrib1i
+    corner: sh.Point3f
+    slope: sh.Attrib2f
+
+
 class Block(NamedTuple):
     """The coarse level of a block: the least and largest depth, and its occupied slices, the first one in bit 0.
 
@@ -202,6 +210,24 @@ def bits_below(count: Any) -> Any:
     """The first bits of two words, as many as `count`, clamped to what they have."""
     inside = sh.clamp(count - sh.Attrib2i(0, 32), 0, 32)
     return sh.cond(inside == 32, sh.Attrib2u(0xFFFFFFFF), (sh.Attrib2u(1) << sh.Attrib2u(sh.min(inside, 31))) - 1)
+
+
+@sh.program
+def planes_of_spans(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], number: sh.Attrib1i) -> Plane:
+    """Give the plane of the triangle of each span."""
+    seen = Projected(triangles, frame, number)
+    return Plane(seen.axis, sh.Point3f(*seen.corners[0]), sh.Attrib2f(*seen.slope))
+
+
+@sh.program
+def samples_of_texels(
+    triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
+) -> Sample:
+    """Give the samples of texels that are known to be reached by triangles."""
+    seen = Projected(triangles, frame, triangle)
+    resolution = sh.Attrib1i(frame[COUNTS].x)
+    row = texel // resolution - seen.axis * resolution
+    return Sample(texel, seen.depth(texel % resolution, row), triangle, sh.Attrib2f(*seen.slope))
 
 
 @sh.program

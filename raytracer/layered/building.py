@@ -7,6 +7,7 @@ order of depth and, at equal depths, of the triangle's number. Memory grows with
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.kernels import layered_raster as raster
 from raytracer.kernels.triangle import FAR
+from raytracer.layered.peeling import Spans, peeled
 from raytracer.memory import free_bytes
 
 _table: Any = sh.Table  # of a stream, which has a type
@@ -82,25 +84,57 @@ class Scanlines:
         return self.run(raster.samples_of_spans, number, *tables) if number.size else None
 
 
-def build_samples(triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str) -> Samples:
+def build_samples(
+    triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str, builder: str
+) -> Samples:
     """Return the samples of triangles (see `layout.triangle_rows`) in the raster of a `frame` (see `layered_raster`).
 
-    Raises SceneError if there are more than memory holds.
+    `builder` is one of BUILDERS. Raises SceneError if there are more samples than memory holds.
     """
     if not len(triangles):
         return nothing(*(int(frame[raster.COUNTS, k]) for k in (0, 2)))
     lines = Scanlines(triangles, frame, conservative, backend)
-    unsorted = lines.samples()
-    if unsorted is None:
+    found = BUILDERS[builder](lines)
+    if found is None:
         return nothing(lines.resolution, lines.blocks)
-    by_depth = sh.argsort(unsorted.depth)
-    order = sh.gather(by_depth, sh.argsort(sh.gather(unsorted.texel, by_depth)))
-    counts = sh.histogram(unsorted.texel, 3 * lines.resolution**2 + 1)
-    offsets = sh.scan(raster.added, counts, exclusive=True)
-    depths, triangle, slopes = (sh.gather(part, order) for part in (unsorted.depth, unsorted.triangle, unsorted.slope))
+    offsets, depths, _, _ = found
     coarse = raster.coarse_blocks.compile(backend, loop_limit=None)
     blocks = coarse(lines.frame, _table(offsets), _table(depths), shape=(3 * lines.blocks**2,))
-    return Samples(*(np.asarray(part) for part in (offsets, depths, triangle, slopes, *blocks)))
+    return Samples(*(np.asarray(part) for part in (*found, *blocks)))
+
+
+def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
+    """Return the offsets, depths, triangles and slopes of `Samples` as streams, by sorting; None if there are none."""
+    found = lines.samples()
+    if found is None:
+        return None
+    by_depth = sh.argsort(found.depth)
+    order = sh.gather(by_depth, sh.argsort(sh.gather(found.texel, by_depth)))
+    counts = sh.histogram(found.texel, 3 * lines.resolution**2 + 1)
+    parts = (sh.gather(part, order) for part in (found.depth, found.triangle, found.slope))
+    return sh.scan(raster.added, counts, exclusive=True), *parts
+
+
+def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
+    """Return what `sorted_samples` does, with the order of samples that depth peeling finds."""
+    spans, backend = lines.spans, lines.backend
+    if spans is None:
+        return None
+    plane = lines.run(raster.planes_of_spans, spans.triangle)
+    place = np.stack([np.asarray(part) for part in (spans.row, spans.first, spans.number)], axis=1)
+    owner = np.stack([np.asarray(part) for part in (plane.image, spans.triangle)], axis=1)
+    check_count(int(place[:, 2].sum(dtype=np.int64)), "samples")
+    offsets, triangle = peeled(Spans(place, owner, np.asarray(plane.corner), np.asarray(plane.slope)), lines.resolution)
+    if not len(triangle):
+        return None
+    texel = np.repeat(np.arange(len(offsets) - 1, dtype=np.int32), np.diff(offsets))
+    parts = (sh.Stream(part, sh.Attrib1i, backend=backend) for part in (texel, triangle))
+    found = lines.run(raster.samples_of_texels, *parts)
+    return sh.Stream(offsets, sh.Attrib1i, backend=backend), found.depth, found.triangle, found.slope
+
+
+BUILDERS: dict[str, Callable[[Scanlines], tuple[Any, ...] | None]] = {"sort": sorted_samples, "peel": peeled_samples}
+"""The ways to put samples into their order: by collective operations; by the passes of the paper on OpenGL."""
 
 
 def nothing(resolution: int, blocks: int) -> Samples:

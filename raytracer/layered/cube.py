@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.kernels import layered_raster as raster
-from raytracer.layered.building import Samples, build_samples
+from raytracer.layered.building import BUILDERS, Samples, build_samples
 from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.scene import Scene
@@ -63,6 +63,7 @@ class LayeredCube:
         *,
         tolerance: float | None = None,
         conservative: bool | None = None,
+        builder: str = "sort",
     ) -> LayeredCube:
         """Return the cube of a mesh, or of all meshes of a scene, built on a backend.
 
@@ -79,10 +80,15 @@ class LayeredCube:
         closed mesh; the other tests find surfaces that reach beyond their edges by up to a texel. Without it there is a
         sample where a triangle covers the texel's centre. None means True for "triangle", False for the others.
 
-        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit`, and for
-        more samples than memory holds; sh.BackendUnavailable for a missing backend.
+        `builder` is how samples are put into order, with the same result: "sort", by collective operations, or "peel",
+        by drawing layer after layer with OpenGL, for backend "glsl".
+
+        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit` or
+        `builder`, and for more samples than memory holds; sh.BackendUnavailable for a missing backend.
         """
+        backend = backend or sh.default_backend()
         _check(mesh_or_scene, resolution, block, hit, tolerance)
+        _check_builder(builder, backend)
         started = time.perf_counter()
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         corners = np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in meshes)])
@@ -94,7 +100,7 @@ class LayeredCube:
         conservative = hit == "triangle" if conservative is None else bool(conservative)
         frame = _frame(corners, resolution, block, None if tolerance is None else tolerance * scale, hit)
         rows = triangle_rows(corners)
-        images = build_samples(rows, frame, conservative, backend or sh.default_backend())
+        images = build_samples(rows, frame, conservative, backend, builder)
         _limit(frame, images)
         return cls(images, rows, frame, hit, conservative, tolerance, time.perf_counter() - started)
 
@@ -193,6 +199,13 @@ def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance:
         raise SceneError(f'tolerance is for hit="sample": hit={hit!r} needs none')
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0 <= tolerance < np.inf:
         raise SceneError(f"tolerance is a length of 0 or more, not {tolerance!r}")
+
+
+def _check_builder(builder: str, backend: str) -> None:
+    if builder not in BUILDERS:
+        raise SceneError(f"builder is one of {', '.join(map(repr, BUILDERS))}, not {builder!r}")
+    if builder == "peel" and backend != "glsl":
+        raise SceneError(f'builder="peel" draws with OpenGL: backend="glsl", not {backend!r}')
 
 
 def _frame(

@@ -56,6 +56,19 @@ def test_every_backend_gives_the_same_samples(conservative):
             np.testing.assert_array_equal(bits, expected, name)
 
 
+@pytest.mark.parametrize("conservative", [False, True])
+def test_peeling_gives_the_same_samples(conservative):
+    """Also of surfaces that lie in each other, and in every image."""
+    mesh = joined([KNOT, COPLANAR, COPLANAR, SOUP])
+    one, other = (
+        LayeredCube.of(mesh, 20, 8, "glsl", conservative=conservative, builder=builder) for builder in ("sort", "peel")
+    )
+    assert min(one.layers) > 4
+    for name in ("offsets", "depths", "triangles", "slopes", "ranges", "slices"):
+        bits, expected = (np.asarray(getattr(c.images, name)).view(np.uint32) for c in (other, one))
+        np.testing.assert_array_equal(bits, expected, name)
+
+
 def texels_of(cube):
     """The image, row, column, depth and triangle of each sample."""
     n = cube.resolution
@@ -286,6 +299,8 @@ def test_a_cube_says_what_it_is():
         ({"tolerance": 0.1}, 'tolerance is for hit="sample"'),
         ({"hit": "sample", "tolerance": -1}, "a length of 0 or more"),
         ({"mesh_or_scene": "bunny.obj"}, "not of str"),
+        ({"builder": "draw"}, "'sort', 'peel', not 'draw'"),
+        ({"builder": "peel"}, "backend=\"glsl\", not 'numpy'"),
     ],
 )
 def test_numbers_out_of_range_are_errors(arguments, words):
