@@ -70,10 +70,10 @@ class Scanlines:
         """
         total = int(np.asarray(counts).sum(dtype=np.int64))
         check_count(total, what)
-        starts = sh.scan(raster.added, counts, exclusive=True)
-        number = raster.numbered.compile(self.backend)(shape=counts.shape)
+        starts = sh.scan(raster.added(), counts, exclusive=True)
+        number = raster.numbered().compile(self.backend)(shape=counts.shape)
         number = sh.Stream(number, sh.Attrib1i, backend=self.backend)
-        return sh.scan(raster.larger, sh.scatter(number, starts, (total,))), starts
+        return sh.scan(raster.larger(), sh.scatter(number, starts, (total,))), starts
 
     def samples(self) -> Any:
         """Return the samples in the order of triangles, rows and columns, as streams; None if there are none."""
@@ -81,7 +81,7 @@ class Scanlines:
             return None
         number, starts = self.owners(self.spans.number, "samples")
         tables = map(_table, (starts, self.spans.triangle, self.spans.row, self.spans.first))
-        return self.run(raster.samples_of_spans, number, *tables) if number.size else None
+        return self.run(raster.samples_of_spans(), number, *tables) if number.size else None
 
 
 def build_samples(
@@ -98,7 +98,7 @@ def build_samples(
     if found is None:
         return nothing(lines.resolution, lines.blocks)
     offsets, depths, _, _ = found
-    coarse = raster.coarse_blocks.compile(backend, loop_limit=None)
+    coarse = raster.coarse_blocks().compile(backend, loop_limit=None)
     blocks = coarse(lines.frame, _table(offsets), _table(depths), shape=(3 * lines.blocks**2,))
     return Samples(*(np.asarray(part) for part in (*found, *blocks)))
 
@@ -112,7 +112,7 @@ def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
     order = sh.gather(by_depth, sh.argsort(sh.gather(found.texel, by_depth)))
     counts = sh.histogram(found.texel, 3 * lines.resolution**2 + 1)
     parts = (sh.gather(part, order) for part in (found.depth, found.triangle, found.slope))
-    return sh.scan(raster.added, counts, exclusive=True), *parts
+    return sh.scan(raster.added(), counts, exclusive=True), *parts
 
 
 def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
@@ -120,7 +120,7 @@ def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
     spans, backend = lines.spans, lines.backend
     if spans is None:
         return None
-    plane = lines.run(raster.planes_of_spans, spans.triangle)
+    plane = lines.run(raster.planes_of_spans(), spans.triangle)
     place = np.stack([np.asarray(part) for part in (spans.row, spans.first, spans.number)], axis=1)
     owner = np.stack([np.asarray(part) for part in (plane.image, spans.triangle)], axis=1)
     check_count(int(place[:, 2].sum(dtype=np.int64)), "samples")
@@ -129,7 +129,7 @@ def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
         return None
     texel = np.repeat(np.arange(len(offsets) - 1, dtype=np.int32), np.diff(offsets))
     parts = (sh.Stream(part, sh.Attrib1i, backend=backend) for part in (texel, triangle))
-    found = lines.run(raster.samples_of_texels, *parts)
+    found = lines.run(raster.samples_of_texels(), *parts)
     return sh.Stream(offsets, sh.Attrib1i, backend=backend), found.depth, found.triangle, found.slope
 
 

@@ -80,6 +80,8 @@ class LayeredCube:
         closed mesh; the other tests find surfaces that reach beyond their edges by up to a texel. Without it there is a
         sample where a triangle covers the texel's centre. None means True for "triangle", False for the others.
 
+        Triangles without area have no samples; the exact test, elsewhere, may meet one of them by rounding.
+
         `builder` is how samples are put into order, with the same result: "sort", by collective operations, or "peel",
         by drawing layer after layer with OpenGL, for backend "glsl".
 
