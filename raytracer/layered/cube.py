@@ -40,6 +40,21 @@ _ROUNDING = 2.0**-18
 class LayeredCube:
     """Three layered depth images of triangles, made by `LayeredCube.of`, for rays that may take a surface for another.
 
+    Each image has `resolution` x `resolution` texels over the box of the mesh, and a range of depths for each block
+    of `block` x `block` texels. `hit` says when a ray hits a sample:
+
+    - "sample": the ray's depth within the texel comes as near to the sample's as `tolerance`, a length in the
+      scene's units;
+    - "plane": the ray meets the plane of the sample's triangle within the texel;
+    - "triangle": the ray meets the sample's triangle, by the exact test of the other accelerators. A hit is always
+      a true one, and only triangles without a sample on the way are missed.
+
+    With `conservative` a triangle has a sample in each texel that it touches: "triangle" then misses nothing of a
+    closed mesh; the other tests find surfaces that reach beyond their edges by up to a texel. Without it there is a
+    sample where a triangle covers the texel's centre.
+
+    Triangles without area have no samples; the exact test, elsewhere, may meet one of them by rounding.
+
     `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles that they are of, `frame` (8, 4) the
     raster (see `kernels.layered_raster`); `build_seconds` is how long they took, compilation included.
     """
@@ -67,21 +82,8 @@ class LayeredCube:
     ) -> LayeredCube:
         """Return the cube of a mesh, or of all meshes of a scene, built on a backend.
 
-        Each image has `resolution` x `resolution` texels over the box of the mesh, and a range of depths for each block
-        of `block` x `block` texels. `hit` says when a ray hits a sample:
-
-        - "sample": the ray's depth within the texel comes as near to the sample's as `tolerance`, a length in the
-          scene's units; None for half the sum of the texel's sides, by which a surface may leave its sample;
-        - "plane": the ray meets the plane of the sample's triangle within the texel;
-        - "triangle": the ray meets the sample's triangle, by the exact test of the other accelerators. A hit is always
-          a true one, and only triangles without a sample on the way are missed.
-
-        With `conservative` a triangle has a sample in each texel that it touches: "triangle" then misses nothing of a
-        closed mesh; the other tests find surfaces that reach beyond their edges by up to a texel. Without it there is a
-        sample where a triangle covers the texel's centre. None means True for "triangle", False for the others.
-
-        Triangles without area have no samples; the exact test, elsewhere, may meet one of them by rounding.
-
+        `resolution`, `block`, `hit`, `tolerance` and `conservative` are described with the class. `tolerance` None
+        is half the sum of a texel's sides; `conservative` None is True for "triangle", False for the others.
         `builder` is how samples are put into order, with the same result: "sort", by collective operations, or "peel",
         by drawing layer after layer with OpenGL, for backend "glsl".
 
