@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from raytracer import Intersector, LayeredCube, Mesh, Scene, SceneError, cli, render
+from raytracer.kernels import queries
 from raytracer.kernels.layered_raster import INVERSE, LOW, SLACK
+from raytracer.kernels.triangle import AheadBound
+from raytracer.kernels.walk import walk_with
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, icosahedron, knot, sphere
 
@@ -326,6 +329,19 @@ def test_cubes_where_they_cannot_be_used_are_errors():
         render(scene, (4, 3), accel="ldc:big")
     with pytest.raises(SceneError, match="leave the choice to it"):
         render(scene, (4, 3), secondary=cube, max_error=1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
+def test_every_width_of_packets_gives_the_same_hits(hit):
+    origins, directions = rays(KNOT, 5000)
+    shoot = Intersector(KNOT, f"ldc:100:{hit}", "opencl")
+    program = queries.intersect(walk_with(shoot._structure, shoot._rows, "opencl", AheadBound(2.0**-24)), exact=True)
+    inputs = origins * shoot._frame.scale, directions / 32, 0.0, 1e30, (0, 0, 0), 1.0
+    one, *others = (program.compile("opencl", lanes=lanes, loop_limit=None)(*inputs) for lanes in (1, 4, 8, 16))
+    assert (one.triangle >= 0).sum() > 1000
+    for found in others:
+        same(found, one)
 
 
 @pytest.mark.slow
