@@ -24,7 +24,7 @@ from raytracer.kernels.shaders import (
 )
 from raytracer.kernels.textures import Atlas
 from raytracer.layout import Layout
-from raytracer.materials import CUTOFF, PICTURED
+from raytracer.materials import PICTURED
 from shpy import SH_IF
 
 Program = Callable[..., Any]
@@ -94,13 +94,13 @@ class Looks:
             if name in self.gives:
                 given[name][:] = sh.clamp(given[name], 0, 1)
 
-    def is_there(self, material: Any, uv: Any) -> Any:
-        """Return whether the `cutout` of a material leaves a surface at `uv()`, recorded where it is needed."""
-        picture = self.pictures_of[material, self.textured.index("cutout")]
-        there = sh.Attrib1b(True)
+    def number_at(self, name: str, material: Any, uv: Callable[[], Any], otherwise: Any) -> Any:
+        """Return the number of a material's texture at `uv()`, which is recorded for it alone, or `otherwise`."""
+        found = sh.Attrib1f(otherwise)
+        picture = self.pictures_of[material, self.textured.index(name)]
         with SH_IF(picture >= 0):
-            there[:] = self.atlas.sample(picture, uv()).r >= CUTOFF
-        return there
+            found[:] = self.atlas.sample(picture, uv()).r
+        return found
 
     def shade_of(self, material: Any) -> Any:
         """The number of a material's `shade`; 0 for Phong's model."""

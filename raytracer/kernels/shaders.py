@@ -70,7 +70,8 @@ class Surface(_Known):
     Numbers and triples are taken as well as values of the language.
 
     A material's `shade` is handed one in which all but `transmission`, `ior` and `emission` are known, and
-    `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`.
+    `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`,
+    a number or a Texture.
     Raises SceneError, with the line, for what is no such value.
     """
 

@@ -17,6 +17,7 @@ from raytracer.kernels.looks import Looks
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import FAR, Accept, Candidate, Hit, PlaneView, Triangles, highest
 from raytracer.layout import Layout, Rows, is_programmed
+from raytracer.materials import CUTOFF
 
 ROUNDINGS = 7
 """What a point of a triangle may be off its plane, in roundings of its coordinates: 2 as the weights may not sum to 1,
@@ -129,8 +130,11 @@ class SurfaceTables:
 
     def passed(self, hit: Hit, ray: Any) -> Any:
         """The share (r, g, b) of the light that comes to a hit through the material and goes on through its surface."""
-        row = 2 * self.material_at(hit)
-        return self.glass[row].x * self.kept(hit, self.comes_from_inside(hit, ray))
+        material = self.material_at(hit)
+        clear = self.glass[2 * material].x
+        if "transmission" in self.looks.textured:
+            clear = sh.min(self.looks.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
+        return clear * self.kept(hit, self.comes_from_inside(hit, ray))
 
     def comes_from_inside(self, hit: Hit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
@@ -179,7 +183,11 @@ class SurfaceTables:
 
     def is_there(self, hit: Hit | Candidate) -> Any:
         """Return whether a material's cutout leaves a surface at a point of a triangle."""
-        return self.looks.is_there(self.material_at(hit), lambda: barylerp(hit, *rows_of(self.uvs, hit)))
+        return self.looks.number_at("cutout", self.material_at(hit), lambda: self.uv_at(hit), 1.0) >= CUTOFF
+
+    def uv_at(self, hit: Hit | Candidate) -> Any:
+        """The uv coordinates, interpolated."""
+        return barylerp(hit, *rows_of(self.uvs, hit))
 
     def vertex_color(self, hit: Hit) -> Any:
         """The colours at the corners, interpolated; white where there are none."""
@@ -198,7 +206,7 @@ class SurfaceTables:
                 "normal": lambda: surface.normal,
                 "face": lambda: surface.face,
                 "view": lambda: surface.view,
-                "uv": lambda: barylerp(hit, *rows_of(self.uvs, hit)),
+                "uv": lambda: self.uv_at(hit),
                 "color": lambda: self.vertex_color(hit),
                 "object": lambda: self.object_at(hit),
                 "triangle": lambda: hit.id,

@@ -26,6 +26,7 @@ from raytracer.textures import Filter, Wrap
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST: Final = 9728
 _MAPS: Final = {"normalTexture": "normal maps", "occlusionTexture": "occlusion maps"}
+_ALPHA_MODES: Final = ("MASK", "BLEND")
 _SHARP: Final = 0.2
 """The roughness from which one sees that a clear material blurs what is behind it."""
 _DARKEST: Final = 2.0**-24
@@ -44,6 +45,10 @@ class GltfMaterials:
         """The number of the uv coordinates that the pictures of a material are read at."""
         used = {} if number is None else self._textures(self.document.one("materials", number))
         return int(next(iter(used.values()), {}).get("texCoord", 0))
+
+    def uses_alpha(self, number: Any) -> bool:
+        """Return whether a material has a mode in which alpha counts."""
+        return number is not None and self.document.one("materials", number).get("alphaMode") in _ALPHA_MODES
 
     def get(self, number: Any, has_uv: bool) -> Material:
         """The material of this number for a mesh; its pictures are left out where the mesh has no uv coordinates."""
@@ -93,7 +98,7 @@ class GltfMaterials:
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
         """What alpha does (section 3.9.4): a mask cuts out, blending makes clear what the factor alone says."""
         mode, cutoff = entry.get("alphaMode", "OPAQUE"), float(entry.get("alphaCutoff", 0.5))
-        if mode not in ("MASK", "BLEND"):
+        if mode not in _ALPHA_MODES:
             return Alpha()
         picture = self._picture(used, alpha=True)
         return alpha_of(mode, factor, cutoff, picture, self.notices)

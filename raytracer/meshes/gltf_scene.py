@@ -140,6 +140,8 @@ class GltfScene:
             self.document.array(attributes[name]) if name in attributes else None
             for name in ("NORMAL", f"TEXCOORD_{self.materials.uv_set(look)}", "COLOR_0")
         )
+        if colors is not None and self.materials.uses_alpha(look) and (colors[:, 3:] < 1).any():
+            self.notices.ignore("alpha of vertex colours")
         faces = _faces(order, mode)
         self._built += len(faces)
         check_triangles(self._built)

@@ -1,6 +1,5 @@
-import time
-
 import pytest
+from effort import calls
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -231,14 +230,12 @@ def long_module(count):
     return Module("long", (Port("x", "Attrib1f"),), (Port("y", "Attrib1f"),), (), (), (b.finish(),))
 
 
-def test_ten_thousand_statements_are_quick():
-    module = long_module(10_000)
-    start = time.perf_counter()
-    text = print_module(module)
-    printed = time.perf_counter()
-    assert parse(text) == module
-    assert printed - start < 1
-    assert time.perf_counter() - printed < 10
+def test_effort_is_linear_in_statements():
+    few, many = long_module(1_000), long_module(10_000)
+    short, long = print_module(few), print_module(many)
+    assert parse(long) == many
+    assert calls(lambda: print_module(many)) < 11 * calls(lambda: print_module(few))
+    assert calls(lambda: parse(long)) < 11 * calls(lambda: parse(short))
 
 
 def test_deep_nesting_costs_no_recursion():

@@ -1,9 +1,9 @@
 """Passes take time in proportion to the module, and as little stack as it is allowed to be deep."""
 
 import random
-import time
 
 import pytest
+from effort import calls
 
 from shpy.backends.base import Options
 from shpy.ir.builder import Builder
@@ -58,20 +58,11 @@ def branchy(count):
     return program(fill)
 
 
-def seconds(module):
-    """CPU time, the better of two."""
-    taken = []
-    for _ in range(2):
-        start = time.process_time()
-        prepare(module, Options(), Target("any"))
-        taken.append(time.process_time() - start)
-    return min(taken)
-
-
 @pytest.mark.parametrize(("make", "count"), [(straight, 1000), (branchy, 500)])
-def test_time_is_linear(make, count):
-    small, large = seconds(make(count)), seconds(make(4 * count))
-    assert large < 4 * small * 2.5
+def test_effort_is_linear(make, count):
+    modules = make(count), make(4 * count)
+    small, large = (calls(lambda module=module: prepare(module, Options(), Target("any"))) for module in modules)
+    assert large < 4.2 * small
 
 
 def nested(deepen, depth):

@@ -236,6 +236,24 @@ def test_any_lane_asks_active_lanes_only_and_is_uniform():
     assert all(s.value.id not in made.vector.entry.varying for s in made.ops("lane_any"))
 
 
+def test_any_lane_stays_uniform_where_its_argument_varies_from_the_second_iteration_on():
+    p = Program()
+    z, k = p.slot("z", p.number(0)), p.slot("k", p.count(0))
+    with p.b.loop() as outer:
+        with p.b.loop() as inner:
+            with p.b.when(p.b.let("any_lane", p.b.let("gt", p.b.load(z), p.number(1)), type=B)):
+                p.b.exit(Break)
+            p.add(k, p.count(1))
+            inner.until(p.b.let("ge", p.b.load(k), p.count(9)))
+        p.b.store(z, p.x)
+        p.add(k, p.count(1))
+        outer.until(p.b.let("ge", p.b.load(k), p.count(20)))
+    p.b.store(p.result, p.b.let("convert", p.b.load(k), type=F))
+    made = p.vectorised()
+    assert made.varies("z")
+    assert not made.varies("k"), "all lanes leave the inner loop together"
+
+
 def test_a_return_masks_what_follows():
     p = Program()
     with p.when_greater(1):

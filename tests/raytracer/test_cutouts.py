@@ -79,6 +79,19 @@ def test_light_falls_through_holes_and_glass():
     np.testing.assert_allclose(found, 0.25 * np.kron([[0.0, 1.0], [1.0, 0.0]], np.ones((8, 8))), rtol=1e-5)
 
 
+def test_shadows_of_glass_are_as_clear_as_its_picture():
+    clear = Texture(np.kron([[0.5, 0.0], [2.0, 0.25]], np.ones((4, 4))), filter="nearest")
+    pane = SQUARE.with_material(Material((0, 0, 0), specular=0, transmission=clear, ior=1.0))
+    light = DirectionalLight((0, -1, 0))
+    found = [
+        shade_of(pane.moved((0, 20, 0), tilt=-90), light=light, backend=name) for name in ("numpy", "opencl", "glsl")
+    ]
+    expected = np.kron([[0.5, 0.0], [1.0, 0.25]], np.ones((8, 8)))
+    np.testing.assert_allclose(found[0].pixels[..., 0], expected, rtol=1e-5)
+    for other in found[1:]:
+        same(found[0], other)
+
+
 def test_the_border_lies_where_the_number_is_one_half():
     """Between two texels of 0 and 1 the interpolated number is 1/2 in the middle of the picture."""
     ramp = Texture([[0.0, 1.0]], wrap="clamp")

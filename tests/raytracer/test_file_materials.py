@@ -185,6 +185,14 @@ def test_blended_materials_of_gltf(tmp_path):
     assert gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look).transmission == 0
 
 
+def test_alpha_of_vertex_colours_is_ignored_aloud(tmp_path):
+    for mode, ignored in (("BLEND", ["alpha of vertex colours (1)"]), ("OPAQUE", [])):
+        file = File()
+        colors = {"COLOR_0": file.array([[1, 1, 1, 0.5]] * 4)}
+        file.node(mesh=file.mesh(file.square(attributes=colors, material=file.material(alphaMode=mode))))
+        assert loaded(file.save(tmp_path / "one.glb"), *ignored).cutout is None
+
+
 def test_trimesh_materials_shine_and_have_holes():
     made = trimesh.creation.box()
     uv = np.zeros((len(made.vertices), 2))

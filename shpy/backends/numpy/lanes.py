@@ -207,7 +207,9 @@ def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
 
     A mask may hold what is the same for all lanes, as any variable may.
     """
-    at = np.broadcast_to(leaving, lane.shape).nonzero()[0]
+    if leaving.shape != lane.shape:  # the shapes are asked for because broadcast_to takes longer than all the rest
+        leaving = np.broadcast_to(leaving, lane.shape)
+    at = leaving.nonzero()[0]
     into = lane.take(at)
     for k in range(len(whole)) if whole.ndim > 1 else (...,):
         row = value[k] if np.ndim(value) > 1 else value
