@@ -6,6 +6,7 @@ Stage: query. The same walk as the pictures', without their shading.
     hits = shoot.intersect(origins, directions)          # hits.t, hits.triangle, hits.u, hits.v
     every = shoot.all_hits(origins, directions)          # every.t[every.offsets[k] : every.offsets[k + 1]]
     near = shoot.closest_point(points)                   # near.points, near.distances, near.triangles
+    shoot.move(transform)                                # a rigid object elsewhere
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
-from raytracer.rays import Frame, Rays, triples
+from raytracer.rays import Frame, Pose, Rays, triples
 from raytracer.scene import Scene
 
 _NEIGHBOURS, _GROUPS = 16, 64
@@ -122,6 +123,7 @@ class Intersector:
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         meshes = [mesh for mesh in meshes if len(mesh)]
         self._accel = accel
+        self._pose: Pose | None = None
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING.get(precision, np.float32)
@@ -144,6 +146,15 @@ class Intersector:
                 structure = build(accel, self._corners, precision)
             self._structure, self._walk = structure, walk_with(structure, self._rows, self._target, None)
 
+    def move(self, transform: ArrayLike | None) -> None:
+        """Place the mesh where `transform` takes it from where it was made; None for there. Nothing is built anew.
+
+        `transform` (4, 4) multiplies columns (x, y, z, 1): a rotation, a move, and one scale for all axes; it may
+        mirror. Rays are taken to the mesh in float64, which costs a little for each. Raises SceneError for other
+        matrices.
+        """
+        self._pose = None if transform is None else Pose.of(transform)
+
     def intersect(
         self,
         origins: ArrayLike,
@@ -154,7 +165,7 @@ class Intersector:
         leaving: bool = False,
     ) -> Hits:
         """The nearest hit of each ray with t in [t_min, t_max); arguments and errors as in `Intersector`."""
-        rays = Rays.of(origins, directions, t_min, t_max)
+        rays = self._rays(origins, directions, t_min, t_max)
         shape = rays.shape
         if self._has_nothing(rays):
             floats = self._floats
@@ -174,7 +185,7 @@ class Intersector:
         leaving: bool = False,
     ) -> NDArray[np.bool_]:
         """Whether anything is hit with t in [t_min, t_max), bools; arguments and errors as in `Intersector`."""
-        rays = Rays.of(origins, directions, t_min, t_max)
+        rays = self._rays(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
             return np.zeros(rays.shape, dtype=bool)
         return np.asarray(self._run("occluded", rays, leaving)[0][0].reshape(rays.shape))
@@ -192,7 +203,7 @@ class Intersector:
 
         A ray through an edge or a corner hits every triangle there.
         """
-        rays = Rays.of(origins, directions, t_min, t_max)
+        rays = self._rays(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
             return np.zeros(rays.shape, np.int32)
         return np.asarray(self._run("count", rays, leaving)[0][0].reshape(rays.shape))
@@ -210,7 +221,7 @@ class Intersector:
 
         The first walk finds four hits; rays with more go on from their last one.
         """
-        rays = Rays.of(origins, directions, t_min, t_max)
+        rays = self._rays(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
             nothing = np.zeros(0, self._floats)
             return AllHits(np.zeros(len(rays) + 1, np.int64), nothing, np.zeros(0, np.int32), nothing, nothing)
@@ -254,11 +265,12 @@ class Intersector:
         shape, flat = given.shape[:-1], given.reshape(-1, 3).astype(np.float64, copy=False)
         if self._structure is None or not len(flat):
             return Closest(np.full(given.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
-        place, farthest = flat - self._frame.origin, _FARTHEST / self._frame.scale
+        own = flat if self._pose is None else self._pose.inside(flat)
+        place, farthest = own - self._frame.origin, _FARTHEST / self._frame.scale
         place *= (farthest / np.maximum(np.abs(place).max(axis=1), farthest))[:, None]
         place = (place * self._frame.scale).astype(np.float32)
         way, triangle = self._closest(place)
-        found = (place + way.astype(np.float64)) / self._frame.scale + self._frame.origin
+        found = self._outside((place + way.astype(np.float64)) / self._frame.scale + self._frame.origin)
         apart = found - flat
         large = np.abs(apart).max(axis=1)  # whose square may leave f64
         distance = large * np.linalg.norm(apart / np.where(large > 0, large, 1)[:, None], axis=1)
@@ -275,8 +287,20 @@ class Intersector:
             corners = self._corners[hits.triangle[met]]
             u, v = (part[met].astype(np.float64)[:, None] for part in (hits.u, hits.v))
             mean = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-            found[met] = mean / self._frame.scale + self._frame.origin
+            found[met] = self._outside(mean / self._frame.scale + self._frame.origin)
         return found
+
+    def _rays(self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike) -> Rays:
+        """The rays that a user gives, in the mesh's own coordinates."""
+        rays = Rays.of(origins, directions, t_min, t_max)
+        if self._pose is None:
+            return rays
+        rays.check()
+        return self._pose.from_outside(rays)
+
+    def _outside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of the mesh's own where they stand."""
+        return places if self._pose is None else self._pose.outside(places)
 
     def _has_nothing(self, rays: Rays) -> bool:
         """Return whether there is no triangle or no ray; the rays are checked then."""

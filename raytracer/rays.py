@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 
 from raytracer.errors import SceneError
 from raytracer.kernels.triangle import FAR
+from raytracer.meshes.mesh import affine
 
 Floats = NDArray[np.floating[Any]]
+_RIGID = 1e-4
+"""How far a rotation's matrix may be off a rotation, as one that was rounded to f16 or written with four digits is."""
 _DIRECT = 2.0**-40, 2.0**60
 """Scales with which f32 holds all numbers of the conversion."""
 
@@ -107,6 +110,46 @@ def _ends(what: str, values: Any, shape: tuple[int, ...]) -> Floats:
     if end.shape not in ((), shape):
         raise SceneError(f"{what} is a number or has the shape {shape}, not {end.shape}")
     return end.reshape(-1) if end.ndim else end
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a rigid object stands: a place x of its own is at `turn @ x + offset`; `back` is the inverse of `turn`.
+
+    Rays are taken into the object's own coordinates, so that it keeps its accelerator. They keep their t.
+    """
+
+    turn: Floats
+    back: Floats
+    offset: Floats
+
+    @classmethod
+    def of(cls, transform: Any) -> Pose:
+        """The pose of a matrix (4, 4); SceneError if it is not made of moves, rotations, mirrors and one scale."""
+        matrix = affine(transform)
+        turn = matrix[:3, :3]
+        size = float(np.abs(turn).max())
+        square = (turn / size).T @ (turn / size) if size else turn
+        if not np.allclose(square, np.eye(3) * square[0, 0], rtol=0, atol=_RIGID * square[0, 0]) or not square[0, 0]:
+            raise SceneError(
+                f"an Intersector is moved by rotations, moves and one scale for all axes, not by {matrix.tolist()}: "
+                "make a new one of mesh.transformed(matrix)"
+            )
+        return cls(turn, np.linalg.inv(turn).astype(np.float64), matrix[:3, 3])
+
+    def from_outside(self, rays: Rays) -> Rays:
+        """The rays in the object's own coordinates, in f64."""
+        with np.errstate(all="ignore"):  # infinity and NaN are refused later
+            eye, ray = (rays.eye - self.offset) @ self.back.T, rays.ray @ self.back.T
+        return Rays(rays.shape, eye, ray, rays.near, rays.limit)
+
+    def inside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places (..., 3) in the object's own coordinates."""
+        return np.asarray((places - self.offset) @ self.back.T)
+
+    def outside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places (..., 3) of the object's own where they stand."""
+        return np.asarray(places @ self.turn.T + self.offset)
 
 
 @dataclass(frozen=True, eq=False)

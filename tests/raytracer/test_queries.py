@@ -375,3 +375,50 @@ def test_all_hits_at_other_precisions(precision):
         np.testing.assert_allclose(every.t, t[every.ray, every.triangle], rtol=1e-11)
         assert len(every.t) == np.isfinite(t).sum()
     assert len(every.t) > 100
+
+
+def turned(angle, offset, scale=1.0):
+    """A turn about (1, 2, 3) by an angle in radians, then a move."""
+    x, y, z = np.array([1, 2, 3]) / np.sqrt(14)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+@pytest.mark.parametrize("accel", ["bvh", "grid", "ldc:64:triangle"])
+def test_a_moved_mesh_is_hit_where_it_stands(accel):
+    mesh, rng = knot(segments=60, sides=10), np.random.default_rng(3)
+    shoot = Intersector(mesh, accel, backend="numpy")
+    for transform in (turned(0.7, (3, -1, 2)), turned(2.5, (0, 0, 0), 4.0), np.diag([1.0, -1, 1, 1]), None):
+        shoot.move(transform)
+        matrix = np.eye(4) if transform is None else transform
+        there = mesh.transformed(matrix)
+        origins = there.corners.mean(axis=(0, 1)) + 5 * rng.normal(size=(400, 3))
+        directions = there.corners[rng.integers(0, len(there), 400)].mean(axis=1) - origins
+        hits, expected = (i.intersect(origins, directions) for i in (shoot, Intersector(there, backend="numpy")))
+        met = hits.triangle >= 0
+        assert met.sum() > 200
+        alike = (hits.triangle == expected.triangle) & met
+        assert (hits.triangle == expected.triangle).mean() > 0.98  # at edges either is right
+        np.testing.assert_allclose(hits.t[alike], expected.t[alike], rtol=2e-5)
+        seen = origins[alike] + hits.t[alike, None] * directions[alike]
+        np.testing.assert_allclose(shoot.points(hits)[alike], seen, atol=1e-4)
+        if accel == "bvh":
+            near, wanted = (i.closest_point(origins) for i in (shoot, Intersector(there, backend="numpy")))
+            np.testing.assert_allclose(near.distances, wanted.distances, rtol=1e-5)
+            np.testing.assert_allclose(near.points, wanted.points, atol=1e-4)
+
+
+def test_a_move_that_is_not_rigid_is_refused():
+    shoot = Intersector(box(), backend="numpy")
+    for transform in (
+        np.diag([1.0, 2, 1, 1]),
+        np.diag([0.0, 0, 0, 1]),
+        np.eye(4) + 0.1 * np.eye(4, k=1) * [1, 1, 1, 0],
+    ):
+        with pytest.raises(SceneError, match="rotations, moves and one scale"):
+            shoot.move(transform)
+    with pytest.raises(SceneError, match=r"a matrix \(4, 4\)"):
+        shoot.move(np.eye(3))

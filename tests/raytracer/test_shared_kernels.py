@@ -189,6 +189,10 @@ def test_a_second_intersector_compiles_nothing(backend, monkeypatch):
     query(backend, "bvh", ["intersect"], monkeypatch)
 
 
+def test_a_layered_cube_of_a_deformed_mesh_compiles_nothing(monkeypatch):
+    query("numpy", "ldc:64:triangle", ["intersect", "occluded"], monkeypatch)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
