@@ -244,11 +244,11 @@ def cases(backends: Sequence[str], given: Sequence[Model], plan: Plan) -> list[C
     """Every case, each once, those first without which the others mean little."""
     names = [(model.name, backend) for backend in backends for model in given]
     studied = [(plan.studied, backend) for backend in backends]
-    wanted = [Case(*name, "bvh") for name in names]
+    wanted = [Case(*name, "bvh") for name in studied]
+    wanted += [Case(*name, "ldc", r, hit) for name in studied for hit in _TESTS for r in plan.resolutions]
+    wanted += [Case(*name, "bvh") for name in names]
     wanted += [Case(*name, "ldc", resolution, "plane") for name in names for resolution in plan.framed]
     wanted += [Case(*name, "grid") for name in names]
-    wanted += [Case(*name, "ldc", r, hit) for name in studied for hit in _TESTS for r in plan.resolutions]
-    wanted += [Case(*name, "ldc", r, hit) for name in names for hit in _TESTS[1:] for r in plan.framed]
     wanted += [
         Case(*name, "ldc", resolution, "sample", tolerance)
         for name in studied
