@@ -36,8 +36,8 @@ Clock = Callable[[], float]
 Vectors = NDArray[np.float64]
 
 ROUNDS = 3
-_SLOW = 4.0
-"""Seconds: frames that take longer are taken once."""
+_SLOW = 1.0
+"""Seconds: pictures and rays that take longer are timed twice."""
 SMALLER = 4
 """Errors are those of a picture whose sides are this many times shorter, and of the rays from its pixels."""
 MISPLACED = 1e-3
@@ -261,15 +261,14 @@ class Bench:
         return Renderer(self.scenes[frame], backend=self.backend, bounces=1, **options)
 
     def _frames(self, made: list[Renderer]) -> tuple[float, float]:
-        """Return the least seconds of a picture and of its exact one, in turns, after some that are not timed."""
+        """Return the least seconds of a picture and of its exact one, in turns."""
+        for one in (*made, *self.exact[: len(made)]):
+            one.render(self.small)  # drivers compile once more when a kernel runs for the first time
         found: list[tuple[float, float]] = []
         for k in range(max(ROUNDS, len(made))):
-            renderer, exact = made[k % len(made)], self.exact[k % len(made)]
-            if k < len(made):
-                for one in (exact, renderer):  # drivers compile, and OpenCL may try another width of packets
-                    one.render(self.size)
-            found.append((self._time(renderer), self._time(exact)))
-            if found[-1][0] > _SLOW:
+            frame = k % len(made)
+            found.append((self._time(made[frame]), self._time(self.exact[frame])))
+            if k and found[-1][0] > _SLOW:
                 break
         times, exact_times = zip(*found, strict=True)
         return min(times), min(exact_times)
@@ -295,12 +294,12 @@ class Bench:
         apart = np.abs(found[both] - exact[both]) > MISPLACED if not is_shadow else np.zeros(1, bool)
         count = max(len(exact), 1)
         times: list[list[float]] = [[], []]
-        for _ in range(ROUNDS):
+        for k in range(ROUNDS):
             for seconds, one in zip(times, (shoot, self.exact_rays), strict=True):
                 started = self.clock()
                 self._ask(one, kind)
                 seconds.append(self.clock() - started)
-            if times[0][-1] > _SLOW / 4:
+            if k and times[0][-1] > _SLOW:
                 break
         missed, false, misplaced = (int(wrong.sum()) / count for wrong in (wanted & ~hit, hit & ~wanted, apart))
         return Wrong(len(exact), missed, false, misplaced, min(times[0]), min(times[1]))
