@@ -262,8 +262,9 @@ class Bench:
 
     def _frames(self, made: list[Renderer]) -> tuple[float, float]:
         """Return the least seconds of a picture and of its exact one, in turns."""
-        for one in (*made, *self.exact[: len(made)]):
-            one.render(self.small)  # drivers compile once more when a kernel runs for the first time
+        for renderer, exact in zip(made, self.exact, strict=False):
+            renderer.render(self.small)  # drivers compile once more when a kernel runs for the first time
+            exact.render(self.size)  # OpenCL tries widths of packets in the first large picture
         found: list[tuple[float, float]] = []
         for k in range(max(ROUNDS, len(made))):
             frame = k % len(made)

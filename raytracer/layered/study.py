@@ -136,7 +136,7 @@ class Study:
         self._draw_errors(axes.flat[2:], self.studied(backend))
         for axis in axes.flat:
             if axis.has_data():
-                axis.legend(fontsize=6)
+                axis.legend(fontsize=6, framealpha=0.4)
             else:
                 axis.set_axis_off()
         _save(figure, path)
@@ -155,8 +155,10 @@ class Study:
             trace.plot(
                 [m.triangles for m in found], [(m.frame_seconds or 0) / (m.bvh_seconds or 1) for m in found], **style
             )
-        build.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds", title="build")
-        trace.set(xscale="log", yscale="log", xlabel="triangles", ylabel="times that of the BVH", title="picture")
+        build.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds")
+        build.set_title("build", fontsize=10)
+        trace.set(xscale="log", yscale="log", xlabel="triangles", ylabel="times that of the BVH")
+        trace.set_title("picture", fontsize=10)
 
     def _draw_errors(self, axes: Any, found: Sequence[Measured]) -> None:
         shares, times, memory, pictures = axes
@@ -173,7 +175,8 @@ class Study:
             if all("flip" in m.errors for m in line):
                 pictures.plot([m.cost for m in line], [max(m.errors["flip"], _TINY) for m in line], **style)
         name, cost = self.plan.studied, "secondary rays: times that of the BVH"
-        shares.set(xscale="log", yscale="log", xlabel="texels along a side", ylabel="share of rays")
+        shares.set(yscale="log", xlabel="texels along a side", ylabel="share of rays")
+        shares.set_xscale("log", base=2)
         shares.set_title(f"{name}: wrong hits", fontsize=10)
         for axis, x, y in (
             (times, cost, "RMSE, 255ths"),
