@@ -22,6 +22,7 @@ from typing import Any
 from benchmarks import (
     alike,
     chaining,
+    cubes,
     features,
     frames,
     functions,
@@ -56,6 +57,7 @@ WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES, *paths.NAMES)
 STUDIES = (
     studies.STUDIES
     | trades.STUDIES
+    | cubes.STUDIES
     | {
         "compiling": startup.compiling,
         "starting": startup.starting,

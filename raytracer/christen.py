@@ -123,7 +123,7 @@ class Study:
                 for tracer in TRACERS
             ]
             head = ["scene", "backend", "tracer", *(f"{title.lower()} {v}" for v in values)]
-            yield _table(f"{title}: milliseconds a picture", head, rows)
+            yield table(f"{title}: milliseconds a picture", head, rows)
         rows = [
             [
                 str(e)
@@ -132,7 +132,7 @@ class Study:
             for m in self.find(threshold=..., at_once=..., tracer="staged", backend=self._counted)
         ]
         head = ["scene", "cells or triangles a call", "threshold", "calls of the traverser", "of the intersector"]
-        yield _table("Threshold: calls of the kernels, 1 iteration", head, sorted(rows))
+        yield table("Threshold: calls of the kernels, 1 iteration", head, sorted(rows))
         yield self._alive_table()
 
     def _alive_table(self) -> str:
@@ -143,7 +143,7 @@ class Study:
             left = [""] * (ITERATIONS[-1] - len(shown))
             rows.append([m.case.scene, m.case.backend, "few" if m.case.compacts else "all", *shown, *left])
         head = ["scene", "backend", "a call goes over", *(str(k + 1) for k in range(ITERATIONS[-1]))]
-        return _table("Rays alive in each iteration / microseconds for each of them", head, rows)
+        return table("Rays alive in each iteration / microseconds for each of them", head, rows)
 
     @property
     def _counted(self) -> str:
@@ -283,14 +283,8 @@ def study(
     processor's cores together, for machines that do other things too; a GPU's are not among them.
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """
-    known = {b.name: b.devices[0].name for b in sh.backends() if b.available}
-    names = list(known) if backends is None else list(backends)
-    if not names:
-        raise SceneError("a study needs a backend: `raytracer doctor` says what is missing")
-    for name in names:
-        if name not in known:
-            raise sh.BackendUnavailable(f"{name} is not available", cure="raytracer doctor, which says why")
-    wanted, measured = cases(names), []
+    devices = devices_of(backends)
+    wanted, measured = cases(list(devices)), []
     clock = time.process_time if cpu else time.perf_counter
     end = time.monotonic() + 60 * minutes
     last: tuple[Case, Renderer] | None = None
@@ -304,7 +298,22 @@ def study(
         measured.append(_measure(case, renderer, size, clock))
     if progress is not None:
         progress(len(wanted), len(wanted))
-    return Study(machine(), {n: known[n] for n in names}, tuple(measured), tuple(wanted[len(measured) :]), size, cpu)
+    return Study(machine(), devices, tuple(measured), tuple(wanted[len(measured) :]), size, cpu)
+
+
+def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
+    """The device of each backend, of all that are available if None are named.
+
+    Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
+    """
+    known = {b.name: b.devices[0].name for b in sh.backends() if b.available}
+    names = list(known) if backends is None else list(backends)
+    if not names:
+        raise SceneError("a study needs a backend: `raytracer doctor` says what is missing")
+    for name in names:
+        if name not in known:
+            raise sh.BackendUnavailable(f"{name} is not available", cure="raytracer doctor, which says why")
+    return {name: known[name] for name in names}
 
 
 def machine() -> str:
@@ -356,7 +365,8 @@ def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock
     return best
 
 
-def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """A table of Markdown under its title; nothing if it has no rows."""
     if not rows:
         return ""
     lines = [f"**{title}**", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]

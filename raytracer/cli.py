@@ -76,11 +76,20 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.set_defaults(run=_tradeoff)
     command = commands.add_parser("study", help="repeat the measurements of a paper, as tables of Markdown and plots")
-    command.add_argument("paper", choices=["christen"], help="Ray Tracing on GPU, 2005: the staged tracer")
+    command.add_argument(
+        "paper",
+        choices=["christen", "layered"],
+        help="christen: Ray Tracing on GPU, 2005, the staged tracer; layered: layered depth cubes, 2007",
+    )
     command.add_argument("-o", "--output", type=Path, help="draw the plots there; JSON and CSV go beside it")
-    command.add_argument("--backend", action="append", help="a backend to measure, several times for several (all)")
+    command.add_argument(
+        "--backend", action="append", help="a backend to measure, several times for several (all; layered: opencl)"
+    )
     command.add_argument("--minutes", type=_error, default=9.0, help="after how long no measurement begins (9)")
     command.add_argument("--cpu", action="store_true", help="count CPU time, where the machine does other things too")
+    command.add_argument("--mesh", action="append", default=[], help="layered: a mesh file to measure too")
+    command.add_argument("--size", type=_size, help="layered: WIDTHxHEIGHT of the pictures in pixels (1280x1024)")
+    command.add_argument("--quick", action="store_true", help="layered: small models and pictures; does it work?")
     command.set_defaults(run=_study)
     command = commands.add_parser("gallery", help="render every built-in scene into a folder")
     command.add_argument("folder", help="where the PNG files go")
@@ -230,16 +239,29 @@ def _tradeoff(options: argparse.Namespace) -> int:
 
 
 def _study(options: argparse.Namespace) -> int:
-    from raytracer.christen import study  # here: few commands need it
-
     if options.output is not None:
         new_figure(options.output)  # complains now about a path that cannot be written later
-    with progress_bar("christen: measurements") as progress:
-        found = study(options.backend, minutes=options.minutes, cpu=options.cpu, progress=progress)
+    given: dict[str, Any] = {"minutes": options.minutes, "cpu": options.cpu}
+    layered = {"files": options.mesh, "size": options.size, "quick": options.quick}
+    with progress_bar(f"{options.paper}: measurements") as progress:
+        found = _studied(options.paper, options.backend, given, layered, progress)
     print(found.markdown())
     if options.output is not None:
         found.plot(options.output)
     return 0
+
+
+def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, progress: Progress) -> Any:
+    """The study of a paper; few commands need their modules."""
+    if paper == "layered":
+        from raytracer.layered.study import study as study_cubes
+
+        return study_cubes(backends, progress=progress, **given, **layered)
+    if any(layered.values()):
+        raise SceneError("--mesh, --size and --quick are for `raytracer study layered`")
+    from raytracer.christen import study
+
+    return study(backends, progress=progress, **given)
 
 
 def _gallery(options: argparse.Namespace) -> int:

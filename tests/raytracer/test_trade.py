@@ -9,7 +9,7 @@ import pytest
 import shpy as sh
 from raytracer import Material, PointLight, Scene, SceneError, render, trade, tradeoff
 from raytracer.cli import main
-from raytracer.meshes.shapes import box, floor
+from raytracer.meshes.shapes import box, floor, sphere
 from raytracer.renderer import Renderer
 from raytracer.trade import Candidate, Tradeoff, Variant, beside, errors
 
@@ -74,6 +74,35 @@ def test_every_variant_of_a_scene_is_measured():
 def test_without_mirrors_no_bounce_is_measured():
     t = tradeoff(Scene([box()], [LIGHT]), backend="numpy")
     assert {c.variant.bounces for c in t.candidates} == {0}
+
+
+def test_layered_cubes_are_variants_where_many_triangles_meet_secondary_rays(monkeypatch):
+    def cubes(lights, reflectivity, bounces, rings=34):
+        ball = sphere(rings=rings, material=Material(reflectivity=reflectivity))
+        scene = Scene(ball, lights, name="ball")
+        return [v for v in trade._variants(scene, bounces) if v.accel.startswith("ldc")]
+
+    assert [v.accel for v in cubes([LIGHT], 0, 2)] == list(trade.LAYERED)
+    assert {v.bounces for v in cubes([LIGHT], 0.5, 2)} == {2}
+    assert len(cubes([], 0.5, 2)) == len(trade.LAYERED)
+    assert cubes([], 0, 2) == cubes([], 0.5, 0) == cubes([LIGHT], 0, 2, rings=4) == []
+
+
+def test_a_layered_cube_is_picked_and_rendered_where_it_wins(monkeypatch):
+    bvh, cube = Variant("f32", "strict", "bvh", 0), Variant("f32", "strict", "ldc:24:triangle", 0)
+    large = Variant("f32", "strict", "ldc:8192", 0)
+    monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [bvh, cube, large])
+    monkeypatch.setattr(trade, "_times", lambda made: [[float(v == bvh)] for v, _ in made])
+    monkeypatch.setattr("raytracer.layered.building.free_bytes", lambda: 1)
+    scene = Scene([box(), floor(8)], [LIGHT], name="box")
+    with pytest.raises(SceneError, match="no variant is within"):
+        render(scene, (16, 12), backend="numpy", max_error=1e-9)
+    t = tradeoff(scene, backend="numpy")
+    assert t.pick.variant == cube
+    assert t.pick.worst < 1.0
+    assert [what for what, _ in t.skipped] == [str(large)]
+    assert "choose a lower resolution" in t.table()
+    assert render(scene, (16, 12), backend="numpy", max_error=1.0).stats.picked == str(cube)
 
 
 def test_render_takes_an_error(monkeypatch):

@@ -1,0 +1,75 @@
+"""Layered depth cubes beside the BVH and the grid: what they take to build, and incoherent rays through them.
+
+    print(STUDIES["layered"](mesh, quick=False).markdown())
+
+The rays are those of `rays.secondary_rays`. Ours go through an `Intersector`, from arrays of the host to results; only
+the hit test "triangle" finds the exact hits. Mitsuba has the rays as arrays of its own already. The number of wrong
+hits is part of the table, since a cube trades them for time. `raytracer study layered` measures more of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from benchmarks import peers, rays
+from benchmarks.studies import Table, backend, in_turns, rate
+from raytracer import Intersector, LayeredCube, Mesh
+from raytracer.accel.choice import build
+from raytracer.meshes.shapes import knot
+
+WRONG = 1e-3
+"""How far a distance may be from the exact one, as a part of the mesh's largest side."""
+
+
+def layered(mesh: Mesh, quick: bool) -> Table:
+    """Cubes of 1024 x 1024 texels for the mesh, and for a knot of 300,000 triangles."""
+    resolution, size = (16, 16) if quick else (1024, 512)
+    meshes = [mesh] if quick else [mesh, knot(segments=1500, sides=100)]
+    with_mitsuba = not quick and not peers.available(["mitsuba"])[1]
+    rows = []
+    for one in meshes:
+        rows += _rows(one, resolution, size, with_mitsuba)
+        rays.forget()
+    note = (
+        f"The fastest build in seconds, and million rays a second, closest hit, for rays from the pixels "
+        f"of {size} x {size} that leave surfaces in random directions. Cubes have {resolution} x {resolution} texels "
+        f"in each of three images. On {backend()}; the BVH and the grid are built in numpy."
+    )
+    return Table("layered", note, ["accelerator", "triangles", "build s", "MiB", "million rays/s", "wrong hits"], rows)
+
+
+def _rows(mesh: Mesh, resolution: int, size: int, with_mitsuba: bool) -> list[list[str]]:
+    given = rays.secondary_rays(mesh, size)
+    cube = partial(LayeredCube.of, mesh, resolution, backend=backend())
+    makers = {name: partial(build, name, mesh.corners) for name in ("bvh", "grid")}
+    makers |= {f'cube, "{hit}"': partial(cube, hit=hit) for hit in ("plane", "triangle")}
+    made = {name: make() for name, make in makers.items()}  # kernels are compiled
+    seconds = in_turns(list(makers.values()), 2)
+    shoot = {name: Intersector(mesh, s if isinstance(s, LayeredCube) else name, backend()) for name, s in made.items()}
+    runs = [partial(one.intersect, *given) for one in shoot.values()]
+    exact = runs[0]().t
+    wrong = [_wrong(run().t, exact, mesh) for run in runs]
+    if with_mitsuba:
+        peers.start("mitsuba")
+        runs.append(rays.mitsuba(*given, mesh=mesh, any_hit=False))
+    rates = [rate(len(exact), s) for s in in_turns(runs)]
+    sizes = [s.nbytes if isinstance(s, LayeredCube) else s.bytes for s in made.values()]
+    count = f"{len(mesh):,}"
+    rows = [
+        [name, count, f"{s:.2f}", f"{n / 2**20:.1f}", r, f"{w:.2%}"]
+        for name, s, n, r, w in zip(made, seconds, sizes, rates, wrong, strict=False)
+    ]
+    return rows + [["Mitsuba", count, "", "", r, ""] for r in rates[len(made) :]]
+
+
+def _wrong(found: np.ndarray, exact: np.ndarray, mesh: Mesh) -> float:
+    """The share of distances that differ from the exact ones."""
+    side = float(np.ptp(mesh.corners.reshape(-1, 3), axis=0).max())
+    with np.errstate(invalid="ignore"):
+        return float(np.mean((found != exact) & ~(np.abs(found - exact) <= WRONG * side)))
+
+
+STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {"layered": layered}
