@@ -59,7 +59,7 @@ class Grid:
 def build_grid(corners: NDArray[np.floating], density: float = DENSITY, across: int | None = None) -> Grid:
     """The grid of triangles with `corners` (N, 3, 3): `across` cells an axis, or about `density` for each triangle."""
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
-    large = _far_larger(triangles)
+    large = far_larger(triangles)
     inside = np.flatnonzero(~large)
     small = triangles[inside]
     low, high = _bounds(small, triangles)
@@ -76,7 +76,7 @@ def build_grid(corners: NDArray[np.floating], density: float = DENSITY, across: 
     return Grid(low, cell, shape, cells, items, len(outside))
 
 
-def _far_larger(triangles: Floats) -> NDArray[np.bool_]:
+def far_larger(triangles: Floats) -> NDArray[np.bool_]:
     """Which triangles span more than half of everything, if they are few; all of a scene of very few triangles."""
     if len(triangles) <= MAX_OUTSIDE // 2:
         return np.ones(len(triangles), dtype=bool)

@@ -8,6 +8,7 @@ depths of the ray there come as near to those of its samples as a surface may le
 
 The walk begins where the ray enters the cube's box. That point is rounded once, so it lies on the ray however far away
 the ray comes from. Triangles are tested along the ray as it was given: a hit of theirs has the bits of other walks.
+Those that the cube leaves out are tried at the end.
 """
 
 from __future__ import annotations
@@ -79,6 +80,8 @@ class LayeredIntersector:
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
         self.offsets = sh.Table(cube.images.offsets, sh.Attrib1i, "offsets")
         self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks")
+        self.outside = sh.Table(cube.outside, sh.Attrib1i, "outside") if len(cube.outside) else None
+        self.left_out = sh.Param(sh.Attrib1i, len(cube.outside), name="left_out")
         self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
@@ -108,6 +111,16 @@ class LayeredIntersector:
                 self.walk(Image(self.frame, way, axis), test, any_hit)
                 SH_BREAK(any_hit & (hit.id >= 0))
             test.finish()
+        if self.outside is not None:
+            self.try_outside(self.outside, hit, ray, eye, near, any_hit)
+
+    def try_outside(self, numbers: Any, hit: Any, ray: Any, eye: Any, near: Any, any_hit: Any) -> None:
+        """Offer to `hit` the triangles that have no samples."""
+        with SH_IF((near < hit.l) & is_ray(ray, eye)):
+            test = TriangleTest(ray, eye, self.bound)
+            with SH_FOR(0, self.left_out) as k:
+                SH_BREAK(any_hit & (hit.id >= 0))
+                test(self.triangles, numbers[k], near, hit)
 
     def walk(self, image: Image, test: Any, any_hit: Any) -> None:
         """Go through the blocks of an image."""

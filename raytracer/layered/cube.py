@@ -12,13 +12,14 @@ its samples in one list, so memory grows with the samples and not with the numbe
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.accel.grid import far_larger
 from raytracer.errors import SceneError
 from raytracer.kernels import layered_raster as raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
@@ -30,6 +31,8 @@ HITS = ("sample", "plane", "triangle")
 MAX_RESOLUTION = 8192
 """Texels along a side, so that an index counts the texels of three images."""
 _RESOLUTION, _BLOCK = 1024, 16
+_SMALLER = 4.0
+"""How much smaller the box is at least without the triangles that a cube leaves out."""
 _THINNEST = 2.0**-8
 """The least side of the box as a part of the largest."""
 _ROUNDING = 2.0**-18
@@ -40,8 +43,8 @@ _ROUNDING = 2.0**-18
 class LayeredCube:
     """Three layered depth images of triangles, made by `LayeredCube.of`, for rays that may take a surface for another.
 
-    Each image has `resolution` x `resolution` texels over the box of the mesh, and a range of depths for each block
-    of `block` x `block` texels. `hit` says when a ray hits a sample:
+    Each image has `resolution` x `resolution` texels over the box of the mesh but for `outside`, and a range of depths
+    for each block of `block` x `block` texels. `hit` says when a ray hits a sample:
 
     - "sample": the ray's depth within the texel comes as near to the sample's as `tolerance`, a length in the
       scene's units;
@@ -57,10 +60,14 @@ class LayeredCube:
 
     `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles that they are of, `frame` (8, 4) the
     raster (see `kernels.layered_raster`); `build_seconds` is how long they took, compilation included.
+
+    The few triangles far larger than the rest, such as a wide floor, have no samples, so that the texels are as small
+    as the rest needs: `outside` (K,) are their numbers. Every ray tries them by the exact test.
     """
 
     images: Samples
     triangles: NDArray[np.float64]
+    outside: NDArray[np.int32]
     frame: NDArray[np.float32]
     hit: str
     conservative: bool
@@ -102,11 +109,16 @@ class LayeredCube:
             scale = scale_of(corners, "f32")
             corners = rounded(corners * scale, "f32")
         conservative = hit == "triangle" if conservative is None else bool(conservative)
-        frame = _frame(corners, resolution, block, None if tolerance is None else tolerance * scale, hit)
-        rows = triangle_rows(corners)
-        images = build_samples(rows, frame, conservative, backend, builder)
+        inside, outside = _apart(corners)
+        some = corners[inside]
+        frame = _frame(some, resolution, block, None if tolerance is None else tolerance * scale, hit)
+        images = build_samples(triangle_rows(some), frame, conservative, backend, builder)
+        if len(outside):
+            images = replace(images, triangles=inside[images.triangles])
         _limit(frame, images)
-        return cls(images, rows, frame, hit, conservative, tolerance, time.perf_counter() - started)
+        return cls(
+            images, triangle_rows(corners), outside, frame, hit, conservative, tolerance, time.perf_counter() - started
+        )
 
     @property
     def resolution(self) -> int:
@@ -210,6 +222,15 @@ def _check_builder(builder: str, backend: str) -> None:
         raise SceneError(f"builder is one of {', '.join(map(repr, BUILDERS))}, not {builder!r}")
     if builder == "peel" and backend != "glsl":
         raise SceneError(f'builder="peel" draws with OpenGL: backend="glsl", not {backend!r}')
+
+
+def _apart(corners: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the numbers of the triangles that have samples, and of those far larger than these."""
+    large = far_larger(corners)
+    sides = [float(np.ptp(some, axis=(0, 1)).max()) if len(some) else np.inf for some in (corners, corners[~large])]
+    if _SMALLER * sides[1] > sides[0]:
+        large[:] = False
+    return np.flatnonzero(~large).astype(np.int32), np.flatnonzero(large).astype(np.int32)
 
 
 def _frame(

@@ -352,3 +352,34 @@ def test_a_million_hits_are_those_of_the_hierarchy(name):
     exact = Intersector(mesh, backend="opencl").intersect(origins, directions)
     for resolution in (64, 512):
         same(Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions), exact)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_floor_that_is_far_larger_takes_no_texels(backend):
+    """The floor's hits are exact, those of the mesh are found as without it, and either hides the other."""
+    mesh = joined([KNOT.moved((0, 3, 0)), floor(900)])
+    alone, cube = (LayeredCube.of(m, 64, backend=backend) for m in (KNOT.moved((0, 3, 0)), mesh))
+    assert cube.outside.tolist() == [len(KNOT), len(KNOT) + 1]
+    assert (cube.samples, len(alone.outside)) == (alone.samples, 0)
+    origins = KNOT.corners.mean(axis=(0, 1)) + [0, 3, 0] + np.random.default_rng(2).normal(size=(900, 3)) * 4
+    origins[:, 1] = abs(origins[:, 1]) + 0.1
+    targets, directions = rays(KNOT, 900)
+    directions[::2] = (targets + [0, 3, 0] - origins)[::2]
+    found, exact = (Intersector(mesh, accel, backend).intersect(origins, directions) for accel in (cube, "bvh"))
+    of_floor = exact.triangle >= len(KNOT)
+    assert of_floor.sum() > 100
+    assert (found.triangle == exact.triangle)[of_floor].mean() > 0.97
+    both = of_floor & (found.triangle == exact.triangle)
+    same([part[both] for part in found], [part[both] for part in exact])
+    bare = Intersector(KNOT.moved((0, 3, 0)), alone, backend).intersect(origins, directions)
+    knot_first = (found.triangle >= 0) & (found.triangle < len(KNOT))
+    assert knot_first.sum() > 100
+    np.testing.assert_array_equal(found.triangle[knot_first], bare.triangle[knot_first])
+    dark = Intersector(mesh, cube, backend).occluded(origins, directions)
+    np.testing.assert_array_equal(dark, found.triangle >= 0)
+
+
+def test_a_framed_mesh_has_nearly_its_exact_picture():
+    scene = Scene.framed(KNOT)
+    exact, through = (render(scene, (40, 30), bounces=1, accel=accel).srgb.astype(int) for accel in ("bvh", "ldc:256"))
+    assert np.sqrt(((through - exact) ** 2).mean()) < 4
