@@ -67,9 +67,10 @@ def passes(
     first: int,
     past: int,
     progress: Progress | None = None,
-    at_once: int = SAMPLES_AT_ONCE,
+    at_once: int | None = None,
 ) -> Iterator[tuple[Layers, int]]:
     """Add the samples `first` to `past` - 1 to a picture, `at_once` in a pass; yield all layers, anew, after each."""
+    at_once = at_once or SAMPLES_AT_ONCE
     height, width = layers["depth"].shape
     rows = max(1, (BAND if backend == "numpy" else DEVICE_BAND) // width)
     starts = range(first, past, at_once)

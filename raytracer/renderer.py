@@ -30,7 +30,7 @@ from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layout import Layout
 from raytracer.memory import check_fits
-from raytracer.progressive import MOST_SAMPLES, SAMPLES_AT_ONCE, origin_of, passes, resumed
+from raytracer.progressive import MOST_SAMPLES, origin_of, passes, resumed
 from raytracer.scene import Scene
 from raytracer.staged import Log, StagedTracer
 
@@ -228,7 +228,7 @@ class Renderer:
             return
         assert self.layout is not None  # of another scene the first samples are all
         # A driver without a GPU ends loops of many iterations, and rays take more of them through a cube.
-        at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else SAMPLES_AT_ONCE
+        at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else None
         device = self.kernel, self.params, self.backend, self.layout.scale
         for found, done in passes(*device, layers, first, samples, progress, at_once):
             yield Image(**found, stats=self._stats(found, started), samples=done, origin=origin)
@@ -318,14 +318,14 @@ def render(
 ) -> Image:
     """The picture of a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
 
-    `bounces` (3) is how often a ray may be mirrored; `samples` (1) how many rays there are for each pixel, a square
-    number, on a regular grid (colours are averaged, the other layers show the middle one); `precision` and `math` are
-    those of `sh.Program.compile`; `accel` is "bvh", "grid" or "brute", which differ in time alone, and
-    `secondary`, a `LayeredCube`, is for all rays but those from the eye; "ldc[:resolution[:hit]]" as `accel` makes one.
-    `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays that the
-    host runs one after the other (Christen 2005), which differ in time alone. The staged tracer walks through a grid,
-    or tries every triangle; its intersector runs once the share `threshold`, from 0 to 1, of the rays on their way
-    waits for it. `grid` is how many cells a grid has along each axis, None for as many as suit the triangles.
+    `bounces` (3) is how often a ray may be mirrored; `samples` (1) how many rays a pixel has, a square number, on a
+    regular grid (colours are averaged, other layers show the middle one); `precision`, `math` as in `Program.compile`.
+    `accel` is "bvh", "grid" or "brute", which differ in time alone; `secondary`, a `LayeredCube`, is for all rays but
+    the eye's, and `accel="ldc[:resolution[:hit]]"` makes one.
+
+    `tracer` is "unified", one kernel that follows a ray to its end, or "staged", kernels over streams of rays (Christen
+    2005), which differ in time alone. The staged tracer walks through a grid or tries every triangle, once the share
+    `threshold`, 0 to 1, of its rays waits for that. A grid has `grid` cells along each axis, or as many as suit it.
 
     `integrator` is "whitted", for light that comes from lights directly and by mirrors, or "path": an unbiased estimate
     of all light that surfaces scatter up to `bounces` (8) times, from `samples` (64, any number) paths a pixel. Their
@@ -334,17 +334,18 @@ def render(
 
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
-    Raises SceneError for sizes and numbers that make no picture, for pictures that do not fit into memory, for options
-    that do not go together, and for an error that no variant keeps; sh.BackendUnavailable for a missing backend.
+
+    Raises SceneError for sizes and numbers that make no picture, pictures that do not fit into memory, options that do
+    not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend.
     """
     _checked(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         if tracer != "unified" or integrator != "whitted" or (accel, grid, secondary) != (None, None, None):
             raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
         return _render_fastest(scene, size, max_error, backend, bounces, samples, progress)
+    walk: dict[str, Any] = {"accel": accel, "secondary": secondary, "threshold": threshold, "grid": grid, "seed": seed}
     options: dict[str, Any] = {"backend": backend, "bounces": bounces, "precision": precision, "math": math}
-    walk: dict[str, Any] = {"accel": accel, "tracer": tracer, "threshold": threshold, "grid": grid, "seed": seed}
-    renderer = Renderer(scene, integrator=integrator, secondary=secondary, **options, **walk)
+    renderer = Renderer(scene, tracer=tracer, integrator=integrator, **options, **walk)
     return renderer.render(size, samples=samples, progress=progress, resume=resume)
 
 

@@ -36,7 +36,7 @@ def build(accel: str, corners: Corners, precision: str = "f32", across: int | No
 def check(accel: str) -> None:
     """SceneError if there is no accelerator of this name."""
     if accel not in ACCELERATORS:
-        names = ", ".join(map(repr, ACCELERATORS))
+        names = ", ".join(map(repr, [*ACCELERATORS, "ldc:1024"]))
         raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
 
 

@@ -219,4 +219,4 @@ def test_the_command_takes_an_accelerator(tmp_path, capsys):
     np.testing.assert_array_equal(one["pixels"], other["pixels"])
     with pytest.raises(SystemExit):
         cli.main(["render", "boxes", "--accel", "octree"])
-    assert "invalid choice: 'octree'" in capsys.readouterr().err
+    assert "the accelerator is one of 'bvh', 'grid', 'brute', 'ldc:1024', not 'octree'" in capsys.readouterr().err

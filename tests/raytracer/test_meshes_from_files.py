@@ -92,3 +92,17 @@ def test_every_walk_through_a_real_mesh_hits_the_same(scene):
         normal *= -np.sign(np.sum(normal * ray[hit], axis=1, keepdims=True))
         eye = eye[hit] + first.t[hit, None] * ray[hit] + 1e-4 * (high - low).max() * normal
         ray = rng.normal(size=eye.shape)
+
+
+@pytest.mark.slow
+def test_a_million_hits_through_cubes_are_those_of_the_hierarchy(scene):
+    mesh, rng = scene.meshes[0], np.random.default_rng(4)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    origins = rng.uniform(low - (high - low) / 5, high + (high - low) / 5, (1_000_000, 3))
+    directions = mesh.corners[rng.integers(0, len(mesh), 1_000_000)].mean(axis=1) - origins
+    exact = Intersector(mesh, backend="opencl").intersect(origins, directions)
+    assert (exact.triangle >= 0).mean() > 0.9
+    for resolution in (64, 512):
+        found = Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions)
+        for ours, theirs in zip(found, exact, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
