@@ -327,10 +327,9 @@ def render(
     2005), which differ in time alone. The staged tracer walks through a grid or tries every triangle, once the share
     `threshold`, 0 to 1, of its rays waits for that. A grid has `grid` cells along each axis, or as many as suit it.
 
-    `integrator` is "whitted", for light that comes from lights directly and by mirrors, or "path": an unbiased estimate
-    of all light that surfaces scatter up to `bounces` (8) times, from `samples` (64, any number) paths a pixel. Their
-    random numbers are hashed from `seed`, 0 to 2**32 - 1, the same on every backend. `resume` continues a picture of
-    fewer samples, or its .exr or .npy file, as if it had never ended. Other layers are those of the first sample.
+    `integrator` is "whitted", light from lights directly and by mirrors, or "path", an unbiased estimate of all light
+    that surfaces scatter up to `bounces` (8) times, from `samples` (64) paths a pixel, hashed from `seed` (0 to 2**32 -
+    1); `resume` continues one of fewer samples or its .exr or .npy file. Other layers are those of the first sample.
 
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
