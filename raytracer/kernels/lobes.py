@@ -30,8 +30,10 @@ class Lobes:
         value, density = matt * diffuse * surface.color, matt
         if self.highlights:
             mirrored = sh.reflect(-surface.view, surface.normal)
-            power = sh.pow(sh.max(sh.dot(mirrored, light), 0.0), shininess) * (1 / (2 * pi))
-            power = sh.cond(power > FAINT, power, 0.0)
+            along = sh.dot(mirrored, light)
+            power = sh.pow(sh.max(along, 0.0), shininess) * (1 / (2 * pi))
+            # The lobe ends across the mirrored ray also where the exponent is 0, and pow(0, 0) is 1.
+            power = sh.cond((along > 0) & (power > FAINT), power, 0.0)
             share = self.glossy_share(surface)
             value = value + specular * (shininess + 2) * power * cosine
             density = density + share * ((shininess + 1) * power - density)

@@ -18,5 +18,6 @@ def diffuse_lobe(normal: Any, light: Any) -> Any:
 def highlight(view: Any, normal: Any, light: Any, shininess: Any) -> Any:
     """How much of a light the shiny surface mirrors to the viewer; `view` and `light` point away from the surface."""
     mirrored = sh.reflect(-light, normal)
-    strength = sh.pow(sh.max(sh.dot(mirrored, view), 0.0), shininess)
-    return sh.cond(sh.dot(normal, light) > 0, strength, 0.0)
+    along = sh.dot(mirrored, view)
+    strength = sh.pow(sh.max(along, 0.0), shininess)
+    return sh.cond((sh.dot(normal, light) > 0) & (along > 0), strength, 0.0)

@@ -168,6 +168,8 @@ _MTL_READ = {
     *("map_kd", "map_d", "map_ke"),
 }
 _MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
+_TRANSPARENT = 4
+"""The first model of illumination with transparency."""
 _REFRACTING = (6, 7)
 """The models of illumination with refraction."""
 
@@ -186,12 +188,13 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
 
     The statements are those of Wavefront's Advanced Visualizer (appendix B1.2). Kd times map_Kd is the colour, Ke times
     map_Ke the emission, Ks the height and Ns the exponent of the highlight; numbers are linear. Of Ks, the mean is
-    taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight. Ka is not read:
-    a scene has one ambient light.
+    taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight, and those of
+    Ns 0 have none: it would cover the surface. Ka is not read: a scene has one ambient light.
 
-    The share 1 - d, or Tr, is clear. With illum 6 and 7 it refracts by Ni and mirrors by Fresnel's equations; where d
-    says nothing it is the least channel of Tf, or 1. With the others light goes straight on. map_d cuts out what is
-    below 0.5. Raises ValueError for what is no number.
+    The share 1 - d, or Tr, is clear. Without d, Tr 1 is opaque in the models below 4, which have no transparency:
+    MeshLab and photogrammetry write it so. With illum 6 and 7 the clear share refracts by Ni and mirrors by Fresnel's
+    equations; where d says nothing it is the least channel of Tf, or 1. With the others light goes straight on. map_d
+    cuts out what is below 0.5. Raises ValueError for what is no number.
     """
     color, shiny = _rgb(words, "kd", 0.8), float(np.mean(_rgb(words, "ks", 0.0)))
     model = int(_number(words, "illum", 2))
@@ -199,6 +202,12 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
         if name not in _MTL_READ:
             notices.ignore(_MTL_PICTURES.get(name, f"{name} of materials"))
     clear = 1 - _number(words, "d", 1 - _number(words, "tr", 0))
+    if clear >= 1 and not words.get("d") and model < _TRANSPARENT:
+        notices.ignore("Tr 1 of materials without d, which are opaque")
+        clear = 0.0
+    exponent = max(_number(words, "ns", 40.0), 0.0)  # old versions of Blender wrote negative ones
+    glossy = model >= 2 and exponent > 0
+    notices.ignore("highlights of Ns 0", int(model >= 2 and shiny > 0 and not glossy))
     filtered = _rgb(words, "tf", 1.0)
     if model in _REFRACTING and clear <= 0:
         clear = min(filtered)
@@ -210,8 +219,8 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     found = Material(
         _color(color, pictures.color),
         diffuse=1.0,
-        specular=shiny if model >= 2 else 0.0,
-        shininess=max(_number(words, "ns", 40.0), 0.0),  # old versions of Blender wrote negative ones
+        specular=shiny if glossy else 0.0,
+        shininess=exponent,
         reflectivity=min(shiny, 1.0) if 3 <= model <= 9 else 0.0,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
         cutout=None if pictures.opacity is None else pictures.opacity.cutout(1.0),

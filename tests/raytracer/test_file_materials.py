@@ -228,6 +228,39 @@ def test_statements_of_mtl(tmp_path, text, expected):
     assert {name: getattr(found, name) for name in expected} == expected
 
 
+OPAQUE = "Tr 1 of materials without d, which are opaque (1)"
+
+
+@pytest.mark.parametrize(
+    ("text", "clear", "ignored"),
+    [
+        ("illum 2\nTr 1.000000", 0.0, [OPAQUE]),  # as MeshLab writes it
+        ("Kd 1 0 0\nTr 1", 0.0, [OPAQUE]),
+        ("illum 3\nTr 1", 0.0, [OPAQUE]),
+        ("illum 2\nTr 0.75", 0.75, []),
+        ("illum 2\nd 0\nTr 1", 1.0, []),
+        ("illum 4\nTr 1", 1.0, []),
+        ("illum 7\nTr 1", 1.0, []),
+        ("illum 9\nTr 1", 1.0, []),
+    ],
+)
+def test_a_transparency_of_1_is_opaque_in_models_without_transparency(tmp_path, text, clear, ignored):
+    assert obj(tmp_path, text, *ignored).transmission == clear
+
+
+def test_an_exponent_of_0_is_no_highlight(tmp_path):
+    """A surface of Ns 0 and Ks 1 looks as one of Ks 0 in a Whitted picture: its lobe would make all of it white."""
+    shiny = written(tmp_path, "Kd 0.5 0.25 0.125\nKs 1 1 1\nNs 0")
+    with pytest.warns(sh.ShpyWarning, match=r"ignored: highlights of Ns 0 \(1\)"):
+        scene = Scene.load(shiny)
+    matt = Scene.load(written(tmp_path, "Kd 0.5 0.25 0.125\nKs 0 0 0\nNs 0"))
+    one, other = (render(scene, (16, 16), backend="numpy") for scene in (scene, matt))
+    assert (one.object_id == 0).any()
+    np.testing.assert_array_equal(one.pixels, other.pixels)
+    assert obj(tmp_path, "illum 1\nKs 1 1 1\nNs 0").specular == 0
+    assert obj(tmp_path, "Ks 1 1 1\nNs 0.5").specular == 1
+
+
 def test_dissolved_materials_of_mtl_are_mixed_with_what_is_behind(tmp_path):
     found = obj(tmp_path, "Kd 1 0 0\nd 0.25")
     np.testing.assert_allclose(before_green(found), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)

@@ -79,9 +79,17 @@ def test_white_furnace_of_a_box_that_is_open():
         assert abs(values.mean() - expected) < 4 * values.std() / 16 + 0.01 * expected  # the rest is beyond 64 bounces
 
 
-def test_a_glossy_surface_seen_from_above_loses_nothing():
-    shiny = Material((0, 0, 0), diffuse=0, specular=0.75, shininess=20)
+@pytest.mark.parametrize("shininess", [0, 20])
+def test_a_glossy_surface_seen_from_above_loses_nothing(shininess):
+    shiny = Material((0, 0, 0), diffuse=0, specular=0.75, shininess=shininess)
     agrees(traced(Scene([floor(9, shiny)], [EnvironmentLight((1, 1, 1))], DOWN), samples=64), 0.75)
+
+
+def test_a_lobe_of_exponent_0_is_the_hemisphere_about_the_mirrored_ray():
+    """Seen at 60 degrees, the hemisphere and that about the normal share (1 + cos 60) / 2 of the cosine's integral."""
+    shiny = Material((0, 0, 0), diffuse=0, specular=0.8, shininess=0)
+    aslant = Camera((math.sqrt(3), 1, 0), (0, 0, 0), fov=0.01)
+    agrees(traced(Scene([floor(9, shiny)], [EnvironmentLight((1, 1, 1))], aslant), samples=64), 0.8 * 0.75)
 
 
 @pytest.mark.parametrize(("side", "height"), [(0.02, 1.0), (1.0, 1.0), (40.0, 1.0)])
