@@ -206,8 +206,6 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
         notices.ignore("Tr 1 of materials without d, which are opaque")
         clear = 0.0
     exponent = max(_number(words, "ns", 40.0), 0.0)  # old versions of Blender wrote negative ones
-    glossy = model >= 2 and exponent > 0
-    notices.ignore("highlights of Ns 0", int(model >= 2 and shiny > 0 and not glossy))
     filtered = _rgb(words, "tf", 1.0)
     if model in _REFRACTING and clear <= 0:
         clear = min(filtered)
@@ -219,7 +217,7 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     found = Material(
         _color(color, pictures.color),
         diffuse=1.0,
-        specular=shiny if glossy else 0.0,
+        specular=height_of(shiny, exponent, notices) if model >= 2 else 0.0,
         shininess=exponent,
         reflectivity=min(shiny, 1.0) if 3 <= model <= 9 else 0.0,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
@@ -228,6 +226,14 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     if not clear:
         return found
     return replace(found, transmission=clear, ior=_number(words, "ni", 1.5) if model in _REFRACTING else 1.0)
+
+
+def height_of(specular: float, exponent: float, notices: Notices) -> float:
+    """Return the height of a highlight: 0 at the exponent 0, whose highlight would cover the surface."""
+    if exponent > 0:
+        return specular
+    notices.ignore("highlights of exponent 0", int(specular > 0))
+    return 0.0
 
 
 def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:

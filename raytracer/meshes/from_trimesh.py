@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from raytracer.errors import SceneError
 from raytracer.materials import PLAIN, Material
-from raytracer.meshes.appearance import MetallicRoughness, alpha_of, metallic_roughness
+from raytracer.meshes.appearance import MetallicRoughness, alpha_of, height_of, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
@@ -109,7 +109,7 @@ def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
     image = given.baseColorTexture if pbr else getattr(given, "image", None)
     picture = _picture(image, pictures)
     if not pbr:
-        return _simple(given, picture)
+        return _simple(given, picture, notices)
     notices.ignore("normal maps", int(given.normalTexture is not None))
     base = np.ones(4) if given.baseColorFactor is None else np.append(np.asarray(given.baseColorFactor) / 255, 1)[:4]
     r, g, b, opacity = base.tolist()
@@ -141,7 +141,7 @@ def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture 
     return pictures.get(key, "a picture", lambda: image, alpha=alpha)
 
 
-def _simple(given: Any, picture: Any) -> Material:
+def _simple(given: Any, picture: Any, notices: Notices) -> Material:
     """The material of a SimpleMaterial: its grey default is no colour, and no factor of an image."""
     diffuse = np.asarray(getattr(given, "diffuse", _GREY))[:3]
     plain = tuple(diffuse.tolist()) == _GREY
@@ -151,7 +151,8 @@ def _simple(given: Any, picture: Any) -> Material:
     shiny = np.asarray(getattr(given, "specular", _GREY))[:3]
     specular = 0.0 if tuple(shiny.tolist()) == _GREY else float(shiny.mean()) / 255
     color = (r, g, b) if picture is None else picture.color((r, g, b))
-    return Material(color, 1.0, specular, max(float(getattr(given, "glossiness", 1.0)), 0.0))
+    exponent = max(float(getattr(given, "glossiness", 1.0)), 0.0)
+    return Material(color, 1.0, height_of(specular, exponent, notices), exponent)
 
 
 def texture_file(header: str) -> str | None:

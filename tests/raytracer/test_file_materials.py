@@ -251,7 +251,7 @@ def test_a_transparency_of_1_is_opaque_in_models_without_transparency(tmp_path, 
 def test_an_exponent_of_0_is_no_highlight(tmp_path):
     """A surface of Ns 0 and Ks 1 looks as one of Ks 0 in a Whitted picture: its lobe would make all of it white."""
     shiny = written(tmp_path, "Kd 0.5 0.25 0.125\nKs 1 1 1\nNs 0")
-    with pytest.warns(sh.ShpyWarning, match=r"ignored: highlights of Ns 0 \(1\)"):
+    with pytest.warns(sh.ShpyWarning, match=r"ignored: highlights of exponent 0 \(1\)"):
         scene = Scene.load(shiny)
     matt = Scene.load(written(tmp_path, "Kd 0.5 0.25 0.125\nKs 0 0 0\nNs 0"))
     one, other = (render(scene, (16, 16), backend="numpy") for scene in (scene, matt))
@@ -259,6 +259,11 @@ def test_an_exponent_of_0_is_no_highlight(tmp_path):
     np.testing.assert_array_equal(one.pixels, other.pixels)
     assert obj(tmp_path, "illum 1\nKs 1 1 1\nNs 0").specular == 0
     assert obj(tmp_path, "Ks 1 1 1\nNs 0.5").specular == 1
+    made = trimesh.creation.box()
+    look = trimesh.visual.material.SimpleMaterial(diffuse=[9, 9, 9], specular=[255, 255, 255], glossiness=0.0)
+    made.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(made.vertices), 2)), material=look)
+    with pytest.warns(sh.ShpyWarning, match=r"highlights of exponent 0 \(1\)"):
+        assert Mesh.from_trimesh(made).material.specular == 0
 
 
 def test_dissolved_materials_of_mtl_are_mixed_with_what_is_behind(tmp_path):

@@ -17,11 +17,11 @@ from raytracer.renderer import eye_rays
 from shpy.passes.forget import forget_data
 
 DIGESTS = {
-    ("boxes", "bvh", "numpy"): "b5ba05622ad6771b",
-    ("boxes", "bvh", "opencl"): "a545be007ef95cbc",
-    ("boxes", "grid", "numpy"): "b02ab28272e1bfa3",
-    ("mirror-box", "bvh", "numpy"): "e3ea8499bae8f8a8",
-    ("mixed", "grid", "numpy"): "b42fbffcf19986cc",
+    ("boxes", "bvh", "numpy"): "6be27c578a1ddac3",
+    ("boxes", "bvh", "opencl"): "123bd27121c045b8",
+    ("boxes", "grid", "numpy"): "73a2c3e64fbb6f20",
+    ("mirror-box", "bvh", "numpy"): "9c2dac2106d1d795",
+    ("mixed", "grid", "numpy"): "31820924e911b59e",
 }
 
 
