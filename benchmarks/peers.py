@@ -16,8 +16,8 @@ import os
 from dataclasses import dataclass
 
 from shpy.ieee import set_ieee_arithmetic
+from shpy.packages import install
 
-EXTRA = "pip install 'shpy-dsl[bench]'"
 LLVM = "apt install libllvm19   # or any libllvm from 16 on; DRJIT_LIBLLVM_PATH names another file"
 
 
@@ -34,7 +34,7 @@ class Peer:
     def cure(self) -> str | None:
         """The command that brings what is missing; None where nothing is."""
         if any(importlib.util.find_spec(m) is None for m in self.modules):
-            return EXTRA
+            return install(self.distribution)
         return LLVM if self.llvm and libllvm() is None else None
 
     @property

@@ -26,7 +26,7 @@ OURS = {
 PREFACE = """\
 # Benchmarks
 
-Made by `python -m benchmarks --mesh bunny.obj --markdown FILE`; `pip install 'shpy-dsl[bench]'` brings the peers, and
+Made by `python -m benchmarks --mesh bunny.obj --markdown FILE`; `scripts/setup bench` installs the peers, and
 those that are missing are left out. Everything runs in one process, in turns: each contender once, then each again,
 round after round, after a warm-up that compiles what is to be compiled. Answers are compared with numpy's, in the
 tolerance that the source of each work states.

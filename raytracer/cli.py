@@ -324,7 +324,7 @@ def _scenes(options: argparse.Namespace) -> int:
 
 _PACKAGES = {
     "trimesh": "reads PLY, STL and OFF",
-    "PIL": "reads textures, writes PNG",
+    "pillow": "reads textures, writes PNG",
     "OpenEXR": "writes EXR",
     "rich": "shows progress",
 }
@@ -336,9 +336,9 @@ def _doctor(_: argparse.Namespace) -> int:
             print("\n  ".join([f"{backend.name}: {device.name}, {device.version}", *device.notes]))
         if not backend.available:
             print(f"{backend.name}: missing, {backend.reason}; to mend it: {backend.cure}")
-    missing = [name for name in _PACKAGES if find_spec(name) is None]
+    missing = [name for name in _PACKAGES if sh.packages.installed(name) is None]
     for name, purpose in _PACKAGES.items():
         print(f"{name} ({purpose}): {'missing' if name in missing else 'installed'}")
     if missing:
-        print("to install what is missing: pip install 'shpy-dsl[raytracer]'")
+        print(f"to install them: {sh.packages.install(*missing)}")
     return 0

@@ -147,7 +147,7 @@ def _pillow() -> Any:
     try:
         from PIL import Image as pillow
     except ImportError as error:
-        raise SceneError("writing PNG needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
+        raise SceneError(f"writing PNG needs Pillow: {sh.packages.install('pillow')}") from error
     return pillow
 
 
@@ -155,7 +155,7 @@ def _openexr() -> Any:
     try:
         import OpenEXR
     except ImportError as error:
-        raise SceneError("writing EXR needs OpenEXR: pip install 'shpy-dsl[raytracer]'") from error
+        raise SceneError(f"writing EXR needs OpenEXR: {sh.packages.install('OpenEXR')}") from error
     return OpenEXR
 
 

@@ -19,6 +19,7 @@ from typing import Any, BinaryIO, Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import shpy as sh
 from raytracer.errors import SceneError
 
 __all__ = ["Texture"]
@@ -107,7 +108,7 @@ def opened(source: Path | BinaryIO) -> Iterator[Any]:
         from PIL import Image as pillow
         from PIL import UnidentifiedImageError
     except ImportError as error:
-        raise SceneError("reading pictures needs Pillow: pip install 'shpy-dsl[raytracer]'") from error
+        raise SceneError(f"reading pictures needs Pillow: {sh.packages.install('pillow')}") from error
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

@@ -174,7 +174,7 @@ def new_figure(path: Path) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise SceneError("plots need matplotlib: pip install 'shpy-dsl[accuracy]'") from error
+        raise SceneError(f"plots need matplotlib: {sh.packages.install('matplotlib')}") from error
     figure = Figure(figsize=(9, 6), layout="constrained")
     known = sorted(figure.canvas.get_supported_filetypes())
     if path.suffix[1:].lower() not in known:

@@ -237,7 +237,7 @@ from shpy.program import Program, Step, parse, program
 from shpy.streams.stream import Stream
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
-_LATER = ("accuracy", "command", "files", "library", "testing")
+_LATER = ("accuracy", "command", "files", "library", "packages", "testing")
 
 __all__ = [
     "SH_BREAK",
@@ -460,7 +460,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """`sh.testing`, `sh.accuracy`, `sh.files`, `sh.command` and `sh.library` are loaded when they are asked for."""
+    """Load `sh.testing`, `sh.accuracy`, `sh.files`, `sh.command`, `sh.library` and `sh.packages` on first use."""
     if name in _LATER:
         return importlib.import_module(f"shpy.{name}")
     if name.startswith("_"):

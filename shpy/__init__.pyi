@@ -15,6 +15,7 @@ from typing_extensions import TypeVar
 from shpy import accuracy as accuracy
 from shpy import command as command
 from shpy import files as files
+from shpy import packages as packages
 from shpy import library as library
 from shpy import testing as testing
 from shpy.backends.registry import BackendInfo as BackendInfo

@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import argparse
 import platform
-import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
-from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +29,8 @@ from shpy.backends.registry import NAMES
 from shpy.command import MOST, real, run, whole
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
+from shpy.packages import DISTRIBUTION, extras, install, installed
 
-DISTRIBUTION = "shpy-dsl"
-_BUNDLES = ("all", "dev")
-"""Extras that are made of the others."""
 _LONGEST = 1 << 26
 """The most characters of an IR text that are read."""
 _WIDTH = 8
@@ -158,7 +154,7 @@ def doctor(every: bool = False) -> int:
         for package in packages:
             print(f"  {package:{_WIDTH}} {installed(package) or 'missing'}")
         if missing:
-            print(f"  to install: pip install '{DISTRIBUTION}[{extra}]'")
+            print(f"  to install: {install(*missing)}")
     broken = [name for name, fault in faults.items() if fault]
     try:
         default, wrong = f"the default is {sh.default_backend()}", False
@@ -195,35 +191,3 @@ def try_out(backend: str) -> str | None:
     except Exception as error:
         return f"{type(error).__name__}: {error}"
     return None if np.array_equal(found, [1, 3, 5, 7, 9]) else f"2 * x + 1 of 0 to 4 gave {found}"
-
-
-def installed(package: str) -> str | None:
-    """The installed version of a package, None where there is none."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
-
-
-def extras() -> dict[str, list[str]]:
-    """The packages of each optional part, as the installed package itself declares them.
-
-    >>> extras()["opencl"]
-    ['pyopencl']
-    """
-    if installed(DISTRIBUTION) is None:
-        return {}
-    said = metadata(DISTRIBUTION)
-    found: dict[str, list[str]] = {name: [] for name in said.get_all("Provides-Extra", [])}
-    for package, extra in _requirements(said.get_all("Requires-Dist", [])):
-        found[extra].append(package)
-    return {name: packages for name, packages in found.items() if packages and name not in _BUNDLES}
-
-
-def _requirements(lines: list[str]) -> Iterator[tuple[str, str]]:
-    """(package, extra) of each requirement that an extra brings, other extras of this package left out."""
-    for line in lines:
-        extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
-        package = re.match(r"[\w.-]+", line)
-        if extra and package and package[0] != DISTRIBUTION:
-            yield package[0], extra[1]

@@ -13,6 +13,7 @@ import shpy as sh
 from benchmarks import alike, command, features, peers, rays, record, report, rounds, startup, widths
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
+from shpy.packages import install
 
 BY_HAND = ("masks", "compacted")
 
@@ -155,7 +156,7 @@ def test_a_missing_peer_is_named_with_its_cure(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.setattr(peers.importlib.util, "find_spec", lambda name: None)
     found, missing = peers.available(["masks", "numba"])
-    assert (found, missing) == (["masks"], {"numba": "pip install 'shpy-dsl[bench]'"})
+    assert (found, missing) == (["masks"], {"numba": install("numba")})
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):

@@ -13,6 +13,7 @@ from raytracer import cli as rays
 from raytracer import trade
 from shpy import cli
 from shpy.command import run, whole
+from shpy.packages import install
 
 ENVIRONMENT = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
 
@@ -244,10 +245,10 @@ ACCURACY = ["shpy", "accuracy", "a.py:f"]
 OUTPUTS = [
     (RENDER, "a.png", use_folder, "a.png is a folder"),
     (RENDER, "a.png", use_no_folder, "there is no folder"),
-    (RENDER, "a.png", use_without("PIL"), "writing PNG needs Pillow: pip install"),
-    (RENDER, "a.exr", use_without("OpenEXR"), "writing EXR needs OpenEXR: pip install"),
+    (RENDER, "a.png", use_without("PIL"), f"writing PNG needs Pillow: {install('pillow')}"),
+    (RENDER, "a.exr", use_without("OpenEXR"), f"writing EXR needs OpenEXR: {install('OpenEXR')}"),
     (TRADE, "a.png", use_folder, "a.png is a folder"),
-    (TRADE, "a.png", use_without("matplotlib.figure"), "plots need matplotlib: pip install"),
+    (TRADE, "a.png", use_without("matplotlib.figure"), f"plots need matplotlib: {install('matplotlib')}"),
     (ACCURACY, "a.png", use_folder, "a.png is a folder"),
     (ACCURACY, "a.png", use_without("matplotlib.figure"), "plots need matplotlib"),
     (ACCURACY, "a.json", use_folder, "a.json is a folder"),

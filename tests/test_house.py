@@ -21,13 +21,14 @@ _RECORDED = ["shpy.errors", "shpy.ir", "shpy.lang"]
 _RUN = [*_RECORDED, "shpy.ieee", "shpy.backends", "shpy.host", "shpy.streams"]
 LAYERS = {
     "shpy.errors": [],
+    "shpy.packages": [],
     "shpy.parsing": [],
     "shpy.ieee": ["shpy.errors"],
     "shpy.ir": ["shpy.errors"],
     "shpy.lang": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.parsing"],
     "shpy.library": _RECORDED,
     "shpy.passes": ["shpy.errors", "shpy.ir"],
-    "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.parsing", "shpy.passes"],
+    "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.packages", "shpy.parsing", "shpy.passes"],
     "shpy.host": _RECORDED,
     "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host", "shpy.ieee"],
     "shpy.plans": [*_RECORDED, "shpy.backends"],
@@ -147,7 +148,7 @@ def test_numpy_and_lark_are_enough(tmp_path):
     assert done.returncode == 0, done.stderr
     backends, error = done.stdout.splitlines()
     assert backends == "[('numpy', True, True), ('opencl', False, True), ('glsl', False, True)]"
-    assert error == "writing PNG needs Pillow: pip install 'shpy-dsl[raytracer]'"
+    assert error == f"writing PNG needs Pillow: {shpy.packages.install('pillow')}"
     assert (tmp_path / "boxes.npy").exists()
     assert not (tmp_path / "boxes.png").exists()
 

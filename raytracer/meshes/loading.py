@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+import shpy as sh
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.lights import Light
@@ -96,7 +97,8 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         try:
             import trimesh  # noqa: F401 - used below
         except ImportError as error:
-            raise SceneError(f"reading {kind[1:].upper()} needs trimesh: pip install 'shpy-dsl[raytracer]'") from error
+            needed = sh.packages.install("trimesh")
+            raise SceneError(f"reading {kind[1:].upper()} needs trimesh: {needed}") from error
     data = path.read_bytes()  # a file that cannot be opened is an OSError
     try:
         with np.errstate(all="ignore"):

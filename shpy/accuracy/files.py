@@ -16,6 +16,7 @@ import numpy as np
 
 from shpy.errors import ShpyError
 from shpy.files import check_writable, replacing
+from shpy.packages import install
 
 __all__ = ["check_file", "check_output", "new_figure", "save_figure", "write_json"]
 
@@ -65,7 +66,7 @@ def new_figure(width: float, height: float) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ShpyError("plots need matplotlib", cure="pip install 'shpy-dsl[accuracy]'") from error
+        raise ShpyError("plots need matplotlib", cure=install("matplotlib")) from error
     return Figure(figsize=(width, height), layout="constrained")
 
 

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 
 from shpy.errors import ShpyError
+from shpy.packages import install
 
 try:
     import mpmath
 except ImportError as error:
-    raise ShpyError(
-        "a reference by mpmath needs mpmath", cure="pip install 'shpy-dsl[accuracy]', or reference=\"f64\""
-    ) from error
+    raise ShpyError("a reference by mpmath needs mpmath", cure=f'{install("mpmath")}, or reference="f64"') from error
 
 __all__ = ["MP", "OPERATIONS", "Unsayable", "number"]
 

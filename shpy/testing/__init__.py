@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from shpy.errors import ShpyError
+from shpy.packages import install
 from shpy.testing.divergence import Divergence, Row, first_divergence
 from shpy.testing.equivalence import Agreement, assert_equivalent
 from shpy.testing.flushes import Flush
@@ -46,5 +47,5 @@ def programs(endless: bool = False) -> SearchStrategy[Generated]:
     try:
         from shpy.testing.generated import strategy
     except ImportError as error:
-        raise ShpyError(f"programs() needs {error.name}", cure="pip install 'shpy-dsl[testing]'") from error
+        raise ShpyError(f"programs() needs {error.name}", cure=install("hypothesis")) from error
     return strategy.programs(endless=endless)

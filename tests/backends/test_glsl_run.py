@@ -203,7 +203,7 @@ def test_without_moderngl_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "moderngl", None)
     with pytest.raises(sh.BackendUnavailable) as error:
         Context(0)
-    assert error.value.cure == "pip install 'shpy-dsl[glsl]'"
+    assert error.value.cure == sh.packages.install("moderngl")
 
 
 def test_without_a_device_the_cure_is_named() -> None:

@@ -302,4 +302,4 @@ def test_hypothesis_is_optional():
     done = subprocess.run([sys.executable, "-c", WITHOUT, text], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "agree on 1 elements" in done.stdout
-    assert "programs() needs hypothesis\n  write instead: pip install 'shpy-dsl[testing]'" in done.stdout
+    assert f"programs() needs hypothesis\n  write instead: {sh.packages.install('hypothesis')}" in done.stdout

@@ -26,6 +26,7 @@ from shpy.backends.probe import COUNT, FAULTS, hard_inputs, wrong_operations
 from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.ieee import set_ieee_arithmetic
+from shpy.packages import install
 
 T = TypeVar("T")
 
@@ -94,7 +95,7 @@ def _moderngl() -> Any:
     try:
         import moderngl
     except ImportError as e:
-        raise BackendUnavailable(f"glsl needs moderngl: {e}", cure="pip install 'shpy-dsl[glsl]'") from e
+        raise BackendUnavailable(f"glsl needs moderngl: {e}", cure=install("moderngl")) from e
     return moderngl
 
 

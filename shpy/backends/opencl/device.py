@@ -38,6 +38,7 @@ from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData
+from shpy.packages import install
 
 LOCAL_SIZE = 64
 """Work items of a group. PoCL generates code anew for each local size, so there is one."""
@@ -81,7 +82,7 @@ def _pyopencl() -> Any:
     try:
         import pyopencl
     except ImportError as e:
-        raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure="pip install 'shpy-dsl[opencl]'") from e
+        raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure=install("pyopencl")) from e
     return pyopencl
 
 

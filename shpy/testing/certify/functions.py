@@ -13,6 +13,7 @@ import numpy as np
 from shpy.ir.builder import Builder
 from shpy.ir.ops import OPS, TRANSCENDENTALS, Tolerance
 from shpy.ir.types import vec
+from shpy.packages import install
 from shpy.program import Program
 from shpy.testing.arrays import Array, flat_leaves
 from shpy.testing.certify.comparing import Work, compare, compare_arrays
@@ -143,7 +144,7 @@ def _double(name: str, target: Target) -> Finding:
     try:
         import mpmath as mp
     except ImportError:
-        return Finding("absent", "mpmath is not installed: pip install 'shpy-dsl[accuracy]'")
+        return Finding("absent", f"mpmath is not installed: {install('mpmath')}")
     arrays = _doubles(name)
     (found,) = flat_leaves(target.compile(function(name), precision="f64")(*arrays))
     exact_of = _exact(mp, name)

@@ -13,12 +13,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from shpy.backends.base import Device
 from shpy.backends.registry import backend
+from shpy.packages import DISTRIBUTION, installed
 from shpy.testing.certify.findings import SHOWN, Finding, Target
 from shpy.testing.certify.golden import FILE
 from shpy.testing.certify.sections import Ran
@@ -38,7 +38,7 @@ __all__ = [
 
 FORMAT = 1
 """The version of the JSON's layout."""
-_PACKAGES = ("shpy-dsl", "numpy", "pyopencl", "moderngl", "mpmath")
+_PACKAGES = (DISTRIBUTION, "numpy", "pyopencl", "moderngl", "mpmath")
 _SPOKEN = {
     "same": "same",
     "denormals": "same but for denormals",
@@ -144,7 +144,7 @@ def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, 
             "processor": _processor(),
             "cores": os.cpu_count(),
             "python": platform.python_version(),
-            "packages": {name: _installed(name) for name in _PACKAGES},
+            "packages": {name: installed(name) for name in _PACKAGES},
         },
         "targets": [_target(target, rans) for target, rans in found.items()],
     }
@@ -183,10 +183,3 @@ def _processor() -> str:
     listed = Path("/proc/cpuinfo")
     found = re.search(r"^model name\s*: (.*)$", listed.read_text(), re.MULTILINE) if listed.is_file() else None
     return found[1] if found else platform.processor()
-
-
-def _installed(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None

@@ -1,0 +1,83 @@
+"""The packages that optional parts of shpy need, and the command that installs a missing one.
+
+Stage: below all others; `import shpy as sh` brings it as `sh.packages`. The requirements are those that the installed
+distribution declares, so that `pyproject.toml` alone states them.
+
+    sh.packages.install("pyopencl")     # pip install 'pyopencl>=2024.2.7'
+    sh.packages.extras()["opencl"]      # ['pyopencl']
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, metadata, version
+from pathlib import Path
+from typing import Final
+
+__all__ = ["DISTRIBUTION", "extras", "install", "installed"]
+
+DISTRIBUTION: Final = "shpy-dsl"
+"""The name under which pip knows shpy once it is installed. No package index has it."""
+_BUNDLES: Final = ("all", "dev")
+"""Extras that consist of the others."""
+
+
+def install(*packages: str) -> str:
+    """Return the command that installs these packages for the Python that runs.
+
+    Each comes with the versions that shpy declares, or by its name alone where nothing is declared: shpy itself need
+    not be installed. `pip` on the path may belong to another Python: then the command names this one.
+    """
+    declared = {_normal(requirement): requirement for requirement, _ in _requirements()}
+    words = [declared.get(_normal(package), package) for package in packages]
+    pip = shutil.which("pip")
+    here = Path(sys.executable)
+    command = "pip" if pip and Path(pip).parent == here.parent else f"{shlex.quote(str(here))} -m pip"
+    return " ".join([command, "install", *map(shlex.quote, words)])
+
+
+def installed(package: str) -> str | None:
+    """Return the installed version of a package, None where it is missing."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def extras() -> dict[str, list[str]]:
+    """Return the packages of each optional part, as the installed distribution declares them; empty without one.
+
+    >>> extras()["opencl"]
+    ['pyopencl']
+    """
+    found: dict[str, list[str]] = {}
+    for requirement, extra in _requirements():
+        if extra and extra not in _BUNDLES:
+            found.setdefault(extra, []).append(_name(requirement))
+    return found
+
+
+def _requirements() -> Iterator[tuple[str, str | None]]:
+    """Yield (requirement, extra) of each package that shpy declares, without shpy's own extras of extras."""
+    if installed(DISTRIBUTION) is None:
+        return
+    for line in metadata(DISTRIBUTION).get_all("Requires-Dist", []):
+        requirement, _, condition = line.partition(";")
+        extra = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
+        if _normal(requirement) != DISTRIBUTION:
+            yield requirement.strip(), extra[1] if extra else None
+
+
+def _name(requirement: str) -> str:
+    """Return the name in a requirement such as `numpy>=2.0`."""
+    found = re.match(r"[\w.-]+", requirement)
+    return found[0] if found else requirement
+
+
+def _normal(requirement: str) -> str:
+    """Return the name in a requirement as indices compare names (PEP 503)."""
+    return re.sub(r"[-_.]+", "-", _name(requirement)).lower()

@@ -1,0 +1,126 @@
+"""How shpy and what it needs are installed: every command that the product or a page names can work."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import shpy as sh
+from shpy import packages
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+FOLDERS = [ROOT / name for name in ("shpy", "raytracer", "shpy_start", "benchmarks", "examples", "tests")]
+TEXTS = [
+    *(path for folder in FOLDERS for path in folder.rglob("*.py")),
+    *ROOT.glob("*.md"),
+    *(ROOT / "docs").rglob("*.md"),
+    *(path for path in (ROOT / "scripts").iterdir() if path.is_file()),
+]
+FROM_AN_INDEX = re.compile(r"shpy-dsl\[|install\s+(?:-\S+\s+)*['\"]?(?:shpy|shpy-dsl|raytracer)(?![\w./-])")
+"""A command that asks a package index for shpy, which no index has."""
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("pip install 'shpy-dsl[opencl]'", True),
+        ("uv pip install shpy", True),
+        ("pip install -U shpy-dsl`", True),
+        ("pip install -e '.[opencl]'", False),
+        ("pip install './shpy_dsl-0.1.0-py3-none-any.whl[opencl]'", False),
+        ("pip install shpy/", False),
+        ("scripts/setup opencl", False),
+    ],
+)
+def test_a_command_that_asks_an_index_for_shpy_is_recognised(text, found):
+    assert bool(FROM_AN_INDEX.search(text)) == found
+
+
+def test_no_text_tells_to_install_shpy_from_an_index():
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in TEXTS
+        if path != Path(__file__)
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if FROM_AN_INDEX.search(line)
+    ]
+    assert found == []
+
+
+def test_packages_that_code_asks_for_are_declared():
+    asked = re.compile(r"\binstall\(\s*['\"]([\w-]+)['\"]")
+    names = {name for path in TEXTS if path != Path(__file__) for name in asked.findall(path.read_text())}
+    extras = PROJECT["optional-dependencies"].values()
+    declared = {re.match(r"[\w-]+", line)[0] for extra in extras for line in extra}
+    assert {"pyopencl", "moderngl", "mpmath", "matplotlib", "hypothesis", "pillow", "OpenEXR", "trimesh"} <= names
+    assert names - declared - {"nowhere-to-be-found"} == set()
+
+
+def installation(monkeypatch, *lines):
+    """Let shpy be installed as a distribution that declares these requirements."""
+
+    class Metadata:
+        def get_all(self, key, default):
+            return list(lines) if key == "Requires-Dist" else default
+
+    monkeypatch.setattr(packages, "metadata", lambda name: Metadata())
+    monkeypatch.setattr(packages, "version", lambda name: "1.0")
+
+
+@pytest.fixture
+def own_pip(monkeypatch, tmp_path):
+    """`pip` on the path belongs to the Python that runs."""
+    monkeypatch.setattr(packages.sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(packages.shutil, "which", lambda name: str(tmp_path / name))
+
+
+def test_the_command_names_the_package_with_its_versions(monkeypatch, own_pip):
+    lines = [
+        "numpy>=2.0",
+        "pyopencl>=2024.2.7; extra == 'opencl'",
+        "pyopencl>=2024.2.7; extra == 'all'",
+        "mako; extra == 'b'",
+    ]
+    installation(monkeypatch, *lines)
+    assert packages.install("pyopencl") == "pip install 'pyopencl>=2024.2.7'"
+    assert packages.install("mako", "pyopencl") == "pip install mako 'pyopencl>=2024.2.7'"
+
+
+def test_names_are_compared_as_an_index_does(monkeypatch, own_pip):
+    installation(monkeypatch, "OpenEXR>=3.3; extra == 'raytracer'", "flip_evaluator>=1.6; extra == 'accuracy'")
+    assert packages.install("openexr") == "pip install 'OpenEXR>=3.3'"
+    assert packages.install("flip-evaluator") == "pip install 'flip_evaluator>=1.6'"
+
+
+def test_without_an_installation_packages_go_by_name(monkeypatch, own_pip):
+    def nothing(name):
+        raise packages.PackageNotFoundError(name)
+
+    monkeypatch.setattr(packages, "version", nothing)
+    assert packages.install("pyopencl") == "pip install pyopencl"
+    assert packages.extras() == {}
+
+
+@pytest.mark.parametrize("pip", [None, "/usr/bin/pip"])
+def test_where_pip_belongs_to_another_python_the_command_names_this_one(monkeypatch, pip):
+    installation(monkeypatch, "moderngl>=5.10; extra == 'glsl'")
+    monkeypatch.setattr(packages.sys, "executable", "/home/someone/my shader/.venv/bin/python")
+    monkeypatch.setattr(packages.shutil, "which", lambda name: pip)
+    assert packages.install("moderngl") == "'/home/someone/my shader/.venv/bin/python' -m pip install 'moderngl>=5.10'"
+
+
+def test_pip_understands_the_command():
+    """pip itself parses the words, without a network: the package is there."""
+    assert sh.packages.installed("numpy")
+    words = sh.packages.install("numpy").partition(" install ")[2].strip("'")
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--dry-run", "--no-index", "--quiet", words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
