@@ -233,8 +233,9 @@ from shpy.lang.types import (
     vec3,
     vec4,
 )
-from shpy.program import Program, Step, parse, program
+from shpy.program import Program, parse, program
 from shpy.streams.stream import Stream
+from shpy.tracing import Step
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
 _LATER = ("accuracy", "command", "files", "library", "packages", "testing")

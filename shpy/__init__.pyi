@@ -49,10 +49,10 @@ from shpy.errors import VerifyError as VerifyError
 from shpy.kernel import Kernel as Kernel
 from shpy.kernel import Result as Result
 from shpy.program import Program as Program
-from shpy.program import Step as Step
 from shpy.program import parse as parse
 from shpy.program import program as program
 from shpy.streams.stream import Stream as Stream
+from shpy.tracing import Step as Step
 
 _T = TypeVar("_T")
 _P = ParamSpec("_P")

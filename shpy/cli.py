@@ -27,8 +27,7 @@ import shpy as sh
 from shpy.accuracy.commands import add_commands
 from shpy.backends.registry import NAMES
 from shpy.command import MOST, real, run, whole
-from shpy.ir.nodes import Let
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import grid_rank
 from shpy.packages import DISTRIBUTION, extras, install, installed
 
 _LONGEST = 1 << 26
@@ -109,7 +108,7 @@ def diff(options: argparse.Namespace) -> int:
     try:
         program = sh.Program.from_ir(sh.parse(_read(options.ir)))
         names = options.backends.split(",") if options.backends else None
-        rank = _rank(program)
+        rank = grid_rank(program.ir) or 1
         shape = (max(1, round(options.count ** (1 / rank))),) * rank
         # Beyond one axis, inputs are the same for every element: their place is what tells those apart.
         inputs = testing.inputs(program, options.count if rank == 1 else 1, options.seed)
@@ -133,12 +132,6 @@ def _read(path: Path) -> str:
     if len(text) > _LONGEST:
         raise sh.ShpyError(f"{path} is longer than {_LONGEST} characters", cure="the IR text of one program")
     return text
-
-
-def _rank(program: sh.Program) -> int:
-    """How many axes a program asks to be run over."""
-    lets = (s for f in program.ir.functions for s in walk(f.body) if isinstance(s, Let))
-    return next((s.value.type.size for s in lets if s.op in ("grid_index", "grid_shape")), 1)
 
 
 def doctor(every: bool = False) -> int:

@@ -24,9 +24,9 @@ from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
-from shpy.ir.nodes import Let, Status
+from shpy.ir.nodes import Status
 from shpy.ir.text import print_module
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import grid_rank
 from shpy.lang.data import Table, Texture2D, TextureType
 from shpy.lang.guarded import guarded
 from shpy.lang.location import here
@@ -113,15 +113,7 @@ class Kernel:
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
         devices = backend.devices()
         self.device = devices[options.device or 0]
-        self._rank = next(
-            (
-                s.value.type.size
-                for f in recorded.module.functions
-                for s in walk(f.body)
-                if isinstance(s, Let) and s.op in ("grid_index", "grid_shape")
-            ),
-            None,
-        )
+        self._rank = grid_rank(recorded.module)
 
     @property
     def source(self) -> str:

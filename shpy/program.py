@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import chain
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Generic, Literal, cast, overload
@@ -27,8 +26,8 @@ from shpy.backends.base import Math, Options, Precision
 from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
 from shpy.errors import BackendUnavailable, ShpyTypeError
-from shpy.host import bind, common_shape, dtypes_at, streams, tables, uniforms
-from shpy.ir.nodes import Loc, Module
+from shpy.host import bind
+from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel
 from shpy.lang.claims import checked
@@ -42,6 +41,7 @@ from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
 from shpy.streams.stream import Place, Stream, streams_in
+from shpy.tracing import Step, trace
 from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
@@ -63,18 +63,6 @@ _MODES = ("strict", "relaxed", "fast")
 _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 
 evaluate_with(evaluate)
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of a trace: the user's line, the name of what was computed or stored, its value."""
-
-    loc: Loc | None
-    name: str | None
-    value: Any
-
-    def __str__(self) -> str:
-        return f"{self.loc}: {self.name or '·'} = {self.value}"
 
 
 class Program(Generic[_P, _R]):
@@ -208,27 +196,16 @@ class Program(Generic[_P, _R]):
         device, loop_limit, lanes = (int(n) if _is_int(n) else n for n in (device, loop_limit, lanes))
         return Options(precision, loop_limit, device, lanes, math)
 
-    def trace(self, **inputs: Any) -> list[Step]:
-        """Run one element in the reference interpreter; gives each step that has a name or stores into one."""
-        recorded = self._recorded
-        given = bind(recorded, (), inputs)
-        dtypes = dtypes_at("f32")
-        found = streams(recorded.inputs, given, dtypes)
-        if common_shape(found, None) not in ((), (1,)):
-            raise ShpyTypeError("trace runs one element", loc=here(), cure="one value for each input")
-        data = {n: t.data(dtypes[t.type.base]) for n, t in tables(recorded.inputs, given, recorded.tables).items()}
-        params = uniforms(recorded.params, "f32", "strict")
-        steps: list[Step] = []
+    def trace(self, *args: Any, shape: Any = None, at: Any = None, **named: Any) -> list[Step]:
+        """Run one element in the reference interpreter; gives each step that has a name or stores into one.
 
-        def note(loc: Loc | None, name: str | None, value: Any) -> None:
-            if name is not None:
-                steps.append(Step(loc, name, np.array(value)[()]))
-
-        flat = [s.flat(())[0] for s in found]
-        from shpy.ir.interpreter import Interpreter  # here: few programs are traced
-
-        Interpreter(recorded.module).run_element(flat, params, data, trace=note)
-        return steps
+        Inputs are those of a call. `at` is the index of the element along the axes of its shape, an int or a tuple of
+        ints, counted from 0; it may be left out where there is one element. `shape` is needed where no input has the
+        shape of the run, as in a program that reads `grid_index`. Inputs that are themselves named `shape` or `at` are
+        given by position. Each Step has the line, the name, the value and the iterations of the loops around it.
+        Raises ShpyTypeError, with what to write instead, for an index that does not fit the shape.
+        """
+        return trace(self._recorded, args, named, shape, at)
 
     if TYPE_CHECKING:  # a program that is a method is a `Method`, which gives the program of an instance
 

@@ -262,6 +262,11 @@ def test_trace():
     step, _ = m.jump(steps)
     assert step.name in ("slope", "change", "x")
     assert abs(float(steps[-1].value) - 2 ** (1 / 3)) < 1e-6
+    assert step.iterations == (2,)
+    worst = int(np.argmax(m.slow.compile("numpy")(2.0, shape=1000)))
+    counted = [s for s in m.slow.trace(a=2.0, shape=1000, at=worst) if s.name == "count" and s.iterations]
+    assert [s.iterations for s in counted] == [(int(s.value),) for s in counted]
+    assert int(counted[-1].value) == m.slow.compile("numpy")(2.0, shape=1000)[worst]
     slope, change = (next(s for s in steps if s.name == name) for name in ("slope", "change"))
     assert change.loc.line == slope.loc.line + 1
     assert float(slope.value) == np.float32(3) * np.float32(0.01) * np.float32(0.01)

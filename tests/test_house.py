@@ -35,7 +35,8 @@ LAYERS = {
     "shpy.kernel": [*_RUN, "shpy.passes", "shpy.plans"],
     "shpy.uniforms": [*_RECORDED, "shpy.backends", "shpy.kernel"],
     "shpy.algebra": [*_RECORDED, "shpy.passes"],
-    "shpy.program": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.uniforms"],
+    "shpy.tracing": _RUN,
+    "shpy.program": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.tracing", "shpy.uniforms"],
     "shpy.collectives": [*_RUN, "shpy.kernel", "shpy.program"],
     "shpy.chains": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.program"],
 }

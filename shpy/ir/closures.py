@@ -43,8 +43,9 @@ from shpy.ir.types import Base, Type
 __all__ = ["Array", "Compiled", "Compiler", "Ended", "LaneOracle", "Run", "Trace"]
 
 Array = NDArray[Any]
-Trace = Callable[[Loc | None, str, Any], None]
-"""Called with the line, the name and the new value of each named value and of each variable that is stored into."""
+Trace = Callable[[Loc | None, str, Any, tuple[int, ...]], None]
+"""Called with the line, the name and the new value of each named value and of each variable that is stored into, and
+with the iterations of the loops around it, counted from 1, the outermost loop first."""
 
 LaneOracle = Callable[[], bool]
 """What other lanes may do to `any_lane(c)` where c is false, and to `all_lanes(c)` where c is true, for this one."""
@@ -74,6 +75,13 @@ class Run:
     shape: tuple[int, ...]
     trace: Trace | None
     oracle: LaneOracle | None
+    iterations: tuple[int, ...] = ()
+    """Of the loops that run, the outermost first; counted in traced runs alone."""
+
+    def note(self, loc: Loc | None, name: str, value: Any) -> None:
+        """Call the trace, if there is one."""
+        if self.trace is not None:
+            self.trace(loc, name, value, self.iterations)
 
 
 @dataclass(slots=True)
@@ -184,6 +192,8 @@ class Compiler:
         self.limited += loop.turns is None
         head = 0 if limit is None else test_length(loop.body)
         test, body = self.region(loop.body[:head]), self.region(loop.body[head:])
+        if self.traced:
+            test, body = (_counted(test), body) if head else (test, _counted(body))
         continuing = self.region(loop.continuing)
         until = 0 if loop.until is None else self.places[loop.until]
 
@@ -204,7 +214,7 @@ class Compiler:
                 if until and frame[until]:
                     return _NEXT
 
-        return run
+        return _nested(run) if self.traced else run
 
     # Statements
 
@@ -222,7 +232,7 @@ class Compiler:
 
         def run_traced(frame: Frame) -> None:
             frame[place] = value = compute(frame)
-            frame[0].trace(loc, name, value)
+            frame[0].note(loc, name, value)
 
         return run_traced
 
@@ -249,7 +259,7 @@ class Compiler:
 
         def traced(frame: Frame) -> None:
             run(frame)
-            frame[0].trace(loc, name, frame[slot])
+            frame[0].note(loc, name, frame[slot])
 
         return traced
 
@@ -267,7 +277,7 @@ class Compiler:
             else:
                 frame[slot][n, picked] = frame[value]
             if name is not None:
-                frame[0].trace(loc, f"{name}[{n}]", frame[slot][n].copy())
+                frame[0].note(loc, f"{name}[{n}]", frame[slot][n].copy())
 
         return run
 
@@ -364,6 +374,30 @@ class Compiler:
             return inner[output]
 
         return run
+
+
+def _nested(loop: Step) -> Step:
+    """Let a loop have its own count of iterations inside of those of the loops around it."""
+
+    def run(frame: Frame) -> int | None:
+        around = frame[0].iterations
+        frame[0].iterations = (*around, 0)
+        left = loop(frame)
+        frame[0].iterations = around
+        return left
+
+    return run
+
+
+def _counted(step: Step) -> Step:
+    """Let the first step of each iteration count it."""
+
+    def run(frame: Frame) -> int | None:
+        *around, last = frame[0].iterations
+        frame[0].iterations = (*around, last + 1)
+        return step(frame)
+
+    return run
 
 
 def _apply(f: Callable[..., Any] | None, args: list[int], dtype: Any) -> Callable[[Frame], Any]:

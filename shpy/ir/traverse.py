@@ -19,6 +19,7 @@ from shpy.ir.ops import LANE_OPS
 __all__ = [
     "continues",
     "defined",
+    "grid_rank",
     "is_straight",
     "limited_loops",
     "loops",
@@ -188,3 +189,9 @@ def loops(module: Module) -> Iterator[Loop]:
 def limited_loops(module: Module) -> tuple[Loop, ...]:
     """The loops without a known bound, in the order in which statuses count them (FIRST_LOOP + k is the k-th)."""
     return tuple(loop for loop in loops(module) if loop.turns is None)
+
+
+def grid_rank(module: Module) -> int | None:
+    """Return how many axes the module asks a run to have, by `grid_index` or `grid_shape`; None if it asks for none."""
+    lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+    return next((let.value.type.size for let in lets if let.op in ("grid_index", "grid_shape")), None)

@@ -205,7 +205,7 @@ class _Interpreter:
         self.events: list[tuple[int, int]] = []
         self._run(_LAST, self._note)
 
-    def _note(self, loc: Any, name: str, value: Any) -> None:
+    def _note(self, loc: Any, name: str, value: Any, iterations: tuple[int, ...]) -> None:
         if name.startswith("@"):
             self.events.append((int(name[1:]), int(value)))
 

@@ -423,7 +423,11 @@ def test_a_trace_tells_line_name_and_value():
   store $3 = %2 @1:9
   store $y.0 = %2 @1:10"""
     steps = []
-    results, _ = run(lines, 3.0, trace=lambda loc, name, value: steps.append((loc, name, np.asarray(value).tolist())))
+
+    def note(loc, name, value, iterations):
+        steps.append((loc, name, np.asarray(value).tolist()))
+
+    results, _ = run(lines, 3.0, trace=note)
     assert results == [-3.0]
     assert steps == [
         (Loc("user.py", 4), "twice", 6.0),

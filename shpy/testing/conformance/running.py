@@ -136,7 +136,7 @@ class DenormalWatch:
             return True
         found: list[bool] = []
 
-        def note(loc: Loc | None, name: str, value: Any) -> None:
+        def note(loc: Loc | None, name: str, value: Any, iterations: tuple[int, ...]) -> None:
             found.append(is_denormal(value))
 
         outputs, _ = self.interpreter.run_element(inputs, params, tables, index, shape, note)
