@@ -23,6 +23,7 @@ from benchmarks import (
     alike,
     chaining,
     cubes,
+    equal_error,
     features,
     frames,
     functions,
@@ -69,6 +70,8 @@ STUDIES = (
         "hits": alike.hits,
         "whitted": alike.whitted,
         "path-z": lambda mesh, quick: paths.z_test(quick),
+        "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
+        "glass": lambda mesh, quick: equal_error.glass(quick),
         "chaining": chaining.chaining,
         "early": chaining.early,
     }

@@ -58,12 +58,17 @@ def _mitsuba(size: int) -> Any:
 
 
 @cache
-def _mitsuba_scene() -> Any:
+def mitsuba_cornell() -> Any:
+    """The Cornell box as Mitsuba's."""
+    return mitsuba_scene(Scene.builtin("cornell"))
+
+
+def mitsuba_scene(scene: Scene) -> Any:
+    """A scene of matt surfaces and of lamps as Mitsuba's."""
     import mitsuba as mi
 
-    scene = Scene.builtin("cornell")
     made: dict[str, Any] = {"type": "scene"}
-    for part in scene.meshes:
+    for number, part in enumerate(scene.meshes):
         color = [part.material.numbers["diffuse"] * c for c in part.material.tint]
         properties = mi.Properties()
         properties["bsdf"] = mi.load_dict(
@@ -76,15 +81,15 @@ def _mitsuba_scene() -> Any:
         if any(part.material.emission):
             radiance = {"type": "rgb", "value": list(part.material.emission)}
             properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
-        made[part.name.replace(" ", "_")] = mitsuba_mesh(part, properties)
+        made[f"mesh_{number}"] = mitsuba_mesh(part, properties)
     return mi.load_dict(made)
 
 
-def mitsuba_picture(size: int, samples: int, seed: int) -> Any:
-    """Mitsuba's linear picture (size, size, 3) of the box."""
+def mitsuba_picture(size: int, samples: int, seed: int, scene: Any = None, ours: Scene | None = None) -> Any:
+    """Mitsuba's linear picture (size, size, 3) of its `scene`, from the camera of `ours`; of the box by default."""
     import mitsuba as mi
 
-    camera = Scene.builtin("cornell").camera
+    camera = (ours or Scene.builtin("cornell")).camera
     assert camera is not None
     places = [mi.ScalarPoint3f(*v) for v in (camera.position, camera.target)]
     sensor = mi.load_dict({
@@ -95,9 +100,8 @@ def mitsuba_picture(size: int, samples: int, seed: int) -> Any:
         "sampler": {"type": "independent"},
     })  # fmt: skip
     integrator = mi.load_dict({"type": "path", "max_depth": BOUNCES + 1, "rr_depth": BOUNCES})
-    return np.asarray(mi.render(_mitsuba_scene(), sensor=sensor, integrator=integrator, spp=samples, seed=seed))[
-        ..., :3
-    ]
+    scene = mitsuba_cornell() if scene is None else scene
+    return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=samples, seed=seed))[..., :3]
 
 
 def z_test(quick: bool) -> Table:

@@ -1,0 +1,197 @@
+"""Path tracing of a large mesh against Mitsuba, to equal error, and how much longer a picture with glass takes.
+
+    print(equal_error(quick=False).markdown())
+    print(glass(quick=False).markdown())
+
+The error of a picture after n samples falls with n, so what a picture of a given error costs is its time times the
+variance of its pixels. The variance is measured: pictures of other seeds, of which two that follow each other differ by
+twice the variance.
+
+Ours and Mitsuba run in a process each, one at a time: the threads of Dr.Jit that look for work slow down other threads
+of their process. Nothing is downloaded: the mesh is a knot with ridges.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from benchmarks import features, paths, peers
+from benchmarks.report import spread
+from benchmarks.studies import Table, backend
+from raytracer import Camera, Material, Mesh, Renderer, Scene
+from raytracer.meshes.shapes import floor, knot
+
+SIZE, SAMPLES = 192, 16
+"""Pixels along each side and samples of a pixel."""
+SETTLING = 12.0
+"""Seconds before the first round, in which `lanes="auto"` settles."""
+CLAY = Material((0.72, 0.63, 0.52), diffuse=1.0, specular=0.0)
+STONE = Material((0.45, 0.47, 0.50), diffuse=1.0, specular=0.0)
+LAMP = Material((0, 0, 0), diffuse=0.0, specular=0.0, emission=(9.0, 8.6, 8.0))
+
+
+def ridged(segments: int = 1250, sides: int = 40) -> Mesh:
+    """A knot of 2 * segments * sides triangles, flat ones, with ridges along and around the tube."""
+    smooth = knot(segments=segments, sides=sides)
+    along, around = np.divmod(np.arange(len(smooth.vertices)), sides)
+    wave = np.sin(2 * np.pi * 7 * around / sides) * np.sin(2 * np.pi * 90 * along / segments)
+    height = 0.03 * wave + 0.01 * np.sin(2 * np.pi * 311 * along / segments)
+    normals = np.zeros_like(smooth.vertices)
+    normals[smooth.faces] = smooth.normals
+    return Mesh(smooth.vertices + height[:, None] * normals, smooth.faces, material=CLAY, name="ridged knot")
+
+
+def mesh_scene(quick: bool = False) -> Scene:
+    """A ridged knot of 100,000 triangles on a floor before a wall, under a lamp."""
+    body = ridged(60, 12) if quick else ridged()
+    # All lies below the lamp, whose upper side shines in one of the two and not in the other.
+    ground = floor(10.0, STONE)
+    meshes = [
+        body.moved((0, 1.0, 0)),
+        ground.moved((0, float(body.vertices[:, 1].min()) + 1.0, 0)),
+        ground.moved((0, 0, -4.0), tilt=90),
+        floor(3.0, LAMP).moved((-1.5, 5.5, 1.0), tilt=180),
+    ]
+    return Scene(meshes, (), Camera((2.2, 2.6, 5.6), (0, 0.7, 0), fov=42), background=(0, 0, 0), ambient=0.0)
+
+
+def equal_error(quick: bool) -> Table:
+    """Time, variance, and the time to equal error, round by round."""
+    scenes: dict[str, Callable[[], Scene]] = {
+        "ridged knot": partial(mesh_scene, quick),
+        "cornell": partial(Scene.builtin, "cornell"),
+    }
+    size, samples, rounds = (32, 4, 4) if quick else (SIZE, SAMPLES, 12)
+    contenders: dict[str, Any] = {} if peers.available(["mitsuba"])[1] else {peers.PEERS["mitsuba"].label: _mitsuba}
+    contenders[f"shpy, {backend()}"] = _ours
+    rows = []
+    for title, scene in scenes.items():
+        makers = [partial(maker, scene, size, samples) for maker in contenders.values()]
+        measured = in_processes(makers, rounds, 0.0 if quick else SETTLING)
+        base = measured[0]
+        for name, one in zip(contenders, measured, strict=True):
+            error = one.time / base.time * (one.variance / base.variance)
+            rows.append([
+                f"{title}, {name}",
+                f"{1e3 * np.median(one.time):.0f}",
+                f"{1e3 * np.median(one.cpu):.0f}",
+                *map(_ratio, (one.time / base.time, one.cpu / base.cpu, one.variance / base.variance, error)),
+                f"{one.mean:.4f}",
+            ])
+    note = (
+        f"{size} x {size} pixels, {samples} samples, {paths.BOUNCES} scatterings; the knot has "
+        f"{len(scenes['ridged knot']().meshes[0]):,} triangles. Medians of {rounds} rounds; ratios to the first row, "
+        "round by round, with the first and the third quartile. To equal error: the ratio of times, times that of "
+        "variances. Each contender has a process of its own."
+    )
+    head = ["scene", "ms", "CPU ms", "of times", "of CPU", "of variances", "to equal error", "mean"]
+    return Table("equal-error", note, head, rows)
+
+
+def _ratio(values: Any) -> str:
+    return "{:.2f} ({:.2f} to {:.2f})".format(*spread(values))
+
+
+class Rounds:
+    """What the rounds of one contender gave: an array of seconds, of CPU seconds, and of variances of a pixel."""
+
+    def __init__(self, found: Sequence[tuple[float, float, np.ndarray]]) -> None:
+        seconds, cpu, pictures = zip(*found, strict=True)
+        self.time, self.cpu = np.array(seconds), np.array(cpu)
+        after = [*pictures[1:], pictures[0]]
+        self.variance = np.array([np.mean((a - b) ** 2) / 2 for a, b in zip(pictures, after, strict=True)])
+        self.mean = float(np.mean(pictures))
+
+
+def in_processes(makers: Sequence[Callable[[], Any]], rounds: int, settling: float) -> list[Rounds]:
+    """Time contenders in turns, each in a process of its own; a maker gives a function from a seed to a picture."""
+    context = multiprocessing.get_context("spawn")
+    with ExitStack() as ending:
+        ways = []
+        for maker in makers:
+            here, there = context.Pipe()
+            process = context.Process(target=_serve, args=(maker, there, settling), daemon=True)
+            process.start()
+            ending.callback(process.join)
+            ending.callback(here.send, None)
+            here.recv()  # it is ready, and the next one compiles alone
+            ways.append(here)
+        found: list[list[Any]] = [[] for _ in ways]
+        for seed in range(1, rounds + 1):
+            for here, results in zip(ways, found, strict=True):
+                here.send(seed)
+                results.append(here.recv())
+    return [Rounds(results) for results in found]
+
+
+def _serve(maker: Callable[[], Any], there: Connection, settling: float) -> None:
+    """Make pictures for the seeds that come through the pipe, until None comes."""
+    run = maker()
+    started = time.perf_counter()
+    run(0)
+    while time.perf_counter() - started < settling:
+        run(0)
+    there.send("ready")
+    while (seed := there.recv()) is not None:
+        run(0)  # it wakes the threads
+        busy, started = time.process_time(), time.perf_counter()
+        picture = run(seed)
+        there.send((time.perf_counter() - started, time.process_time() - busy, picture))
+
+
+def _ours(scene: Callable[[], Scene], size: int, samples: int) -> Any:
+    renderer = Renderer(scene(), backend=backend(), integrator="path", bounces=paths.BOUNCES)
+
+    def run(seed: int) -> np.ndarray:
+        renderer.seed = seed
+        return np.asarray(renderer.render((size, size), samples=samples).pixels)
+
+    return run
+
+
+def _mitsuba(scene: Callable[[], Scene], size: int, samples: int) -> Any:
+    peers.available(["mitsuba"])  # which finds the compiler
+    peers.start("mitsuba")
+    return partial(paths.mitsuba_picture, size, samples, scene=paths.mitsuba_scene(scene()), ours=scene())
+
+
+def glass(quick: bool) -> Table:
+    """The time of a picture with glass beside that of the plain one, in turns, and how many rays it takes."""
+    body = ridged(60, 12) if quick else ridged()
+    known = features.cases(body)
+    size, rounds = (32, 2) if quick else (256, 15)
+    cases = {name: known[name] for name in ("plain", "glass, 4 bounces")}
+    renderers = [case.renderer(backend()) for case in cases.values()]
+    runs = [partial(renderer.render, (size, size)) for renderer in renderers]
+    for run in runs:
+        started = time.perf_counter()
+        run()
+        while not quick and time.perf_counter() - started < SETTLING:
+            run()
+    found: list[list[tuple[float, float]]] = [[] for _ in runs]
+    for _ in range(rounds):
+        for run, results in zip(runs, found, strict=True):
+            run()
+            busy, started = time.process_time(), time.perf_counter()
+            run()
+            results.append((time.perf_counter() - started, time.process_time() - busy))
+    measured = np.array(found)
+    shot = [run().stats.rays / size**2 for run in runs]
+    rows = [
+        [name, f"{rays:.2f}", f"{rays / shot[0]:.2f}", f"{1e3 * np.median(one[:, 0]):.1f}", *map(_ratio, ratios)]
+        for name, rays, one in zip(cases, shot, measured, strict=True)
+        for ratios in [(one / measured[0]).T]
+    ]
+    note = (
+        f"{body.name}, {len(body):,} triangles, on a floor, {size} x {size} pixels, on {backend()}. Medians of "
+        f"{rounds} rounds; ratios to the plain picture, round by round, with the first and the third quartile."
+    )
+    return Table("glass", note, ["feature", "rays a pixel", "of rays", "ms", "of times", "of CPU"], rows)
