@@ -1,9 +1,10 @@
 """What light a path brings to the eye: path tracing with a ray to one light from each surface.
 
 Stage: kernel. The estimate of Kajiya (1986, The Rendering Equation). Both ways of finding a light, aiming at it and
-meeting it by chance, are combined by the balance heuristic (Veach 1997, section 9.2). One loop with one call of the
-intersector follows all samples of a pixel: an iteration traces the ray that continues the path, or the one to a light,
-and where a path ends the next one begins, so that lanes that run side by side do not wait for the longest path.
+meeting it by chance, are combined by the power heuristic with exponent 2 (Veach 1997, section 9.2). One loop with one call of the
+intersector follows all samples of a pixel: an iteration traces the ray that continues the path, or the one to a light.
+Where many elements run side by side the next path begins where one ends, so that they do not wait for the longest one.
+Lanes of a packet, whose rays walk together, begin their paths together.
 
 Random numbers are hashes of the seed, the pixel, the sample and the dimension. Samples are averaged in their order, by
 a running mean, so that a picture may be continued: it is the same whoever computes which samples.
@@ -22,7 +23,7 @@ from raytracer.kernels.lobes import Lobes, largest
 from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import FAR, Hit
-from raytracer.kernels.walk import meet, scene_walk
+from raytracer.kernels.walk import TOGETHER, meet, scene_walk
 from raytracer.layout import Layout
 from raytracer.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -64,9 +65,13 @@ class Sample:
         return sh.unit_float(self.word(dimension))
 
 
-def balance(density: Any, other: Any) -> Any:
-    """The share of a light that counts where one way finds it with this density, and the other way with that one."""
-    return density / (density + other)
+def power(density: Any, other: Any) -> Any:
+    """The share of a light that counts where one way finds it with this density, and the other way with that one.
+
+    It is density**2 / (density**2 + other**2), without squares that leave the range of numbers.
+    """
+    ratio = other / density
+    return 1 / (1 + ratio * ratio)
 
 
 class PathTracer:
@@ -76,8 +81,8 @@ class PathTracer:
     Raises SceneError for a material whose `shade` says how it is lit: path tracing needs a function of two directions.
     """
 
-    aimed_share = staticmethod(balance)
-    met_share = staticmethod(balance)
+    aimed_share = staticmethod(power)
+    met_share = staticmethod(power)
 
     def __init__(self, layout: Layout, scene: Scene, bounces: int, backend: str) -> None:
         for look in layout.looks:
@@ -87,6 +92,7 @@ class PathTracer:
                     "without its direction: describe the surface by surface=..., or leave shade out"
                 )
         self.intersector = scene_walk(layout, backend)
+        self.together = backend in TOGETHER
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
         self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
@@ -132,31 +138,53 @@ class PathTracer:
         pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
         ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
         path.number[:] = self.first_sample
+
+        def begin() -> None:
+            self.begin(eyes, path, ray, eye, row, column)
+
+        def step() -> None:
+            self.step(path, surface, pixel, ray, eye, pending, around)
+
+        def end() -> None:
+            path.number += 1
+            mean[:] += (path.color - mean) / sh.Attrib1f(path.number)
+
         with SH_DO():
-            with SH_IF(path.finished):
-                self.begin(eyes, path, ray, eye, row, column)
-            limit = sh.Attrib1f(FAR)
-            if self.emitters.count:
-                with SH_IF(path.lighting):
-                    self.aim(path, surface, ray, eye, limit, pending, around)
-            hit = meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, path.lighting)
-            rays += sh.cond(limit > 0, 1, 0)
-            with SH_IF((hit.id < 0) & (limit > 0)):
-                self.leave(path, surface, ray, pending, around)
-            lighted = path.lighting.copy()
-            path.lighting[:] = False
-            with SH_IF(~lighted):
-                with SH_IF(hit.id >= 0):
-                    self.arrive(path, surface, pixel, hit, ray, eye)
-                with SH_ELSE():
-                    path.finished[:] = True
-            with SH_IF(~(path.lighting | path.finished)):
-                self.scatter(path, surface, ray, eye)
-            with SH_IF(path.finished):
-                path.number += 1
-                mean += (path.color - mean) / sh.Attrib1f(path.number)
+            if self.together:
+                # Rays of the same depth have more in common than those of samples that began at different times.
+                begin()
+                with SH_DO():
+                    step()
+                    SH_UNTIL(path.finished)
+                end()
+            else:
+                with SH_IF(path.finished):
+                    begin()
+                step()
+                with SH_IF(path.finished):
+                    end()
             SH_UNTIL(path.number >= self.past_sample)
         return pixel
+
+    def step(self, path: Sample, surface: ShadedPoint, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any) -> None:
+        """Trace the next ray of a path, and prepare the one after it."""
+        limit = sh.Attrib1f(FAR)
+        if self.emitters.count:
+            with SH_IF(path.lighting):
+                self.aim(path, surface, ray, eye, limit, pending, around)
+        hit = meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, path.lighting)
+        pixel.rays[:] += sh.cond(limit > 0, 1, 0)
+        with SH_IF((hit.id < 0) & (limit > 0)):
+            self.leave(path, surface, ray, pending, around)
+        lighted = path.lighting.copy()
+        path.lighting[:] = False
+        with SH_IF(~lighted):
+            with SH_IF(hit.id >= 0):
+                self.arrive(path, surface, pixel, hit, ray, eye)
+            with SH_ELSE():
+                path.finished[:] = True
+        with SH_IF(~(path.lighting | path.finished)):
+            self.scatter(path, surface, ray, eye)
 
     def begin(self, eyes: EyeRays | PanoramaRays, path: Sample, ray: Any, eye: Any, row: Any, column: Any) -> None:
         """Make the eye ray of the next sample, anywhere in the pixel."""

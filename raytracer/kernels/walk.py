@@ -21,7 +21,7 @@ from shpy import SH_ELSE, SH_IF
 
 Structure = Grid | Bvh | LayeredCube
 
-_TOGETHER = frozenset({"opencl"})
+TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
 
 
@@ -90,5 +90,5 @@ def walk_with(structure: Structure, triangles: Any, backend: str, bound: AheadBo
     if isinstance(structure, LayeredCube):
         return LayeredIntersector(structure, triangles, bound)
     if isinstance(structure, Bvh):
-        return BvhIntersector(structure, triangles, together=backend in _TOGETHER, bound=bound)
+        return BvhIntersector(structure, triangles, together=backend in TOGETHER, bound=bound)
     return GridIntersector(structure, triangles, bound)
