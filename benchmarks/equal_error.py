@@ -79,13 +79,15 @@ def equal_error(quick: bool) -> Table:
         base = measured[0]
         for name, one in zip(contenders, measured, strict=True):
             error = one.time / base.time * (one.variance / base.variance)
-            rows.append([
-                f"{title}, {name}",
-                f"{1e3 * np.median(one.time):.0f}",
-                f"{1e3 * np.median(one.cpu):.0f}",
-                *map(_ratio, (one.time / base.time, one.cpu / base.cpu, one.variance / base.variance, error)),
-                f"{one.mean:.4f}",
-            ])
+            rows.append(
+                [
+                    f"{title}, {name}",
+                    f"{1e3 * np.median(one.time):.0f}",
+                    f"{1e3 * np.median(one.cpu):.0f}",
+                    *map(_ratio, (one.time / base.time, one.cpu / base.cpu, one.variance / base.variance, error)),
+                    f"{one.mean:.4f}",
+                ]
+            )
     note = (
         f"{size} x {size} pixels, {samples} samples, {paths.BOUNCES} scatterings; the knot has "
         f"{len(scenes['ridged knot']().meshes[0]):,} triangles. Medians of {rounds} rounds; ratios to the first row, "

@@ -1,10 +1,10 @@
 """What light a path brings to the eye: path tracing with a ray to one light from each surface.
 
 Stage: kernel. The estimate of Kajiya (1986, The Rendering Equation). Both ways of finding a light, aiming at it and
-meeting it by chance, are combined by the power heuristic with exponent 2 (Veach 1997, section 9.2). One loop with one call of the
-intersector follows all samples of a pixel: an iteration traces the ray that continues the path, or the one to a light.
-Where many elements run side by side the next path begins where one ends, so that they do not wait for the longest one.
-Lanes of a packet, whose rays walk together, begin their paths together.
+meeting it by chance, are combined by the power heuristic with exponent 2 (Veach 1997, section 9.2). One loop with one
+call of the intersector follows all samples of a pixel: an iteration traces the ray that continues the path, or the one
+to a light. Where many elements run side by side the next path begins where one ends, so that they do not wait for the
+longest one. Lanes of a packet, whose rays walk together, begin their paths together.
 
 Random numbers are hashes of the seed, the pixel, the sample and the dimension. Samples are averaged in their order, by
 a running mean, so that a picture may be continued: it is the same whoever computes which samples.
@@ -166,7 +166,9 @@ class PathTracer:
             SH_UNTIL(path.number >= self.past_sample)
         return pixel
 
-    def step(self, path: Sample, surface: ShadedPoint, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any) -> None:
+    def step(
+        self, path: Sample, surface: ShadedPoint, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any
+    ) -> None:
         """Trace the next ray of a path, and prepare the one after it."""
         limit = sh.Attrib1f(FAR)
         if self.emitters.count:

@@ -24,7 +24,7 @@ from raytracer import (
     render,
 )
 from raytracer.kernels.chances import Chances, alias_table, probabilities_of
-from raytracer.kernels.path import PathTracer
+from raytracer.kernels.path import PathTracer, power
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 WHITE = Material((1, 1, 1), diffuse=1, specular=0)
@@ -140,6 +140,15 @@ def test_either_way_of_finding_lights_gives_the_same(monkeypatch, aimed, met):
     monkeypatch.setattr(PathTracer, "met_share", staticmethod(lambda density, other: met))
     other, larger = mean_of(traced(scene, samples=256))
     assert abs(mean - other) < 4 * math.hypot(error, larger)
+
+
+def test_shares_of_both_ways_add_up_to_the_whole():
+    densities = np.float32([1e-38, 1e-3, 1.0, 7.0, 1e20, 3e38])
+    a, b = np.meshgrid(densities, densities)
+    with np.errstate(over="ignore"):
+        np.testing.assert_allclose(power(a, b) + power(b, a), 1, rtol=1e-6)
+    assert power(3.0, 4.0) == pytest.approx(9 / 25)
+    assert power(5.0, 0.0) == 1
 
 
 def test_roulette_and_bounces():
