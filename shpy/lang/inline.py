@@ -24,6 +24,7 @@ from shpy.lang.location import here
 from shpy.lang.params import Param
 from shpy.lang.record import Recorded
 from shpy.lang.recorder import Frame, Recording
+from shpy.lang.snapshot import Same
 from shpy.lang.structure import build_values, flatten, leaves
 
 Constants = Mapping[int, tuple[int, ...]]
@@ -91,8 +92,9 @@ class _Names:
 
     def function(self, function: Function) -> Function:
         """The function under a name that no other has, its names replaced inside; made once for one recording."""
-        bound = tuple(sorted(self.tables.items())), tuple(sorted(self.constants)), tuple(sorted(self.modes))
-        key = ("inlined", id(self.recorded), function.name, bound, tuple(map(id, self.modes.values())))
+        modes = tuple((name, Same(mode) if isinstance(mode, Param) else mode) for name, mode in self.modes.items())
+        bound = tuple(self.tables.items()), tuple(self.constants.items()), modes
+        key = ("inlined", Same(self.recorded), function.name, bound)
         held = self.recording.subroutines.get(key)
         if held is None:
             name = self.recording.function_name(function.name)

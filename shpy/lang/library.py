@@ -252,22 +252,23 @@ def filtered(
 def sample(texture: Texture, uv: Any) -> Any:
     """The texture's colour at uv, filtered and wrapped as it says."""
 
-    def lookup(uv: Any) -> Any:
+    def lookup(uv: Any, filter: str, names: Sequence[str]) -> Any:
         linear: Any
         wraps: Sequence[Wrap]
         if texture.known:
-            linear, wraps = texture.filter != "nearest", [WRAPS[wrap] for wrap in texture.wraps]
+            linear, wraps = filter != "nearest", [WRAPS[name] for name in names]
         else:
             mode = texture.mode
             linear, repeat = (mode & 1) != 0, (mode & 2) != 0
             wraps = [_either(repeat)] * texture.AXES
         extents = texture.shape[::-1]
-        return filtered(uv, extents, wraps, linear, texture.filter == "cubic", lambda *at: texture.table[at])
+        return filtered(uv, extents, wraps, linear, filter == "cubic", lambda *at: texture.table[at])
 
     name = f"sample_{texture.name or 'texture'}"
     routine = texture.__dict__.setdefault("_routine", Subroutine(lookup, name))
     color = CLASSES["Color", texture.type.size, Base.F]
-    return color(routine(CLASSES["Attrib", texture.AXES, Base.F](uv)))
+    wraps = texture.wraps if texture.known else ()
+    return color(routine(CLASSES["Attrib", texture.AXES, Base.F](uv), texture.filter, wraps))
 
 
 __all__ = ["WRAPS", "Wrap", "filtered", "hash", "noise", "pcg", "sample", "trip_count", "unit_float"]

@@ -1,7 +1,7 @@
 """Subroutines: functions that stay functions in the emitted text.
 
-Stage: record. `@sh.subroutine` records its function once for each signature in a program. Arguments come by reference:
-what the function stores into, its caller sees. Outside a program it is called as it is.
+Stage: record. `@sh.subroutine` records its function once in a program for all calls that would record the same.
+Arguments come by reference: what the function stores into, its caller sees. Outside a program it is called as it is.
 
     @sh.subroutine
     def advance(p: sh.Point3f, v: sh.Vector3f):
@@ -14,7 +14,8 @@ import functools
 import inspect
 from collections.abc import Callable, Hashable
 from contextlib import nullcontext
-from typing import Any
+from dataclasses import replace
+from typing import Any, ClassVar
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Call, Function, Loc, Store, Variable
@@ -24,11 +25,12 @@ from shpy.lang import arithmetic, values
 from shpy.lang.array import Array
 from shpy.lang.coerce import literal, sequence
 from shpy.lang.emit import FrameEmitter
-from shpy.lang.location import at, here, in_library, is_library, loc_in
+from shpy.lang.location import at, here, in_library, is_library
 from shpy.lang.matrix import Matrix
 from shpy.lang.recorder import Frame, Recording, current
 from shpy.lang.returns import Returns
-from shpy.lang.signature import bodies_of, hints_of, return_loc
+from shpy.lang.signature import bodies_of, hints_of, loc_of, return_loc
+from shpy.lang.snapshot import snapshot
 from shpy.lang.structure import Layout, Leaf, build_values, flatten, layout_from, layout_of, leaves
 
 __all__ = ["Subroutine", "subroutine"]
@@ -40,12 +42,16 @@ class Subroutine:
     Raises RecordError for recursion, and for one variable given for two parameters that are both written.
     """
 
+    _is_subroutine: ClassVar[bool] = True
+
     def __init__(self, function: Callable[..., Any], name: str | None = None) -> None:
         functools.update_wrapper(self, function)
         self.function = function
         self.name: str = name or str(getattr(function, "__name__", "subroutine"))
         self.signature = inspect.signature(function)
         self._hints: dict[str, Any] | None = None
+        self._loc = loc_of(function)
+        self._is_library = self._loc is not None and is_library(self._loc)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         """Methods work too: the instance is part of what the subroutine is recorded for."""
@@ -61,8 +67,8 @@ class Subroutine:
         if self._hints is None:
             self._hints = hints_of(self.function)
         given = {name: self._argument(name, value) for name, value in bound.arguments.items()}
-        key = (self.function, tuple((name, _key(value)) for name, value in given.items()))
-        recorded = recording.subroutines.get(key)
+        key = self._key(given)
+        recorded = recording.subroutines.get(key) if key is not None else None
         if recorded is None:
             if any(other is self.function for other in recording.underway):
                 raise RecordError(
@@ -70,8 +76,20 @@ class Subroutine:
                     loc=here(),
                     cure="a loop, with an sh.Array as the stack",
                 )
-            recorded = recording.subroutines[key] = self._record(recording, given)
+            recorded = self._record(recording, given)
+            if key is not None and key == self._key(given):  # the function has changed nothing that it reads
+                recording.subroutines[key] = recorded
         return recorded.call(recording.frame, given)
+
+    def _key(self, given: dict[str, Any]) -> Hashable | None:
+        """Return what decides which recording fits a call: types of values, snapshots of all else that is read.
+
+        None where something has no snapshot: the function is then recorded for each call.
+        """
+        kinds = tuple((name, _kind(value)) for name, value in given.items())
+        hosts = [value for (_, kind), value in zip(kinds, given.values(), strict=True) if kind is None]
+        seen = snapshot(*hosts) if self._is_library else snapshot(self.function, *hosts)
+        return None if seen is None else (self, kinds, seen)
 
     def _argument(self, name: str, value: Any) -> Any:
         """A number for an annotated parameter becomes a value of its type; other host objects stay what they are."""
@@ -83,8 +101,7 @@ class Subroutine:
         return value
 
     def _record(self, recording: Recording, given: dict[str, Any]) -> Recorded:
-        loc = loc_in(self.function.__code__.co_filename, self.function.__code__.co_firstlineno)
-        frame = Frame(recording, recording.function_name(self.name), loc)
+        frame = Frame(recording, recording.function_name(self.name), self._loc)
         hints = self._hints or {}
         hint = hints.get("return")
         layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
@@ -93,7 +110,7 @@ class Subroutine:
         recording.underway.append(self.function)
         try:
             inside = {name: _parameter(frame, name, value) for name, value in given.items()}
-            with in_library() if is_library(loc) else nullcontext():
+            with in_library() if self._is_library else nullcontext():
                 result = self.function(**_restore(self.signature, inside))
             with at(return_loc(self.function)):
                 frame.returned.finish(result)
@@ -101,8 +118,12 @@ class Subroutine:
             recording.frames.pop()
             recording.underway.pop()
         recorded = Recorded(frame, inside)
-        recording.functions.append(recorded.function)
-        return recorded
+        known: Recorded = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
+        if known is recorded:
+            recording.functions.append(recorded.function)
+        else:
+            recording.function_names.discard(frame.name)
+        return known
 
 
 def _restore(signature: inspect.Signature, inside: dict[str, Any]) -> dict[str, Any]:
@@ -111,17 +132,11 @@ def _restore(signature: inspect.Signature, inside: dict[str, Any]) -> dict[str, 
     return inside
 
 
-def _key(value: Any) -> Hashable:
-    """What of an argument decides which recording fits: the type of a value, the identity of anything else."""
+def _kind(value: Any) -> Hashable | None:
+    """Return the type of a value or array of the language; None for a host object."""
     if isinstance(value, Array):
-        return "array", value._layout, len(value)
-    if _is_symbolic(value):
-        return "value", layout_from(value, "argument")
-    try:
-        hash(value)
-    except TypeError:
-        return "object", id(value)
-    return "host", type(value), value
+        return value._layout, len(value)
+    return layout_from(value, "argument") if _is_symbolic(value) else None
 
 
 def _is_symbolic(value: Any) -> bool:
@@ -170,6 +185,7 @@ class Recorded:
         written = _written(frame)
         self.layout: Layout | None = returns.layout
         self.by_reference: list[bool] = []
+        self.stored: list[bool] = []
         inputs: list[IrValue | Variable] = []
         copies: list[Any] = []
         for name, value in inside.items():
@@ -177,6 +193,7 @@ class Recorded:
                 variable = frame.named(frame.variables[slot])
                 reference = slot in written or variable.length is not None
                 self.by_reference.append(reference)
+                self.stored.append(slot in written)
                 if reference:
                     inputs.append(variable)
                 else:
@@ -186,6 +203,10 @@ class Recorded:
         body[:0] = copies
         pure = is_straight(body) and len(returns.slots) == 1 and not any(self.by_reference)
         self.function: Function = frame.finish(tuple(inputs), tuple(returns.slots), pure)
+
+    def content(self) -> tuple[Hashable, ...]:
+        """Return all of it but the name: recordings of one content are one function."""
+        return self.layout, self.function.loc, replace(self.function, name="")
 
     def call(self, frame: Frame, given: dict[str, Any]) -> Any:
         """Record a call from `frame`; gives the function's result."""
@@ -207,19 +228,35 @@ class Recorded:
 
     def _arguments(self, frame: Frame, given: dict[str, Any]) -> list[int]:
         emitter = FrameEmitter(frame)
-        args: list[int] = []
-        passed: dict[int, str] = {}
-        position = 0
-        for name, value in given.items():
-            for leaf in _leaves(value):
-                if not self.by_reference[position]:
-                    args.append(leaf._read(emitter))
-                else:
-                    args.append(self._reference(frame, leaf, name, passed))
-                position += 1
+        passed = [(name, leaf) for name, value in given.items() for leaf in _leaves(value)]
+        args = [
+            self._reference(frame, leaf, name) if reference else int(leaf._read(emitter))
+            for (name, leaf), reference in zip(passed, self.by_reference, strict=True)
+        ]
+        self._check_apart(passed)
         return args
 
-    def _reference(self, frame: Frame, leaf: Any, name: str, passed: dict[int, str]) -> int:
+    def _check_apart(self, passed: list[tuple[str, Any]]) -> None:
+        """Error for one variable given for two parameters, unless both are only read.
+
+        A parameter that is only read is passed by value, so it would not see what is stored through the other one.
+        """
+        slots = [leaf if isinstance(leaf, int) else leaf._variable for _, leaf in passed]
+        shared = ((k, j) for k, slot in enumerate(slots) for j in range(k) if slots[j] == slot)
+        for k, j in shared:
+            if not (self.by_reference[k] or self.by_reference[j]):
+                continue
+            function, stored = self.function.name, [passed[n][0] for n in (j, k) if self.stored[n]]
+            done = f"and {function} stores into {stored[0]}" if stored else f"which {function} takes by reference"
+            if len(stored) == 2:
+                done = f"which {function} both stores into"
+            raise RecordError(
+                f"one variable is given for {passed[j][0]} and {passed[k][0]}, {done}",
+                loc=here(),
+                cure="a copy for one of them: x.copy()",
+            )
+
+    def _reference(self, frame: Frame, leaf: Any, name: str) -> int:
         if isinstance(leaf, int):
             slot = leaf
         else:
@@ -237,13 +274,6 @@ class Recorded:
                     loc=here(),
                     cure=f"x = {leaf._part} first, and {leaf._part} = x after the call",
                 )
-        if slot in passed:
-            raise RecordError(
-                f"one variable is given for {passed[slot]} and {name}, which {self.function.name} both stores into",
-                loc=here(),
-                cure="a copy for one of them: x.copy()",
-            )
-        passed[slot] = name
         return slot
 
 

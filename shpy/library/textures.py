@@ -100,7 +100,7 @@ class Mipmap:
         detail = clamp(Attrib1f(vector(level, (1,), "a Mipmap's level")), 0, self.count - 1)
         finer = floor(detail)
         number = Attrib1i(finer)
-        fine, coarse = self._level(place, number), self._level(place, min(number + 1, self.count - 1))
+        fine, coarse = (self._level(place, n, self.wraps) for n in (number, min(number + 1, self.count - 1)))
         return self.type(mix(fine, coarse, detail - finer))
 
     def level(self, dx: Any, dy: Any) -> Any:
@@ -113,13 +113,13 @@ class Mipmap:
         changes = (length(size * Attrib2f(vector(d, (2,), "sh.library.Mipmap.level"))) for d in (dx, dy))
         return log2(max(*changes))
 
-    def _filtered(self, uv: Attrib2f, level: Attrib1i) -> Any:
+    def _filtered(self, uv: Attrib2f, level: Attrib1i, wraps: tuple[str, str]) -> Any:
         start, height, width = self._sizes[level]
 
         def texel(row: Any, column: Any) -> Any:
             return self._texels[start + clamp(row, 0, height - 1) * width + clamp(column, 0, width - 1)]
 
-        return filtered(uv, (width, height), [WRAPS[wrap] for wrap in self.wraps], True, False, texel)
+        return filtered(uv, (width, height), [WRAPS[wrap] for wrap in wraps], True, False, texel)
 
 
 def _levels(array: Any) -> tuple[list[NDArray[Any]], int]:
@@ -205,16 +205,16 @@ class TextureCube:
 
     def __call__(self, direction: Any) -> Any:
         """The colour in a direction, of any length."""
-        return self.type(self._routine(Attrib3f(vector(direction, (3,), "a TextureCube"))))
+        return self.type(self._routine(Attrib3f(vector(direction, (3,), "a TextureCube")), self.filter))
 
-    def _filtered(self, direction: Attrib3f) -> Any:
+    def _filtered(self, direction: Attrib3f, filter: str) -> Any:
         face, uv = cubemap(direction)
         n = self.shape[1]
         return filtered(
             uv,
             (n, n),
             [WRAPS["clamp"]] * 2,
-            self.filter == "linear",
+            filter == "linear",
             False,
             lambda row, column: self.table[face, row + 1, column + 1],
         )
