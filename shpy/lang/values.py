@@ -29,7 +29,6 @@ from shpy.lang.foreign import value_cure
 from shpy.lang.location import here
 from shpy.lang.operators import Operators
 from shpy.lang.recorder import Frame, current_frame
-from shpy.lang.source.kinds import FUNCTIONS
 
 KINDS = ("Attrib", "Point", "Vector", "Normal", "Color", "TexCoord")
 _SETS = ("xyzw", "rgba", "stpq")
@@ -167,7 +166,10 @@ class Value(Operators):
         text = f"{type(self).__name__!r} object has no attribute {name!r}"
         if name.startswith("_"):
             return AttributeError(text, name=name, obj=self)
-        cure = value_cure(name, "v" if self._frame is None else self._frame.names[self._variable] or "v", FUNCTIONS)
+        from shpy.lang.source.kinds import functions
+
+        called = "v" if self._frame is None else self._frame.names[self._variable] or "v"
+        cure = value_cure(name, called, functions())
         if cure is None and any(set(name) <= set(letters) for letters in _SETS) and len(name) <= 4:
             text = f"{type(self).__name__} has no component {name!r}"
         if self.size == 1 and name in ("sum", "mean", "max", "min", "prod"):

@@ -9,23 +9,21 @@ from __future__ import annotations
 
 import ast
 import builtins
+import inspect
 import numbers
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from types import FunctionType
 
 from shpy.lang.source.scope import UNRESOLVED, Scope, from_shpy
 
 _PLAIN = re.compile(r"(Attrib|Point|Vector|Normal|Color|TexCoord)[1-4][fdhiub]$")
 _COMPOUND = re.compile(r"(Matrix[234]f|Array)$")
-FUNCTIONS = frozenset(
-    "abs sign floor ceil round trunc fract mod min max clamp saturate mix step smoothstep sqrt rsqrt inversesqrt exp "
-    "exp2 log log2 pow sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh fma mad ldexp radians degrees "
-    "dot cross length distance normalize reflect refract faceforward transpose determinant inverse any all cond isnan "
-    "isinf bits_from_float float_from_bits floatBitsToUint uintBitsToFloat popcount hash unit_float noise grid_index "
-    "grid_shape any_lane all_lanes".split()
-)
+_LANGUAGE = ("shpy.lang.builtins", "shpy.lang.data", "shpy.lang.derivatives", "shpy.lang.library", "shpy.lang.matrix")
+"""The modules whose functions are the language, besides those of `shpy.library`."""
 _NUMBERS = ("len", "int", "float", "bool", "ord", "id", "round", "isinstance", "hasattr", "callable")
 _KEPT = ("abs", "min", "max", "sum", "pow", "divmod")  # numbers of numbers
 
@@ -135,9 +133,28 @@ class Judge:
                 return NUMBER
             kept = name in _KEPT and all(self.kind(a) == NUMBER for a in node.args)
             return NUMBER if kept else HOST if name == "sorted" else UNKNOWN
-        if from_shpy(thing) and name in FUNCTIONS:
-            return VALUE
-        return UNKNOWN
+        return VALUE if gives_value(thing) else UNKNOWN
+
+
+def gives_value(thing: object) -> bool:
+    """Return whether a call of an object gives one value: a function of the language, a texture, a texture's method.
+
+    The return annotation tells: `Any` is one value, and a function that gives several, or none, says so.
+    """
+    if isinstance(thing, type):
+        return False
+    function = getattr(thing, "__func__", thing)
+    if not isinstance(function, FunctionType):
+        function = inspect.getattr_static(type(thing), "__call__", None)
+    if not isinstance(function, FunctionType) or function.__annotations__.get("return") != "Any":
+        return False
+    module = str(function.__module__)
+    return module in _LANGUAGE or module.startswith("shpy.library.")
+
+
+def functions() -> list[str]:
+    """Return the names in `shpy` of the functions that give one value."""
+    return [name for name, thing in vars(sys.modules["shpy"]).items() if gives_value(thing)]
 
 
 def _of(known: Known) -> Known:

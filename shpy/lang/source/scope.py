@@ -62,6 +62,8 @@ class Scope:
             base = self.resolve(node.value)
             if isinstance(base, _Unresolved) or self.is_value(base):
                 return UNRESOLVED
+            if isinstance(base, ModuleType) and base.__name__ == "shpy":
+                return getattr(base, node.attr, UNRESOLVED)  # loads `sh.library`, as running the text would
             return _attribute(base, node.attr)
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             return UNRESOLVED

@@ -1,0 +1,81 @@
+"""The source check knows every public function of the language: none is kept in a list that can forget it."""
+
+from __future__ import annotations
+
+import builtins
+import inspect
+
+import numpy as np
+import pytest
+from source_text import blame, check
+
+import shpy as sh
+from shpy.lang.source.kinds import functions, gives_value
+
+OTHERS = {
+    "argsort", "backends", "choice", "compact", "cubemap", "default_backend", "gather", "histogram", "loop", "parse",
+    "program", "reduce", "repeat", "scan", "scatter", "sequence", "sort", "struct", "subroutine", "swap",
+}  # fmt: skip
+"""Public functions that do not give one value of the language."""
+
+MODULES = {"sh": sh, "sh.library": sh.library}
+PUBLIC = [
+    (f"{prefix}.{name}", thing)
+    for prefix, module in MODULES.items()
+    for name, thing in vars(module).items()
+    if inspect.isfunction(thing) and (name in module.__all__ or hasattr(builtins, name)) and not name.startswith("SH_")
+]
+VALUES = [(written, function) for written, function in PUBLIC if function.__name__ not in OTHERS]
+
+
+def test_the_list_of_the_test_is_whole():
+    """A new public function is either one that gives a value, or stands in OTHERS."""
+    assert len(VALUES) > 95
+    assert {name for name, _ in PUBLIC} >= {"sh.abs", "sh.log10", "sh.hash", "sh.dFdx", "sh.inverse", "sh.library.fbm"}
+    assert {f.__name__ for _, f in PUBLIC if not gives_value(f)} == OTHERS
+
+
+@pytest.mark.parametrize("written", [written for written, _ in VALUES])
+def test_an_alias_of_its_result_is_found(written):
+    text = f"""
+        def f(x: sh.Attrib1f):
+            y = {written}(x)
+            z = y
+            z += 1
+            return y
+        """
+    assert blame(text).startswith("3: `z = y` gives one value two names: `z += 1` (line 4) changes both")
+
+
+def test_an_alias_of_what_a_texture_gives_is_found():
+    image = np.zeros((4, 4, 3))
+    sky, levels = sh.Texture2D(image), sh.library.Mipmap(image)
+    for written in ("sky(uv)", "levels(uv, 1)", "levels.level(uv, uv)"):
+        text = f"""
+            def f(uv: sh.TexCoord2f):
+                y = {written}
+                z = y
+                z += 1
+                return y
+            """
+        assert "`z = y` gives one value two names" in blame(text, sky=sky, levels=levels)
+
+
+def test_functions_that_give_several_values_or_none_are_innocent():
+    check(
+        """
+        def f(x: sh.Vector3f):
+            both = sh.library.cubemap(x)
+            same = both
+            face, uv = same
+            face += 1
+            return face, both[1]
+        """
+    )
+
+
+def test_a_value_names_every_function():
+    assert {"log10", "dFdx", "hash"} <= set(functions())
+    with pytest.raises(AttributeError) as caught:
+        sh.Attrib1f(2).log10  # noqa: B018
+    assert caught.value.cure == "sh.log10(v)"
