@@ -10,6 +10,7 @@ Stage: record, where an attribute is missing. Takes the name that the user wrote
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Iterable
 
 OTHER_NAMES = {
@@ -19,12 +20,6 @@ OTHER_NAMES = {
     "dist": "distance", "deg2rad": "radians", "rad2deg": "degrees", "matmul": "dot", "vdot": "dot",
 }  # fmt: skip
 """A function of numpy or math, and the function of shpy that does the same."""
-OF_LIBRARY = frozenset(
-    "isfinite hypot rotate scale translate look_at perspective fbm turbulence worley cellnoise luminance cubemap "
-    "Texture3D TextureCube".split()
-)
-"""Names of shpy.library that users look for in shpy itself."""
-
 _SHADING = {
     "lerp": "mix(a, b, t)", "frac": "fract(x)", "roundEven": "round(x)", "magnitude": "length(v)", "mag": "length(v)",
     "normalized": "normalize(v)", "unit": "normalize(v)", "invert": "inverse(m)", "inv": "inverse(m)",
@@ -54,7 +49,6 @@ _PLAIN = {
     "outerProduct": "sh.library.outer(a, b)", "logical_and": "a & b", "logical_or": "a | b",
     "logical_not": "~a",
     "ddx": "sh.dFdx(x)", "ddy": "sh.dFdy(x)", "fwidth": "abs(sh.dFdx(x)) + abs(sh.dFdy(x))",
-    **{name: f"sh.library.{name}" for name in OF_LIBRARY},
     "lookAt": "sh.library.look_at", "textureCube": "sh.library.TextureCube", "texture3D": "sh.library.Texture3D",
 }  # fmt: skip
 _VECTORS = {"float": "vec", "int": "ivec", "uint": "uvec", "bool": "bvec"}
@@ -71,6 +65,11 @@ _OF_VALUES = {
 _TWO = frozenset("dot cross distance reflect refract mix clamp min max mod pow atan2 step smoothstep cond".split())
 
 
+def is_in_library(name: str) -> bool:
+    """Return whether `sh.library` has the name."""
+    return name in sys.modules["shpy"].library.__all__
+
+
 def module_cure(name: str, known: Iterable[str]) -> str | None:
     """Return the cure for `sh.name`; `known` are the names of shpy."""
     if name in _PLAIN:
@@ -79,6 +78,8 @@ def module_cure(name: str, known: Iterable[str]) -> str | None:
         return f"sh.{OTHER_NAMES[name]}"
     if name in _SHADING:
         return f"sh.{_SHADING[name]}"
+    if is_in_library(name):
+        return f"sh.library.{name}"
     if name[:-1] in _VECTORS and name[-1] in "234":
         return f"sh.{_VECTORS[name[:-1]]}{name[-1]}"
     lower = {k.lower(): k for k in known}

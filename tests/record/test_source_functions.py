@@ -79,3 +79,10 @@ def test_a_value_names_every_function():
     with pytest.raises(AttributeError) as caught:
         sh.Attrib1f(2).log10  # noqa: B018
     assert caught.value.cure == "sh.log10(v)"
+
+
+@pytest.mark.parametrize("name", sorted(set(sh.library.__all__) - set(sh.__all__) - {"lerp", "outer"}))
+def test_a_name_of_the_library_that_is_looked_for_in_shpy_is_found(name):
+    with pytest.raises(AttributeError) as caught:
+        getattr(sh, name)
+    assert caught.value.cure == f"sh.library.{name}"

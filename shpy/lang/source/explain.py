@@ -17,7 +17,7 @@ from types import FrameType
 from typing import TypeAlias
 
 from shpy.ir.nodes import Loc
-from shpy.lang.foreign import OF_LIBRARY, OTHER_NAMES
+from shpy.lang.foreign import OTHER_NAMES, is_in_library
 from shpy.lang.location import user_frame
 from shpy.lang.source.rewrite import rewritten
 from shpy.lang.source.tree import parsed, quoted
@@ -382,6 +382,6 @@ def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
         return f"{prefix}length({prefix}Attrib2f({inside}))" if "," in inside else f"{prefix}length({inside})"
     if name in _SAME or name in OTHER_NAMES.values():
         return f"{prefix}{name}({inside})"
-    if name in OF_LIBRARY:
+    if is_in_library(name):
         return f"{prefix}library.{name}({inside})"
     return f"a function of shpy, such as `{prefix}sqrt`"
