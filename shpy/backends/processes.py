@@ -4,12 +4,17 @@ Stage: compile, run. A backend asks before it touches its driver, and before it 
 parent may have held at the time of the fork.
 
     OPENCL = Driver("opencl")
-    OPENCL.use()        # BackendUnavailable in a child of a process that has used OpenCL
+    OPENCL.use()           # BackendUnavailable in a child of a process that has used OpenCL
+    OPENCL.at_exit(end)    # `end` waits for threads, which a child does not have
 """
 
 from __future__ import annotations
 
+import atexit
+import ctypes
 import os
+from collections.abc import Callable
+from functools import cache
 
 from shpy.errors import BackendUnavailable
 
@@ -28,12 +33,37 @@ class Driver:
         process = os.getpid()
         if self._process is None:
             self._process = process
+            _leave_drivers_alone()
         elif self._process != process:
             raise BackendUnavailable(
                 f"this process was forked after its parent had used {self.backend}, whose driver does not survive that",
                 cure='multiprocessing.get_context("spawn"), or fork before the first use; numpy works in any process',
             )
 
+    def at_exit(self, end: Callable[[], None]) -> None:
+        """Call `end` when this process exits, and not when a child exits that was forked from it."""
+        process = os.getpid()
+        atexit.register(lambda: end() if os.getpid() == process else None)
+
     def release(self) -> None:
         """Forget that the driver was used: it was not there."""
         self._process = None
+
+
+@cache
+def _leave_drivers_alone() -> None:
+    """From now on, let the children of this process exit without the exit handlers of its drivers.
+
+    These handlers wait for the drivers' threads, which a child does not have: Mesa's wait for ever, or fail. So a child
+    skips all handlers of C that its parent had registered, as `multiprocessing` does, but for those of stdio.
+    """
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=_exit_at_once)
+
+
+def _exit_at_once() -> None:
+    """Have `exit` flush what C has buffered, and end the process with its status before it calls older handlers."""
+    library = ctypes.CDLL(None)
+    if hasattr(library, "on_exit"):  # of glibc; handlers are called in the reverse order
+        for last in (library._exit, library.fcloseall):
+            library.on_exit(last, None)

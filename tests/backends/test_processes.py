@@ -164,6 +164,77 @@ def test_streams_of_before_a_fork_say_that_drivers_do_not_survive(tmp_path):
 
 
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_a_forked_child_ends_with_its_status(tmp_path, backend):
+    """After `os.fork` and in multiprocessing, while a thread of the parent runs kernels and compiles others."""
+    done = run(
+        tmp_path,
+        f"""
+        import ctypes, multiprocessing
+
+        def refused():
+            try:
+                kernel(x)
+            except sh.BackendUnavailable:
+                sys.exit(3)
+
+        def on_numpy():
+            def tenfold(x: sh.Attrib1f) -> sh.Attrib1f:
+                return x * 10
+
+            found = sh.program(tenfold).compile("numpy").run(x, where=x > 0).outputs
+            sys.exit(4 if found.tolist() == [0, 10, 20] else 1)
+
+        def drop():
+            global kernel, stream
+            del kernel, stream
+            sys.exit(5)
+
+        def prints():
+            ctypes.CDLL(None).printf(b"buffered by C\\n")
+            sys.exit(6)
+
+        def forks():
+            grandchild = os.fork()
+            if not grandchild:
+                sys.exit(7)
+            sys.exit(os.waitstatus_to_exitcode(os.waitpid(grandchild, 0)[1]))
+
+        def ended(job):
+            child = os.fork()
+            if not child:
+                signal.alarm(30)  # ends a child that hangs
+                job()
+            return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+        x = np.arange(3, dtype=np.float32)
+        kernel, stream = double.compile({backend!r}), sh.Stream(x, sh.Attrib1f, {backend!r})
+        kernel(stream)
+        busy, stop = long.compile({backend!r}), threading.Event()
+
+        def work():
+            number = 0
+            while not stop.is_set():
+                busy(np.zeros(20_000, np.float32), 100)
+                number += 1
+                triple.compile({backend!r}, loop_limit=number)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        try:
+            found = [ended(job) for job in (sys.exit, refused, on_numpy, drop, prints, forks)]
+            child = multiprocessing.get_context("fork").Process(target=on_numpy)
+            child.start()
+            child.join()
+            print([*found, child.exitcode])
+        finally:
+            stop.set()
+            thread.join()
+        """,
+    )
+    assert done.stdout == "buffered by C\n[0, 3, 4, 5, 6, 7, 4]\n", done.stderr
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_child_may_use_what_its_parent_has_not(tmp_path, backend):
     done = run(tmp_path, f"print(*forked(lambda: double.compile({backend!r})(np.float32([1, 2])).tolist()))")
     assert done.stdout == "[2.0, 4.0] 0\n", done.stderr

@@ -10,7 +10,6 @@ there.
 
 from __future__ import annotations
 
-import atexit
 import sys
 import threading
 from collections.abc import Callable
@@ -128,7 +127,7 @@ class Context:
                 cure="apt install libegl1 libgl1-mesa-dri (or the EGL library of the GPU's driver)",
             ) from e
         self.limits = self.call(self._probe)
-        atexit.register(self._end)
+        _DRIVER.at_exit(self._end)
 
     def call(self, job: Callable[[], T]) -> T:
         """Run `job` on the context's thread and give what it gives; BackendUnavailable in a forked process.

@@ -181,6 +181,7 @@ class Machine:
             self.queue = self.cl.CommandQueue(self.context)
         self._lock = threading.RLock()
         self.waiter = Waiter(self._lock)
+        _DRIVER.at_exit(self.waiter.end)
         self.doubles = "cl_khr_fp64" in device.extensions.split()
         self.denormals = bool(device.single_fp_config & self.cl.device_fp_config.DENORM)
         """True if the driver promises that its own functions keep denormals."""

@@ -10,7 +10,6 @@ goes on up to the end of its dispatch, and all that it uses is kept until then.
 
 from __future__ import annotations
 
-import atexit
 import os
 import signal
 import sys
@@ -51,7 +50,6 @@ class Waiter:
         self._parked = threading.Event()
         self._interrupted = False
         threading.Thread(target=self._serve, name="shpy-opencl", daemon=True).start()
-        atexit.register(self._end)
 
     def wait(self, event: Any) -> None:
         """Wait until the event is complete; raises the driver's error, or KeyboardInterrupt."""
@@ -80,7 +78,7 @@ class Waiter:
             job.done.release()
             del job  # and what it kept
 
-    def _end(self) -> None:
+    def end(self) -> None:
         """Leave no thread inside the driver; an interrupted process ends by SIGINT where its device goes on."""
         self._ending = True
         last = _Job(None)
