@@ -116,10 +116,13 @@ class Context:
         self.doomed: list[Any] = []
         """GL objects whose owner is gone; released before the next job."""
         self._wanted = threading.Event()
+        self.gl: Any = None
+        self.resting: Any = None
+        """Always bound when nothing else is: moderngl binds the last framebuffer again when it makes a new one."""
         try:
             self._thread = threading.Thread(target=self._serve, name="shpy-gl", daemon=True)
             self._thread.start()
-            self.gl = self._do(lambda: self._create(index))
+            self._do(lambda: self._create(index))
         except Exception as e:
             self._jobs.put(None)
             raise BackendUnavailable(
@@ -143,8 +146,8 @@ class Context:
         future: Future[T] = Future()
         wanted = threading.Event()
         wanted.set()
-        self._jobs.put((job, future, wanted))
         try:
+            self._jobs.put((job, future, wanted))
             return future.result()
         except BaseException:
             wanted.clear()
@@ -159,8 +162,20 @@ class Context:
                     self.doomed.pop().release()
                 future.set_result(job())
             except BaseException as error:
+                if self.resting is not None:
+                    self._settle()
                 future.set_exception(error)
             del taken, job, future  # and what they hold
+
+    def _settle(self) -> None:
+        """Bring GL back to its state between jobs: one that raised may have left it anywhere."""
+        self.resting.use()
+        self.gl.disable(self.moderngl.BLEND | self.moderngl.DEPTH_TEST)
+        while self.gl.error not in (
+            "GL_NO_ERROR",
+            "GL_UNKNOWN_ERROR",
+        ):  # a context that is lost has the latter for ever
+            pass
 
     def go_on(self) -> None:
         """Raise an error, which nobody sees, if the caller waits no longer: after Ctrl-C, or as the process ends."""
@@ -173,16 +188,15 @@ class Context:
         self._do(lambda: None)
         self._ending = False
 
-    def _create(self, index: int | None) -> Any:
+    def _create(self, index: int | None) -> None:
         options: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
         if index is not None and sys.platform == "linux":
             options["device_index"] = index
         gl = self.moderngl.create_context(standalone=True, require=330, **options)
-        # Always bound when nothing else is: moderngl binds the last framebuffer again when it makes a new one.
-        self.resting = gl.framebuffer([gl.texture((1, 1), 4)])
-        self.resting.use()
+        resting = gl.framebuffer([gl.texture((1, 1), 4)])
+        resting.use()
         check(gl, "make a framebuffer")
-        return gl
+        self.gl, self.resting = gl, resting
 
     def program(self, source: str, vertex: str = VERTEX) -> Any:
         """Compile and link a fragment shader; moderngl.Error with the driver's log if it is refused."""

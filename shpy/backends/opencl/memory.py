@@ -275,9 +275,8 @@ class OpenCLSpace:
         with machine.lock:
             if not self._started:
                 return
-            brief = self._started <= _FEW and not machine.may_take_long
-            self._started, machine.may_take_long = 0, False
-            if brief:  # to wake the thread that waits would take as long as these runs
-                machine.queue.finish()
+            if self._started <= _FEW and not machine.may_take_long:
+                machine.queue.finish()  # to wake the thread that waits would take as long as these runs
             else:
                 machine.waiter.wait(machine.cl.enqueue_marker(machine.queue))
+            self._started, machine.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
