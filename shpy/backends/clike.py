@@ -29,8 +29,6 @@ from shpy.ir.types import vec
 class CLike(Statements):
     """Prints the functions of one module into `lines`."""
 
-    forever = "while (true)"
-
     def __init__(self, module: Module) -> None:
         super().__init__(module)
         self.globals = Names(self.target)
@@ -44,9 +42,9 @@ class CLike(Statements):
         """
         return statement
 
-    def again(self, until: Expr) -> Expr:
-        """The condition of a `do` loop that `until` ends."""
-        return ex.negation(until)
+    def test(self, condition: Expr | None) -> Expr | None:
+        """Return what stands in the head or foot of a loop that goes on while `condition` holds; None: always."""
+        return condition
 
     # Functions
 
@@ -108,7 +106,8 @@ class CLike(Statements):
         step = self._step(s, inner, start)
         if step is not None:
             start_text = ", ".join(starts.values())
-            test = f" {condition.text}" if condition else ""
+            tested = self.test(condition)
+            test = f" {tested.text}" if tested else ""
             changed = {self.slots[v].text for v in stored_variables(s.body, self.callees) if v in self.slots}
             holds = None if condition is None or changed & condition.reads else condition
             self._iterations(f"for ({start_text};{test}; {self.step(holds, step)})", s, inner, start)
@@ -116,17 +115,20 @@ class CLike(Statements):
             for v, name in counters.items():
                 outer.reserve(name)
                 self.emit(f"{starts[v]};", held[v][1])
-            head = f"while ({condition.text})" if condition else self.forever
             skips = continues(s) and (s.continuing or s.until is not None)
             until = self._until_of_continues(s, inner[1]) if skips and not condition else None
             if until is not None:
-                self._iterations("do", s, inner, start, f"}} while ({self.again(until).text});")
+                self._iterations("do", s, inner, start, f"}} {self._while(ex.negation(until))};")
             elif skips:
                 self.restore(saved)
                 self._gated(s, inner, outer)
             else:
-                self._plain(head, s, inner, start)
+                self._plain(condition, s, inner, start)
         self.names = outer
+
+    def _while(self, condition: Expr | None) -> str:
+        tested = self.test(condition)
+        return f"while ({tested.text if tested else 'true'})"
 
     def _declared(self, variable: int, begin: Expr) -> str:
         declaration = self.declaration(self.variables[variable].type, self.slots[variable].text)
@@ -181,7 +183,7 @@ class CLike(Statements):
             self.region(s.body, inner[0], start=start)
         self.emit(foot, None if foot == "}" else _line_of_test(s))
 
-    def _plain(self, head: str, s: Loop, inner: tuple[int, ...], start: int) -> None:
+    def _plain(self, condition: Expr | None, s: Loop, inner: tuple[int, ...], start: int) -> None:
         """Body, continuing and test, one after the other."""
         around = self.names
         before, self.last = self.last, s.loc
@@ -193,18 +195,18 @@ class CLike(Statements):
             if s.until is not None and not ended:
                 until = self.take(s.until)
                 outside = all(r.lstrip("*") in around for r in until.reads)
-                if head != self.forever or not outside:
+                if condition is not None or not outside:
                     self.emit(f"if ({until.text}) {{", _line_of_test(s))
                     with self.block():
                         self.emit("break;")
                     self.emit("}")
                     until = None
         self.last = before
-        self.emit(f"{'do' if until else head} {{", s.loc)
+        self.emit(f"{'do' if until else self._while(condition)} {{", s.loc)
         self.lines += lines
         self.last = None
         if until:
-            self.emit(f"}} while ({self.again(until).text});", _line_of_test(s))
+            self.emit(f"}} {self._while(ex.negation(until))};", _line_of_test(s))
         else:
             self.emit("}")
 
@@ -213,7 +215,7 @@ class CLike(Statements):
         again = outer.take("again")
         self.names.reserve(again)
         self.emit(f"{self.declaration(vec('b'), again)} = false;", s.loc)
-        self.emit(f"{self.forever} {{")
+        self.emit(f"{self._while(None)} {{")
         with self.block():
             self.emit(f"if ({again}) {{")
             with self.block():

@@ -15,13 +15,13 @@ Stage: improve, once subroutines are where they will stay. Afterwards there is n
 
 The entry gets one more output, `status`, the last; a function that may end the element takes it by reference, or, with
 `by_value`, gives one of its own as its last result. Where nothing can end an element early there is no status at all.
-With `loop_flags`, for devices that stop loops of their own accord, every loop that is left in earnest says so in
-`$ended`; without it the status is DEVICE_STOPPED.
+With `loop_flags`, for devices that stop loops of their own accord, every loop that finishes stores so in `$ended`;
+without that the status is DEVICE_STOPPED.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import (
@@ -42,11 +42,12 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import limited_loops, test_length, walk
+from shpy.ir.traverse import limited_loops, test_length, variables_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
+from shpy.passes.size import callee_of
 
-__all__ = ["DEVICE_TURNS", "few_turns", "make_exits_explicit"]
+__all__ = ["DEVICE_TURNS", "Ending", "few_turns", "make_exits_explicit", "may_be_stopped"]
 
 DEVICE_TURNS = 65_535
 """Iterations in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
@@ -54,40 +55,77 @@ DEVICE_TURNS = 65_535
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 
 
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """A module whose exits are explicit.
+
+    With `status` its entry's last output says how an element ended. `loops` are the lines of the limited loops:
+    FIRST_LOOP + k is the k-th. With `flagged` each loop tells whether it finished, and a printer has to keep the
+    target's compiler from concluding that it always does.
+    """
+
+    module: Module
+    status: bool
+    loops: tuple[Loc | None, ...]
+    flagged: bool
+
+
 def make_exits_explicit(
     module: Module, loop_limit: int | None = 1_048_576, *, loop_flags: bool = False, by_value: bool = False
-) -> tuple[Module, bool, tuple[Loc | None, ...]]:
-    """The module, whether it gives a status, and the line of every limited loop: FIRST_LOOP + k is the k-th.
+) -> Ending:
+    """Return the module with its exits explicit.
 
     A loop without a known bound may take `loop_limit` iterations each time it is entered; None sets no limit.
     """
     limited = limited_loops(module) if loop_limit is not None else ()
-    flags = loop_flags and not few_turns(module)
+    flags = loop_flags and may_be_stopped(module)
     plan = _Plan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags, by_value)
     functions = tuple(_Ending(f, plan).run() if f.name in plan.ending else f for f in module.functions)
     has_status = module.entry.name in plan.ending
-    return replace(module, functions=functions), has_status, tuple(loop.loc for loop in limited)
+    return Ending(replace(module, functions=functions), has_status, tuple(loop.loc for loop in limited), flags)
 
 
 def few_turns(module: Module) -> bool:
     """Return whether every element takes fewer iterations in all than DEVICE_TURNS."""
+    return _most_iterations(module, printed=False) < DEVICE_TURNS
+
+
+def may_be_stopped(module: Module) -> bool:
+    """Return whether a device that stops loops after DEVICE_TURNS iterations in all may stop one of these.
+
+    Beside the module's own loops it counts those that the GLSL printer may add: one of one iteration around the body
+    of a function, and one over the elements of an array that is declared or stored into.
+    """
+    return _most_iterations(module, printed=True) >= DEVICE_TURNS
+
+
+def _most_iterations(module: Module, *, printed: bool) -> float:
+    """Return the iterations of an element at most, infinity if there is no known bound.
+
+    Both branches of an If count: elements that run together take the iterations of both where they diverge.
+    """
     totals: dict[str, float] = {}
 
-    def total(region: Region) -> float:
+    def total(region: Region, lengths: dict[int, int]) -> float:
         iterations = 0.0
         for s in region:
             if isinstance(s, If):
-                iterations += max(total(s.then), total(s.orelse))
+                iterations += total(s.then, lengths) + total(s.orelse, lengths)
             elif isinstance(s, Loop):
-                inside = 1 + total(s.body) + total(s.continuing)
+                inside = 1 + total(s.body, lengths) + total(s.continuing, lengths)
                 iterations += float("inf") if s.turns is None else s.turns * inside
-            elif isinstance(s, Call):
-                iterations += totals[s.function]
+            elif isinstance(s, Store):
+                iterations += lengths.get(s.variable, 0)
+            else:
+                callee = callee_of(s)
+                iterations += 0 if callee is None else totals[callee]
         return iterations
 
     for function in module.functions:
-        totals[function.name] = total(function.body)
-    return totals[module.entry.name] < DEVICE_TURNS
+        lengths = {v.id: v.length for v in variables_of(function) if printed and v.length is not None}
+        added = (not function.pure) + sum(lengths.values()) if printed else 0
+        totals[function.name] = total(function.body, lengths) + added
+    return totals[module.entry.name]
 
 
 class _Plan:

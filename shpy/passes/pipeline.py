@@ -86,13 +86,14 @@ class Options(Protocol):
 class Prepared:
     """A module to print. With `status`, its entry's last output is an i that says how the element ended.
 
-    `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `shared`: calls stand in loops that the
-    program does not have.
+    `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `flagged`: loops tell whether they finished
+    (`exits.Ending`). `shared`: calls stand in loops that the program does not have.
     """
 
     module: Module
     status: bool
     loops: tuple[Loc | None, ...]
+    flagged: bool = False
     shared: bool = False
 
 
@@ -109,10 +110,11 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
         shared = lowered is not before
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
-    ending, status, loops = make_exits_explicit(
+    ending = make_exits_explicit(
         lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector
     )
-    return Prepared(remove_unused_functions(optimise(ending)), status, loops, shared)
+    made = remove_unused_functions(optimise(ending.module))
+    return Prepared(made, ending.status, ending.loops, ending.flagged, shared)
 
 
 def with_strict_functions(module: Module, precision: Precision) -> Module:

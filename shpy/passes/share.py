@@ -42,7 +42,7 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import regions_of, results, uses, variables_of, walk
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.exits import few_turns
+from shpy.passes.exits import may_be_stopped
 from shpy.passes.rewriter import Rewriter
 from shpy.passes.size import callee_of, inlined_sizes
 
@@ -66,7 +66,7 @@ def share_calls(module: Module) -> Module:
     """The module, whose calls are in loops where the whole would be large with every call inlined."""
     sizes = inlined_sizes(module)
     depths = {module.entry.name: 0}
-    bounded = few_turns(module)
+    stopped = may_be_stopped(module)
     for function in reversed(module.functions):
         total = sizes[module.entry.name]
         if total < WORTH_SHARING:
@@ -77,7 +77,7 @@ def share_calls(module: Module) -> Module:
         if function.pure or not work.shared:
             continue
         changed = replace(module, functions=tuple(made if f is function else f for f in module.functions))
-        if few_turns(changed) or not bounded:
+        if stopped or not may_be_stopped(changed):
             module, sizes = changed, inlined_sizes(changed)
     return module
 

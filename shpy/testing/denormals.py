@@ -94,7 +94,7 @@ def _run(
 ) -> tuple[list[Array], list[tuple[Loc | None, str]]]:
     """The watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
     module = _without_pure_functions(lower(setting.program.ir, TRANSCENDENTALS))
-    module, _, _ = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576))
+    module = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576)).module
     entry = replace(module.entry, outputs=(), variables=(*module.entry.variables, *module.entry.outputs))
     made = watcher(entry, _LEAST[setting.precision], lines)
     watched = made.run()

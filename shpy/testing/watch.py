@@ -79,8 +79,9 @@ def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), 
         outputs=(*module.outputs, *(Port(name, _kind(type)) for name, type in outputs)),
         functions=functions,
     )
-    made, status, _ = make_exits_explicit(made, loop_limit)
-    if status:
+    ending = make_exits_explicit(made, loop_limit)
+    made = ending.module
+    if ending.status:
         outputs.append(("status", vec(Base.I)))
         made = replace(made, outputs=(*made.outputs, Port("status", "Attrib1i")))
     return Watched(made, tuple(plan.sites), tuple(outputs))

@@ -9,7 +9,7 @@ from shpy.ir.nodes import Call, Discard, Module, Port, Return, Status
 from shpy.ir.traverse import walk
 from shpy.ir.types import vec
 from shpy.ir.verifier import verify
-from shpy.passes.exits import DEVICE_TURNS, few_turns, make_exits_explicit
+from shpy.passes.exits import DEVICE_TURNS, Ending, few_turns, make_exits_explicit, may_be_stopped
 from shpy.passes.inline import inline_calls
 from shpy.passes.pipeline import Target, optimise, prepare
 
@@ -23,14 +23,14 @@ def run(module, a=1.0, k=0, c=True):
 
 def test_nothing_to_end_early_means_no_status():
     given = module("loop turns 4 {\nif %c.3 {\nbreak\n}\n}\nstore $o.0 = %a.0")
-    changed, has_status, loops = make_exits_explicit(given)
-    assert (changed, has_status, loops) == (given, False, ())
+    assert make_exits_explicit(given) == Ending(given, status=False, loops=(), flagged=False)
 
 
 def test_discard_becomes_a_status():
-    changed, has_status, _ = make_exits_explicit(module("if %c.3 {\ndiscard\n}\nstore $o.0 = %a.0"))
+    ending = make_exits_explicit(module("if %c.3 {\ndiscard\n}\nstore $o.0 = %a.0"))
+    changed = ending.module
     verify(changed)
-    assert has_status
+    assert ending.status
     assert [o.name for o in changed.entry.outputs] == ["o", "p", "status"]
     assert not any(isinstance(s, Discard) for s in walk(changed.entry.body))
     assert run(changed, c=True)[2] == Status.DISCARDED
@@ -52,17 +52,18 @@ store $o.0 = %a.0
 
 @pytest.mark.parametrize("flags", [False, True])
 def test_a_loop_takes_its_limit_and_no_iteration_more(flags):
-    changed, has_status, loops = make_exits_explicit(module(LOOP), 10, loop_flags=flags)
+    ending = make_exits_explicit(module(LOOP), 10, loop_flags=flags)
+    changed = ending.module
     verify(changed)
-    assert has_status
-    assert len(loops) == 1
+    assert (ending.status, ending.flagged) == (True, flags)
+    assert len(ending.loops) == 1
     assert run(changed, k=10)[2] == Status.WRITTEN
     assert run(changed, k=11)[2] == Status.FIRST_LOOP
 
 
 def test_no_limit_means_no_counter():
-    changed, has_status, loops = make_exits_explicit(module(LOOP), None)
-    assert (changed.entry.body, has_status, loops) == (module(LOOP).entry.body, False, ())
+    ending = make_exits_explicit(module(LOOP), None)
+    assert (ending.module.entry.body, ending.status, ending.loops) == (module(LOOP).entry.body, False, ())
 
 
 def test_loops_are_counted_across_functions():
@@ -78,9 +79,10 @@ def test_loops_are_counted_across_functions():
     }
     """
     given = module(LOOP + "%20: i = const 20\ncall f(%20) -> %21: i\n%22: f = convert %21\nstore $o.0 = %22", functions)
-    changed, _, loops = make_exits_explicit(given, 10)
+    ending = make_exits_explicit(given, 10)
+    changed = ending.module
     verify(changed)
-    assert len(loops) == 2
+    assert len(ending.loops) == 2
     assert [i.name for i in changed.functions[0].inputs] == ["n", "status"]
     assert run(changed, k=5)[2] == Status.FIRST_LOOP
     assert run(changed, k=50)[2] == Status.FIRST_LOOP + 1
@@ -119,7 +121,7 @@ def test_an_element_may_end_in_the_continuing_part():
     store $o.0 = %10
     """
     given = module(body, functions)
-    for form in (make_exits_explicit(given)[0], make_exits_explicit(inline_calls(given))[0]):
+    for form in (make_exits_explicit(given).module, make_exits_explicit(inline_calls(given)).module):
         verify(form)
         assert run(form, c=True)[2] == Status.DISCARDED
         assert run(form, k=2, c=False)[::2] == (2, Status.WRITTEN)
@@ -130,8 +132,9 @@ def test_an_element_may_end_in_the_continuing_part():
 def test_flags_are_for_devices_that_could_stop(turns, few):
     given = module(f"loop turns {turns} {{\nloop turns 250 {{\nstore $o.0 = %a.0\n}}\n}}")
     assert (turns * 251 < DEVICE_TURNS) == few == few_turns(given)
-    _, has_status, _ = make_exits_explicit(given, loop_flags=True)
-    assert has_status != few
+    assert may_be_stopped(given) != few
+    ending = make_exits_explicit(given, loop_flags=True)
+    assert ending.status == ending.flagged == (not few)
 
 
 def test_guards_are_inlined_as_branches():

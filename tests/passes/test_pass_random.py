@@ -88,10 +88,12 @@ def test_passes_keep_the_meaning(group):
             verify(changed)
             assert_same(wanted, results(changed, "f32", inputs, lines(changed)), f"{seed} {change.__name__}")
         for flags in (False, True):
-            changed, _, loops = make_exits_explicit(module, LOOP_LIMIT, loop_flags=flags)
+            ending = make_exits_explicit(module, LOOP_LIMIT, loop_flags=flags)
+            changed, loops = ending.module, ending.loops
             verify(changed)
             assert_same(wanted, results(changed, "f32", inputs, loops), f"{seed} exits {flags}")
-        changed, _, loops = make_exits_explicit(by_value(module), LOOP_LIMIT, by_value=True)
+        ending = make_exits_explicit(by_value(module), LOOP_LIMIT, by_value=True)
+        changed, loops = ending.module, ending.loops
         verify(changed)
         assert_same(wanted, results(changed, "f32", inputs, loops), f"{seed} exits by value")
 

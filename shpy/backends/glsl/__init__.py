@@ -109,14 +109,15 @@ class GlslBackend:
             shorter = find_rejection(module)
             if shorter is None:
                 return None
-            ready = hold_bools_as_ints(prepare(shorter, options, target).module)
-            return build(hide_derivable(ready) if exact else ready, rejects=True)
+            ready = prepare(shorter, options, target)
+            part = hold_bools_as_ints(ready.module)
+            return build(hide_derivable(part) if exact else part, flagged=ready.flagged, rejects=True)
 
-        def build(part: Module, *, rejects: bool = False) -> Program:
+        def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
             steady = few_turns(part)
             printer = Printer(
                 part,
-                loops_stop=not steady,
+                flagged=flagged,
                 limited=options.loop_limit is not None,
                 exact=exact,
                 precise=limits.keeps_order,
@@ -138,7 +139,8 @@ class GlslBackend:
         groups = tuple(
             tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
         )
-        programs = [build(select_outputs(whole, group) if len(groups) > 1 else whole) for group in groups]
+        parts = [select_outputs(whole, group) if len(groups) > 1 else whole for group in groups]
+        programs = [build(part, flagged=prepared.flagged) for part in parts]
         sources = [p.shader.source for p in programs]
         text, notes = "\n".join(sources), _notes(runtime.context)
         if prepared.shared:

@@ -56,7 +56,7 @@ class Printer(Spelling):
         self,
         module: Module,
         *,
-        loops_stop: bool = False,
+        flagged: bool = False,
         limited: bool = True,
         exact: bool = True,
         precise: bool = True,
@@ -64,15 +64,16 @@ class Printer(Spelling):
         stores_apart: bool = True,
         rejects: bool = False,
     ) -> None:
-        """What to mind: loops that the device stops of its own accord.
+        """Begin a shader.
 
-        `limited` says that loops without a known bound have a limit of ours, `exact` that operations keep their order,
+        `flagged` says that loops tell whether they finished, for the device may stop them of its own accord,
+        `limited` that loops without a known bound have a limit of ours, `exact` that operations keep their order,
         `precise` that the device has the qualifier, `fuses` that its own `fma` rounds once, `stores_apart` that a
         store at a varying index reaches the element of each fragment. With `rejects`, the only output, a bool, becomes
         a depth: the depth test then keeps elements from running for which it is true, and their status is DISCARDED.
         """
         super().__init__(module, exact=exact, precise=precise, fuses=fuses, stores_apart=stores_apart)
-        self.loops_stop = loops_stop
+        self.flagged = flagged
         self.limited = limited
         self.rejects = rejects
         self.sheltered = sheltered_functions(module)
@@ -267,20 +268,24 @@ class Printer(Spelling):
             self.emit(self.leave(function))
 
     def loop(self, s: Loop, inner: tuple[int, ...]) -> None:
-        """A loop that the device may stop needs an end that the compiler cannot rule out.
+        """Print a loop, with a guard if the device may stop it before it stores that it finished.
 
-        Else that concludes that what follows is reached through `ended = true` alone. A limit is such an end.
+        A limit is a second end, so a loop that has one needs no guard.
         """
-        outer = self.guarded, self.forever
-        self.guarded = self.loops_stop and s.turns != 1 and not (self.limited and s.turns is None)
-        self.forever = f"while ({RUNNING})" if self.guarded else "while (true)"
+        outer = self.guarded
+        self.guarded = self.flagged and s.turns != 1 and not (self.limited and s.turns is None)
         super().loop(s, inner)
-        self.guarded, self.forever = outer
+        self.guarded = outer
 
-    def again(self, until: Expr) -> Expr:
-        """The condition of a `do`, with the end that the compiler cannot rule out."""
-        condition = super().again(until)
-        return ex.infix("&&", Level.AND, condition, Expr(RUNNING)) if self.guarded else condition
+    def test(self, condition: Expr | None) -> Expr | None:
+        """Add the guard: an end of the loop that the compiler cannot rule out.
+
+        Without it the compiler concludes that what follows the loop is reached through `ended = true` alone.
+        """
+        if not self.guarded:
+            return condition
+        guard = Expr(RUNNING)
+        return guard if condition is None else ex.infix("&&", Level.AND, condition, guard)
 
     # Tables and the grid
 
