@@ -110,9 +110,7 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
         shared = lowered is not before
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
-    ending = make_exits_explicit(
-        lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector
-    )
+    ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     made = remove_unused_functions(optimise(ending.module))
     return Prepared(made, ending.status, ending.loops, ending.flagged, shared)
 

@@ -63,6 +63,11 @@ class Expected:
         return DenormalWatch(self.recorded.ir, self.options)
 
     @property
+    def given(self) -> list[Array]:
+        """What its kernels take."""
+        return self.inputs
+
+    @property
     def options(self) -> Options:
         return Options(loop_limit=self.program.loop_limit or LIMIT)
 
@@ -91,6 +96,33 @@ class Expected:
 
     def compiled(self, who: str) -> Kernel:
         return kernel(self.recorded, _plain(who), precision=self.options.precision, loop_limit=self.options.loop_limit)
+
+
+class Specialized(Expected):
+    """A program in which some inputs are constants, with the values of the first element, and so are its uniforms."""
+
+    def __init__(self, program: Tree, inputs: list[Array], constant: tuple[str, ...]) -> None:
+        self.constant = {i.name: a[0] for i, a in zip(program.inputs, inputs, strict=True) if i.name in constant}
+        same = [
+            np.repeat(a[:1], len(a), axis=0) if i.name in constant else a
+            for i, a in zip(program.inputs, inputs, strict=True)
+        ]
+        super().__init__(program, same)
+
+    @cached_property
+    def recorded(self) -> sh.Program:
+        recorded = record(self.program)
+        uniforms = {n: PARAMS[n].value for n in recorded.params}
+        return recorded.specialize(**self.constant, **uniforms)
+
+    @cached_property
+    def watch(self) -> DenormalWatch:
+        return DenormalWatch(record(self.program).ir, self.options)
+
+    @property
+    def given(self) -> list[Array]:
+        names = [i.name for i in self.program.inputs]
+        return [a for name, a in zip(names, self.inputs, strict=True) if name not in self.constant]
 
 
 class Narrowed(Expected):
@@ -122,9 +154,18 @@ def wanted(program: Tree, inputs: list[Array], precision: Precision) -> Expected
     return Expected(program, inputs) if precision == "f32" else Narrowed(program, inputs, precision)
 
 
-def check(program: Tree, inputs: list[Array], backends: tuple[str, ...], precision: Precision = "f32") -> None:
-    """The text of the IR read back, and what each backend gives. Errors come with the program's text."""
-    expected = wanted(program, inputs, precision)
+def check(
+    program: Tree,
+    inputs: list[Array],
+    backends: tuple[str, ...],
+    precision: Precision = "f32",
+    constant: tuple[str, ...] = (),
+) -> None:
+    """The text of the IR read back, and what each backend gives. Errors come with the program's text.
+
+    The inputs named in `constant` are constants of the program, and so are its uniforms.
+    """
+    expected = Specialized(program, inputs, constant) if constant else wanted(program, inputs, precision)
     try:
         module = expected.recorded.ir
         assert sh.parse(str(module)) == module
@@ -167,7 +208,7 @@ def ran(expected: Expected, backend: str) -> Answers:
     """Outputs and ends on a backend."""
     stopped: Any = 0
     try:
-        result = expected.compiled(backend).run(*expected.inputs)
+        result = expected.compiled(backend).run(*expected.given)
     except sh.LoopLimitExceeded as error:
         result, stopped = error.result, error.count
     outputs = flat_leaves(result.outputs)

@@ -8,9 +8,11 @@ answers.
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from backends.running import LANES, WIDE
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
+from hypothesis.strategies import integers
 from property.agreement import WITHOUT_PRECISE, Precision, check
 
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
@@ -67,6 +69,33 @@ def test_programs_agree(shard: int) -> None:
 @pytest.mark.parametrize("shard", range(6))
 def test_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
     agree(shard, rotated(shard), endless=True)
+
+
+CONSTANT = (("a",), ("n", "h"), ("a", "v"), ("a", "v", "n"), ("v", "n", "h"), ("h",))
+"""Inputs that become constants of a program."""
+
+
+def agree_specialized(shard: int, backends: tuple[str, ...]) -> None:
+    """27 programs for each number, in which some inputs and every uniform are constants."""
+
+    @quietly
+    @given(trees(), integers(0, len(INPUTS[0]) - 1))
+    def run(program: Tree, first: int) -> None:
+        check(program, [np.roll(a, -first, axis=0) for a in INPUTS], backends, constant=CONSTANT[shard % len(CONSTANT)])
+
+    for part in range(RUNS):
+        seed(f"specialized {shard}.{part}")(run)()
+
+
+@pytest.mark.parametrize("shard", range(6))
+def test_specialized_programs_agree(shard: int) -> None:
+    agree_specialized(shard, ("prepared", "numpy", *["glsl"] * (shard % 3 == 0)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shard", range(1000, 1030))
+def test_many_specialized_programs_agree(shard: int) -> None:
+    agree_specialized(shard, EVERYWHERE)
 
 
 @pytest.mark.parametrize("precision", ["f16", "f64"])
@@ -169,6 +198,7 @@ def test_the_strategy_makes_what_matters() -> None:
         "pairs[",
         "[h] =",
         "pf",
+        "pb",
     ):
         assert wanted in everything
     assert ends == {DISCARDED, WRITTEN, STOPPED}

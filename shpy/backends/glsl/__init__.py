@@ -110,8 +110,7 @@ class GlslBackend:
             if shorter is None:
                 return None
             ready = prepare(shorter, options, target)
-            part = hold_bools_as_ints(ready.module)
-            return build(hide_derivable(part) if exact else part, flagged=ready.flagged, rejects=True)
+            return build(_printable(ready.module, exact), flagged=ready.flagged, rejects=True)
 
         def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
             steady = few_turns(part)
@@ -133,8 +132,7 @@ class GlslBackend:
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math == "strict":
             refuse_wrong(prepared.module, limits.wrong, "this device")
-        whole = hold_bools_as_ints(prepared.module)
-        whole = hide_derivable(whole) if exact else whole
+        whole = _printable(prepared.module, exact)
         count = len(whole.entry.outputs)
         groups = tuple(
             tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
@@ -159,6 +157,12 @@ class GlslBackend:
         if device not in self._runtimes:
             self._runtimes[device] = Runtime(context)
         return self._runtimes[device]
+
+
+def _printable(module: Module, exact: bool) -> Module:
+    """Return the module without what Mesa's compilers get wrong."""
+    held = hold_bools_as_ints(module)
+    return hide_derivable(held) if exact else held
 
 
 def _described(context: Context) -> Device:

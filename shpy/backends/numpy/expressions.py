@@ -140,9 +140,9 @@ def negation(e: Expr) -> Expr:
     return e.negated if e.negated is not None else replace(prefix("~", e), negated=e)
 
 
-def condition(e: Expr) -> str:
-    """The text of a uniform bool after `if` or `while`."""
-    return e.text if e.negated is None else f"not {e.negated.at(Level.COMPARE)}"
+def condition(e: Expr) -> Expr:
+    """A uniform bool after `if` or `while`."""
+    return e if e.negated is None else replace(e, text=f"not {e.negated.at(Level.COMPARE)}", level=Level.NOT)
 
 
 def call(function: str, *args: Expr | str) -> Expr:
@@ -172,5 +172,5 @@ def item(e: Expr, index: str, *parts: Expr) -> Expr:
 
 def ternary(test: Expr, a: Expr, b: Expr) -> Expr:
     """`a if test else b`, one of the two."""
-    text = f"{a.at(Level.NOT)} if {condition(test)} else {b.at(Level.NOT)}"
+    text = f"{a.at(Level.NOT)} if {condition(test).at(Level.NOT)} else {b.at(Level.NOT)}"
     return replace(_made(text, Level.TERNARY, (test, a, b)), shared=True)

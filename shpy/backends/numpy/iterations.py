@@ -14,6 +14,7 @@ the same bits:
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from shpy.ir.constants import to_array
@@ -23,12 +24,13 @@ from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
 from shpy.passes.liveness import Note, annotate, loops
 
-__all__ = ["Iterations", "Sum", "counted"]
+__all__ = ["Iterations", "Sum", "counted", "lanes_alone"]
 
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
 """What may give vectors, whose components come first, or take them."""
 _NOT_IN_ROWS = frozenset({"neighbour", "lane_any", "load", "component"})
+_NOT_IN_FUNCTIONS = frozenset({"neighbour", "lane_any", "any_lane", "component"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +58,31 @@ class Iterations:
     rows: frozenset[int]
 
 
-def counted(function: Function, facts: LaneFacts) -> dict[int, Iterations]:
-    """Find such loops of a function, by `id` of the loop."""
+def lanes_alone(functions: Iterable[Function]) -> frozenset[str]:
+    """Find the pure functions that may be called with rows of iterations: callees come first.
+
+    An array has one element a lane, and any_lane asks the lanes of one iteration.
+    """
+    found: set[str] = set()
+    for f in functions:
+        lets = [s for s in walk(f.body) if isinstance(s, Let)]
+        plain = not any(s.op in _NOT_IN_FUNCTIONS or (s.op == "call" and s.attr not in found) for s in lets)
+        if f.pure and plain and not any(v.length for v in f.variables):
+            found.add(f.name)
+    return frozenset(found)
+
+
+def counted(function: Function, facts: LaneFacts, alone: frozenset[str] = frozenset()) -> dict[int, Iterations]:
+    """Find such loops of a function, by `id` of the loop; `alone` are the functions that `lanes_alone` finds."""
     if not any(isinstance(s, Loop) for s in walk(function.body)):
         return {}
     made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
     used = Counter(v for s in walk(function.body) for v in uses(s))
     sizes = {v.id: v.type.size for v in defined(function)}
     found = ((loop, _iterations(loop, note, made)) for loop, note in loops(function.body, annotate(function)))
-    every = {id(loop): _summed(*iterations, facts, made, used, sizes) for loop, iterations in found if iterations}
+    every = {
+        id(loop): _summed(*iterations, facts, made, used, sizes, alone) for loop, iterations in found if iterations
+    }
     return {loop: iterations for loop, iterations in every.items() if iterations}
 
 
@@ -107,6 +125,7 @@ def _summed(
     made: dict[int, Let],
     used: Counter[int],
     sizes: dict[int, int],
+    alone: frozenset[str],
 ) -> Iterations | None:
     """Return the loop with its sums if all else depends on the counter and on values from before the loop."""
     stores = [s for s in region if isinstance(s, Store)]
@@ -126,6 +145,8 @@ def _summed(
             rows.add(s.value.id)
         elif rows.intersection(s.args):
             wide = max(sizes[v] for v in (s.value.id, *s.args)) > 1
+            if s.op == "call" and s.attr not in alone:
+                return None
             if s.op in _NOT_IN_ROWS or (wide and s.op != "swizzle" and s.op not in _VECTORS):
                 return None
             rows.add(s.value.id)

@@ -24,7 +24,7 @@ from shpy.backends.numpy import lanes as lane_functions
 from shpy.backends.numpy.compaction import MARK, Compaction, compacted
 from shpy.backends.numpy.expressions import Expr, call, condition, method, name, negation
 from shpy.backends.numpy.heading import asked_by, components_of, imports_of
-from shpy.backends.numpy.iterations import Iterations, counted
+from shpy.backends.numpy.iterations import Iterations, counted, lanes_alone
 from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
 from shpy.backends.numpy.operations import Imports, dtype, zeros
 from shpy.backends.numpy.updates import Updates
@@ -80,7 +80,7 @@ def print_python(vector: VectorModule, *, status: bool = False) -> Printed:
     asked = asked_by(module)
     names = Names("python", (*_RESERVED, *(kind for kind, what in asked[module.entry.name] if not what)))
     functions = {f.name: names.take(f.name, "f") for f in module.functions}
-    around = Around(functions, names, use, asked)
+    around = Around(functions, names, use, asked, lanes_alone(module.functions))
     printers = []
     for function in module.functions:
         facts = _all_of(function) if function.pure else vector.facts[function.name]
@@ -105,7 +105,7 @@ class _Printer(ValuePrinter):
     def __init__(self, function: Function, facts: LaneFacts, around: Around) -> None:
         super().__init__(function, facts, around)
         self.plans = plans(function, facts.live, facts.slots)
-        self.iterations = counted(function, facts)
+        self.iterations = counted(function, facts, around.alone)
         self.varying |= frozenset(value for iterations in self.iterations.values() for value in iterations.rows)
         self.in_place |= frozenset(slot for plan in self.plans.values() for slot in plan.slots)
         self.compactions: dict[int, Compaction] = {}
@@ -318,7 +318,7 @@ class _Printer(ValuePrinter):
         test = self.take(s.condition)
         if self.loop_head == len(self.lines) - 1 - self.marked() and s.then == (Break(),) and not s.orelse:
             indent = "    " * (self.indent - 1)
-            self.lines[self.loop_head] = f"{indent}while {condition(negation(test))}:{self.comment(s.loc)}"
+            self.lines[self.loop_head] = f"{indent}while {condition(negation(test)).text}:{self.comment(s.loc)}"
             self.loop_head = -1
             return
         self.prepare(s)
@@ -327,7 +327,7 @@ class _Printer(ValuePrinter):
             test, then, orelse = negation(test), orelse, ()
         if not then:
             return
-        self.line(f"if {condition(test)}:", s.loc)
+        self.line(f"if {condition(test).text}:", s.loc)
         self.block(then)
         if orelse:
             start = len(self.lines)
@@ -411,7 +411,7 @@ class _Printer(ValuePrinter):
         """Print the end of an iteration: the `continuing` region and the test."""
         self.region(s.continuing)
         if s.until is not None:
-            self.line(f"if {condition(self.take(s.until))}:", s.loc)
+            self.line(f"if {condition(self.take(s.until)).text}:", s.loc)
             self.indent += 1
             self.line("break")
             self.indent -= 1

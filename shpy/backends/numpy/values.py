@@ -38,12 +38,16 @@ def is_partial(s: Store) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Around:
-    """What the functions of a text share: their names, what else is named, imports, and what each asks for."""
+    """What the functions of a text share: their names, what else is named, imports, and what each asks for.
+
+    `alone`: the functions that compute each lane alone (`iterations.lanes_alone`).
+    """
 
     functions: dict[str, str]
     names: Names
     use: Imports
     asked: dict[str, list[tuple[str, str]]]
+    alone: frozenset[str] = frozenset()
 
 
 class ValuePrinter:

@@ -74,6 +74,7 @@ class Expressions:
     arrays: list[Variable] = field(default_factory=list)
     functions: list[Function] = field(default_factory=list)
     matrices: dict[str, int] = field(default_factory=dict)
+    uniforms: tuple[str, ...] = ()
     indices: tuple[str, ...] = ()
     count: int = 0
     depth: int = 0
@@ -116,9 +117,20 @@ class Expressions:
         """An expression of a type, at most `depth` operations deep."""
         if depth == 0 or self.chance(35):
             return self.leaf(type)
+        if self.uniforms and self.chance(4):
+            return self.uniform(type, depth)
         kinds = {Base.F: self.arithmetic, Base.B: self.truth}
         kind = kinds.get(type.base, self.whole)
         return self.pick((kind, kind, self.moved))(type, depth - 1)  # type: ignore[no-any-return]
+
+    def uniform(self, type: Type, depth: int) -> Expr:
+        """An expression of uniforms and tables, which has one value for all elements: often a choice among them."""
+        kept = self.names, self.arrays, self.matrices, self.indices, self.uniforms
+        self.names, self.arrays, self.matrices = {n: self.names[n] for n in self.uniforms}, [], {}
+        self.indices, self.uniforms = (), ()
+        made = self.choice(type, depth - 1) if depth and self.chance(50) else self.expr(type, depth)
+        self.names, self.arrays, self.matrices, self.indices, self.uniforms = kept
+        return made
 
     def edged(self, type: Type) -> Expr:
         """An int at the ends of its range for some elements, where C has another type than the language."""
@@ -215,8 +227,13 @@ class Expressions:
         return Apply(type, op, (known, other) if type.size == 1 and self.chance(50) else (other, known))
 
     def choice(self, type: Type, depth: int) -> Expr:
-        """A `cond`, by one bool or by one for each component."""
-        return self.row(type, "cond", (type.based(Base.B), type, type), depth)
+        """A `cond`, by one bool or by one for each component; now and then by a choice among bools."""
+        bools = type.based(Base.B)
+        condition: Expr | None = None
+        if depth and self.chance(40):
+            shared = self.uniforms and self.chance(60)
+            condition = self.uniform(bools, depth) if shared else self.choice(bools, depth - 1)
+        return self.row(type, "cond", (bools, type, type), depth, condition)
 
     def whole(self, type: Type, depth: int) -> Expr:
         """An expression of ints."""

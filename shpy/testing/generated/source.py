@@ -23,6 +23,7 @@ from shpy.testing.generated.syntax import (
     FIELDS,
     Apply,
     Assign,
+    B,
     Block,
     Call,
     Component,
@@ -255,10 +256,11 @@ PARAMS = {
     "pf": sh.Param(sh.Attrib1f, 0.75, name="pf"),
     "pv": sh.Param(sh.Attrib3f, (-0.5, 2, 1e-3), name="pv"),
     "pi": sh.Param(sh.Attrib1i, 2, name="pi"),
+    "pb": sh.Param(sh.Attrib1b, True, name="pb"),
 }
 """The uniforms that they read."""
 
-UNIFORMS = (Variable("pf", F), Variable("pv", F3), Variable("pi", I))
+UNIFORMS = (Variable("pf", F), Variable("pv", F3), Variable("pi", I), Variable("pb", B))
 """The names and types of PARAMS, in their order."""
 
 

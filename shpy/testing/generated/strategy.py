@@ -124,6 +124,7 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     # An input that is never stored into comes as it is to what uses it.
     stored = [i.name for i in INPUTS if draw(st.booleans())]
     w = Statements(draw, known, stored, functions=functions, endless=endless, derives=derives)
+    w.uniforms = tuple(v.name for v in UNIFORMS)
     types = list(CORE)
     while len(types) < OUTPUTS:
         types.append(w.pick([t for t in OTHERS if t not in types]))
