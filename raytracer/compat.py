@@ -10,6 +10,7 @@ Stage: query.
 
 from __future__ import annotations
 
+from inspect import getattr_static
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,8 @@ class RayMeshIntersector:
     """
 
     def __init__(self, mesh: Any, backend: str | None = None, precision: str = "f32") -> None:
-        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
+        # trimesh's primitives make this while they are constructed, when their properties cannot be evaluated yet.
+        if any(getattr_static(mesh, name, None) is None for name in ("vertices", "faces")):
             raise SceneError(f"a RayMeshIntersector takes a trimesh.Trimesh, not {type(mesh).__name__}")
         self.mesh = mesh
         self._options: dict[str, Any] = {"backend": backend, "precision": precision}

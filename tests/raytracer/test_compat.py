@@ -96,6 +96,30 @@ def test_a_hit_on_an_edge_is_one_location_and_two_triangles():
     np.testing.assert_allclose(shoot.intersects_location(*ray)[0], [[0, 0, 0.5], [0, 0, -0.5]])
 
 
+def test_primitives_that_trimesh_constructs_have_our_queries(monkeypatch):
+    """trimesh makes the intersector of a primitive before the primitive can compute its vertices."""
+    made = []
+
+    def ours(mesh):
+        made.append(RayMeshIntersector(mesh, "numpy"))
+        return made[-1]
+
+    monkeypatch.setattr("trimesh.ray.has_embree", False)
+    monkeypatch.setattr("trimesh.ray.ray_triangle.RayMeshIntersector", ours)
+    ray = [[0.1, 0.2, 9]], [[0.0, 0, -1]]
+    box = trimesh.primitives.Box(extents=(2, 2, 2))
+    shapes = [box, trimesh.primitives.Sphere(), trimesh.primitives.Cylinder(radius=1, height=2)]
+    shapes += [trimesh.primitives.Capsule(), trimesh.creation.icosphere().bounding_box]
+    assert len(made) >= len(shapes)
+    for shape in shapes:
+        assert shape.ray in made
+        assert shape.ray.intersects_any(*ray).all()
+        assert shape.contains([[0, 0, 0.3], [0, 0, 8]]).tolist() == [True, False]
+    assert box.ray.intersects_location(*ray)[0][0] == pytest.approx([0.1, 0.2, 1])
+    box.primitive.extents = (2, 2, 6)
+    assert box.ray.intersects_location(*ray)[0][0] == pytest.approx([0.1, 0.2, 3])
+
+
 def test_a_changed_mesh_is_seen():
     mesh = trimesh.creation.box()
     mesh.ray = RayMeshIntersector(mesh, "numpy")
