@@ -142,7 +142,7 @@ class Layout:
             object_of=np.repeat(places, sizes).astype(np.int32),
             lights=light_rows(scene.placed_lights, origin, scale),
             looks=looks,
-            bare=tuple(_bare(meshes, look) for look in looks),
+            bare=_bare(meshes, index, len(looks)),
             uvs=_uvs(meshes) if any(look.textures or look.surface for look in looks) else None,
         )
 
@@ -190,9 +190,13 @@ def _material_rows(looks: Sequence[Material]) -> Rows:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _bare(meshes: Sequence[Mesh], look: Material) -> str:
-    """The name of a mesh of this material that has no uv coordinates, or ""."""
-    return next((mesh.name for mesh in meshes if mesh.material == look and mesh.uv is None), "")
+def _bare(meshes: Sequence[Mesh], index: Sequence[int], count: int) -> tuple[str, ...]:
+    """Return for each of `count` materials the name of its first mesh without uv coordinates, or "" without any."""
+    found = [""] * count
+    for mesh, number in zip(meshes, index, strict=True):
+        if mesh.uv is None and not found[number]:
+            found[number] = mesh.name or "a mesh"
+    return tuple(found)
 
 
 def _normals(meshes: Sequence[Mesh]) -> Rows | None:

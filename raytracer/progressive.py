@@ -22,6 +22,7 @@ from raytracer.image import Image
 from raytracer.kernels.path import PathTracer
 from raytracer.layout import Layout
 from raytracer.scene import Scene
+from raytracer.textures import Texture
 
 SAMPLES_AT_ONCE = 16
 """Samples of a pass, at most."""
@@ -42,7 +43,12 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     It does not tell programs of materials and lights from each other.
     """
     environment = scene.environment
-    pictures = [texture for look in layout.looks for texture in look.textures.values()]
+    places: dict[Texture, int] = {}
+    used = [
+        {name: places.setdefault(texture, len(places)) for name, texture in look.textures.items()}
+        for look in layout.looks
+    ]
+    pictures = list(places)
     if environment is not None and environment.picture is not None:
         pictures.append(environment.picture)
     arrays = [
@@ -51,6 +57,8 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     ]  # fmt: skip
     numbers = (camera, seed, int(tracer.bounces.value), scene.background, environment and environment.color)
     digest = hashlib.sha256(repr(numbers).encode())
+    if places:
+        digest.update(repr(used).encode())
     if layout.secondary is not None:
         digest.update(repr(layout.secondary.options).encode())
     for array in arrays:

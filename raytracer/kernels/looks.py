@@ -58,11 +58,14 @@ class Looks:
             if bare and (look.textures or look.surface in reading):
                 reader = "a Texture" if look.textures else place_of(look.surface)
                 raise SceneError(f"{bare}: {reader} needs uv coordinates, and the mesh has none: Mesh(..., uv=...)")
-        self._numbers = [(_number(self.surfaces, look.surface), _number(self.shades, look.shade)) for look in looks]
+        surfaces, shades = _numbered(self.surfaces), _numbered(self.shades)
+        self._numbers = [(surfaces[look.surface], shades[look.shade]) for look in looks]
+        self._columns = tuple(map(set, zip(*self._numbers, strict=True)))
         if self.textured:
             textures = list(dict.fromkeys(texture for look in looks for texture in look.textures.values()))
             self.atlas = Atlas(textures)
-            rows = [[_number(textures, look.textures.get(name)) - 1 for name in self.textured] for look in looks]
+            places = _numbered(textures)
+            rows = [[places[look.textures.get(name)] - 1 for name in self.textured] for look in looks]
             self.pictures_of = sh.Table(np.array(rows, np.int32), sh.Attrib1i, "pictures_of")
         if self.count > 1 and (self.surfaces or self.several):
             self.programs = sh.Table(np.array(self._numbers, np.int32), sh.Attrib2i, "programs")
@@ -114,14 +117,14 @@ class Looks:
         for k, program in enumerate(self.shades, 1):
             with SH_IF(number == k):
                 shown[:] = ask_shade(program, surface, light)
-        if any(shade == 0 for _, shade in self._numbers):
+        if 0 in self._columns[1]:
             with SH_IF(number == 0):
                 shown[:] = phong()
         return shown
 
     def _where(self, material: Any, column: int, number: int) -> AbstractContextManager[Any]:
         """A branch for the materials that have a program; none where all have it."""
-        if all(row[column] == number for row in self._numbers):
+        if self._columns[column] == {number}:
             return nullcontext()
         return SH_IF(self.programs[material][column] == number)
 
@@ -130,6 +133,6 @@ def _distinct(programs: Sequence[Program | None]) -> list[Program]:
     return list(dict.fromkeys(program for program in programs if program is not None))
 
 
-def _number(known: Sequence[Any], one: Any) -> int:
-    """The place of a program or texture, counted from 1; 0 for None."""
-    return 0 if one is None else known.index(one) + 1
+def _numbered(known: Sequence[Any]) -> dict[Any, int]:
+    """Return the place of each program or texture, counted from 1; None has the number 0."""
+    return {None: 0} | {one: number for number, one in enumerate(known, 1)}

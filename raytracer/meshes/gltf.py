@@ -89,6 +89,10 @@ class Document:
             self._arrays[number] = self._array(accessor)
         return self._arrays[number]
 
+    def has_bytes(self, number: Any) -> bool:
+        """Return whether the file itself holds the numbers of an accessor: else an extension may."""
+        return not {"bufferView", "sparse"}.isdisjoint(self.one("accessors", number))
+
     def bytes_of(self, view: Any) -> memoryview:
         """The bytes of a buffer view; they are not copied."""
         entry = self.one("bufferViews", view)

@@ -131,6 +131,8 @@ class GltfScene:
             return None
         self.notices.ignore("morph targets", len(primitive.get("targets", [])))
         attributes = primitive["attributes"]
+        if not self.document.has_bytes(attributes["POSITION"]):
+            raise SceneError(_without_bytes(primitive))
         vertices = self.document.array(attributes["POSITION"])
         order = np.arange(len(vertices))
         if "indices" in primitive:
@@ -142,6 +144,12 @@ class GltfScene:
         )
         if colors is not None and self.materials.uses_alpha(look) and (colors[:, 3:] < 1).any():
             self.notices.ignore("alpha of vertex colours")
+        if len(order) < len(vertices):  # others may share the array: a copy of all for each would be quadratic
+            used, order = np.unique(order, return_inverse=True)
+            if used.size and not 0 <= used[0] <= used[-1] < len(vertices):
+                raise SceneError(f"a primitive names vertex {used[-1]}, and there are {len(vertices)}")
+            vertices = vertices[used]
+            normals, uv, colors = (None if rows is None else rows[used] for rows in (normals, uv, colors))
         faces = _faces(order, mode)
         self._built += len(faces)
         check_triangles(self._built)
@@ -159,6 +167,14 @@ class GltfScene:
         if number is None or not self.reads_materials:
             return PLAIN if has_colors else CLAY
         return self.materials.get(number, has_uv)
+
+
+def _without_bytes(primitive: dict[str, Any]) -> str:
+    """Return what is wrong with a primitive whose positions have no bytes in the file."""
+    extensions = primitive.get("extensions", {})
+    if not extensions:
+        return "the positions of a primitive have no bytes"
+    return f"positions are in {shown(', '.join(sorted(extensions)))}, which is not read: export it without"
 
 
 def _nodes(document: Document) -> Iterator[Node]:

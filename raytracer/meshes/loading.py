@@ -110,6 +110,7 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         raise SceneError(f"{path}: not a readable {kind[1:].upper()} file ({reason})") from error
     if not contents.meshes:
         raise SceneError(f"{path}: the file holds no triangles")
+    notices.ignore("meshes without area, which cannot be seen", sum(not mesh.has_area for mesh in contents.meshes))
     return contents
 
 

@@ -34,6 +34,8 @@ _CROWDED = 64
 _STEPS = 16
 """Into how many steps components of normals are cut for that."""
 _PAIRS_AT_ONCE = 1 << 20
+_AT_ONCE = 1 << 12
+"""Triangles that are searched for an area at once: the first ones have some, as a rule."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +124,12 @@ class Mesh:
     def face_normals(self) -> Floats:
         """Unit normals of the triangles, (F, 3), by the right-hand rule; zero for a triangle without area."""
         return normals_of(self.corners)
+
+    @property
+    def has_area(self) -> bool:
+        """Whether any triangle has an area above 0."""
+        parts = (self.faces[start : start + _AT_ONCE] for start in range(0, len(self), _AT_ONCE))
+        return any(normals_of(self.vertices[part]).any() for part in parts)
 
     def with_material(self, material: Material) -> Mesh:
         """The same mesh of another material."""

@@ -60,6 +60,7 @@ class Obj:
         """The parts as meshes of the default material, named `default` where the file has no name; faces are fans."""
         vertices, textures, normals = self.numbers
         places, colors = _split(vertices)
+        uv, across = _table(textures, 2), _table(normals, 3)  # once for all parts, of which there may be many
         for part, faces in self.faces.items():
             corners = np.array(
                 [(c[0], c[k], c[k + 1]) for _, c in faces for k in range(1, len(c) - 1)], dtype=np.int64
@@ -73,10 +74,10 @@ class Obj:
                 Mesh(
                     places[used],
                     triangles.reshape(-1, 3),
-                    _rows(normals, 3, corners[..., 2]),
+                    _rows(across, corners[..., 2]),
                     None if colors is None else colors[used],
                     name=part.name or default,
-                    uv=_rows(textures, 2, corners[..., 1]),
+                    uv=_rows(uv, corners[..., 1]),
                 ),
             )
 
@@ -176,13 +177,17 @@ def _split(vertices: Rows) -> tuple[NDArray[np.float64], NDArray[np.float64] | N
     return places, decoded(np.clip(colors, 0, 1))
 
 
-def _rows(numbers: Rows, width: int, places: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """What corners (T, 3) have, (T, 3, width): zeros where one of them has none; None if no corner has any."""
-    if not (places >= 0).any():
-        return None
-    known = np.zeros((len(numbers) + 1, width))  # the last row is that of -1
-    known[:-1] = [(*row, 0.0)[:width] for row in numbers]
-    return known[places]
+def _table(numbers: Rows, width: int) -> NDArray[np.float64]:
+    """Return numbers as rows (N + 1, width); the last row, of place -1, is zeros."""
+    table = np.zeros((len(numbers) + 1, width))
+    if numbers:
+        table[:-1] = [(*row, 0.0)[:width] for row in numbers]
+    return table
+
+
+def _rows(table: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """Return the rows of corners (T, 3), zeros for a corner of place -1; None if all corners are."""
+    return table[places] if (places >= 0).any() else None
 
 
 def read_mtl(text: str) -> dict[str, Words]:

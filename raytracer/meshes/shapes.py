@@ -28,11 +28,10 @@ def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = 
     faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
     # Seen from the side that its faces turn to, a picture on each side stands upright.
     normals = normals_of(signs[faces])
-    uv = np.empty((12, 3, 2))
-    for k, (face, normal) in enumerate(zip(faces, normals, strict=True)):
-        up = np.array([0.0, 1, 0]) if abs(normal[1]) < 0.5 else np.array([0.0, 0, -normal[1]])
-        right = np.cross(up, normal) * (-1 if inward else 1)
-        uv[k] = (signs[face] @ np.stack([right, up]).T + 1) / 2
+    level = normals[:, 1]
+    up = np.where(np.abs(level) < 0.5, [[0], [1], [0]], [0 * level, 0 * level, -level]).T
+    right = np.cross(up, normals) * (-1 if inward else 1)
+    uv = (signs[faces] @ np.stack([right, up], axis=2) + 1) / 2
     if inward:
         faces, uv = faces[:, ::-1], uv[:, ::-1]
     return Mesh(signs * np.asarray(size) / 2, faces, material=material, name="box", uv=uv)

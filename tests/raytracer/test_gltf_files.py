@@ -315,7 +315,7 @@ def test_what_is_wrong_is_said(tmp_path, change, words):
 def test_an_accessor_of_zeros_may_not_fill_the_memory(tmp_path):
     file = File()
     zeros = file.add("accessors", {"componentType": 5126, "count": 10**9, "type": "VEC3"})
-    file.node(mesh=file.mesh({"attributes": {"POSITION": zeros}}))
+    file.node(mesh=file.mesh(file.square(attributes={"COLOR_0": zeros})))
     with pytest.raises(SceneError, match="1,000,000,000 elements has no bytes"):
         Scene.load(file.save(tmp_path / "zeros.glb"))
 
@@ -325,7 +325,8 @@ def test_what_costs_few_bytes_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr("raytracer.meshes.gltf._MOST_ZEROS", 200)
     file = File()
     zeros = [file.add("accessors", {"componentType": 5126, "count": 9, "type": "VEC3"}) for _ in range(2)]
-    file.node(mesh=file.mesh(*({"attributes": {"POSITION": k}} for k in zeros)))
+    corners = file.array(np.random.default_rng(0).random((9, 3)))
+    file.node(mesh=file.mesh(*({"attributes": {"POSITION": corners, "COLOR_0": k}} for k in zeros)))
     with pytest.raises(SceneError, match="9 elements has no bytes"):
         Scene.load(file.save(tmp_path / "zeros.glb"))
     monkeypatch.setattr(pictures, "MOST_DECODED", 1500)
@@ -398,3 +399,79 @@ def test_a_light_of_a_file_lights_as_our_own(tmp_path):
     assert isinstance(scene.lights[0], DirectionalLight)
     seen = render(dataclasses.replace(scene, ambient=0.0, camera=AHEAD), (8, 8), backend="numpy").pixels
     np.testing.assert_allclose(seen[4, 4], 1, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("extensions", "words"),
+    [
+        (
+            {"KHR_draco_mesh_compression": {"bufferView": 0}},
+            "positions are in KHR_draco_mesh_compression, which is not",
+        ),
+        ({}, "the positions of a primitive have no bytes"),
+    ],
+)
+def test_positions_without_bytes_are_refused(tmp_path, extensions, words):
+    """An encoder that names Draco in extensionsUsed alone leaves accessors that hold nothing."""
+    file = File()
+    square = file.square(uv=False)
+    del file.tree["accessors"][square["attributes"]["POSITION"]]["bufferView"]
+    file.tree["extensionsUsed"] = list(extensions)
+    file.node(mesh=file.mesh(square | {"extensions": extensions}))
+    with pytest.raises(SceneError, match=words):
+        Scene.load(file.save(tmp_path / "draco.glb"))
+
+
+def test_a_fallback_beside_draco_is_read(tmp_path):
+    file = File()
+    file.tree["extensionsUsed"] = ["KHR_draco_mesh_compression"]
+    file.node(mesh=file.mesh(file.square() | {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}))
+    scene = loaded(file.save(tmp_path / "both.glb"), "ignored: KHR_draco_mesh_compression (1)")
+    assert np.ptp(scene.meshes[0].corners, axis=(0, 1)).tolist() == [2, 2, 0]
+
+
+def test_meshes_without_area_are_said(tmp_path):
+    file = File()
+    flat = file.mesh(file.square())
+    file.node(mesh=flat)
+    file.node(mesh=flat, scale=[0, 1, 1])
+    point = {"attributes": {"POSITION": file.array(np.ones((3, 3)))}}
+    file.node(mesh=file.mesh(point))
+    said = "ignored: meshes without area, which cannot be seen (2)"
+    scene = loaded(file.save(tmp_path / "thin.glb"), said)
+    assert [mesh.has_area for mesh in scene.meshes[:3]] == [True, False, False]
+    (tmp_path / "thin.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    with pytest.warns(sh.ShpyWarning, match=r"thin.obj: ignored: meshes without area, which cannot be seen \(1\)"):
+        assert not Mesh.load(tmp_path / "thin.obj").has_area
+
+
+def test_an_area_is_found_behind_many_triangles_without_one():
+    faces = np.zeros((9000, 3), int)
+    corners = [[0, 0, 0], [1e-30, 0, 0], [0, 1e-30, 0]]
+    assert not Mesh(corners, faces).has_area
+    faces[-1] = 0, 1, 2
+    assert Mesh(corners, faces).has_area
+
+
+def test_primitives_that_share_vertices_take_their_own(tmp_path):
+    """A copy of all vertices for each primitive took memory by the product of both."""
+    file = File()
+    count = 50
+    corners = np.random.default_rng(1).random((3 * count, 3)).astype(np.float32)
+    shared = {"POSITION": file.array(corners), "NORMAL": file.array(corners), "COLOR_0": file.array(corners)}
+    shared["TEXCOORD_0"] = file.array(corners[:, :2])
+    for k in range(count):
+        order = file.array(3 * k + np.array([2, 0, 1]), "u2")
+        file.node(mesh=file.mesh({"attributes": shared, "indices": order}))
+    scene = loaded(file.save(tmp_path / "shared.glb"))
+    meshes = scene.meshes[:count]
+    assert [len(mesh.vertices) for mesh in meshes] == [3] * count
+    for k, mesh in enumerate(meshes):
+        own = corners[[3 * k + 2, 3 * k, 3 * k + 1]].astype(np.float64)
+        np.testing.assert_array_equal(mesh.corners[0], own)
+        np.testing.assert_array_equal(mesh.colors[0], own)
+        np.testing.assert_allclose(mesh.normals[0], own / np.linalg.norm(own, axis=1)[:, None])
+        np.testing.assert_array_equal(mesh.uv[0], own[:, :2] * (1, -1) + (0, 1))
+    file.node(mesh=file.mesh({"attributes": shared, "indices": file.array([0, 1, 150], "u2")}))
+    with pytest.raises(SceneError, match="a primitive names vertex 150, and there are 150"):
+        Scene.load(file.save(tmp_path / "shared.glb"))
