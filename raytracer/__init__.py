@@ -4,6 +4,10 @@ from raytracer import Scene, render
 render(Scene.builtin("mixed"), size=(512, 512), backend="opencl", bounces=3).save("mixed.png")
 """
 
+import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m raytracer` imports the rest
+
+# isort: split
+
 from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image

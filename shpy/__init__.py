@@ -8,6 +8,10 @@
 array([2., 4., 6.], dtype=float32)
 """
 
+import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m shpy` imports the rest
+
+# isort: split
+
 import importlib
 from typing import Any
 

@@ -1,6 +1,8 @@
 """How the commands start: Ctrl-C while Python still imports packages is one line and status 130, and no traceback.
 
-A package of its own, since whatever stands in `shpy` is imported after `shpy`, which takes most of that time.
+A package of its own, since whatever stands in `shpy` is imported after `shpy`, which takes most of that time. For the
+same reason `shpy` and `raytracer` import it first: `python -m shpy` imports `shpy` before the module that starts the
+command, and Ctrl-C is quiet from the import of this package on.
 
     sys.exit(start("shpy", "shpy.cli"))     # calls shpy.cli.main()
 """
@@ -10,30 +12,49 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import sys
+from dataclasses import dataclass
 from types import FrameType
+
+COMMANDS = ("shpy", "raytracer")
+
+
+@dataclass(frozen=True)
+class _Leave:
+    """A handler of SIGINT that ends the process. `name` is the command's."""
+
+    name: str
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """End the process: an exception would pass through half of an import, where some packages catch it."""
+        os.write(2, f"{self.name}: stopped\n".encode())
+        os._exit(130)
 
 
 def start(name: str, module: str) -> int:
     """Import a module and call its `main`; gives the exit status. `name` is the command's."""
-
-    def leave(number: int, frame: FrameType | None) -> None:
-        # An exception would pass through half of an import, where some packages turn it into another one.
-        os.write(2, f"{name}: stopped\n".encode())
-        os._exit(130)
-
-    before = signal.signal(signal.SIGINT, leave) if _is_usual() else None
+    _be_quiet(name)
     try:
         main = importlib.import_module(module).main
     finally:
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
+        if isinstance(signal.getsignal(signal.SIGINT), _Leave):
+            signal.signal(signal.SIGINT, signal.default_int_handler)
     status: int = main()
     return status
 
 
-def _is_usual() -> bool:
-    """Return whether Ctrl-C raises KeyboardInterrupt: it is ignored in what a shell runs in the background."""
-    return signal.getsignal(signal.SIGINT) is signal.default_int_handler
+def _be_quiet(name: str) -> None:
+    """Let Ctrl-C end the process in one line, if it raises KeyboardInterrupt: a shell's background jobs ignore it."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _Leave(name))
+
+
+def _run_by_name() -> str | None:
+    """Return the package whose imports `python -m` still makes: until it is found, `-m` stands for its path."""
+    if sys.argv[:1] != ["-m"]:
+        return None
+    option = sys.orig_argv[-len(sys.argv)]
+    return option.rpartition("m")[2] if option.startswith("-") else option  # -mshpy, -Imshpy
 
 
 def shpy() -> int:
@@ -44,3 +65,7 @@ def shpy() -> int:
 def raytracer() -> int:
     """Run the command `raytracer`."""
     return start("raytracer", "raytracer.cli")
+
+
+if (_name := _run_by_name()) in COMMANDS:
+    _be_quiet(str(_name))

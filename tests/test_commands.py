@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +16,7 @@ from shpy import cli
 from shpy.command import run, whole
 from shpy.packages import install
 
+ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
 
 
@@ -116,6 +118,31 @@ def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
     words = [sys.executable, "-c", INTERRUPTED.format(command=name), imported]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
+
+
+@pytest.mark.parametrize("options", [["-m", "{}"], ["-m{}"], ["-W", "ignore", "-Bm", "{}"]])
+@pytest.mark.parametrize(
+    ("name", "imported"),
+    [("shpy", "shpy.errors"), ("shpy", "numpy"), ("raytracer", "numpy"), ("raytracer", "raytracer.trade")],
+)
+def test_ctrl_c_while_python_m_imports_is_one_line_and_130(name, imported, options, tmp_path):
+    site = INTERRUPTED.partition("import shpy_start")[0].replace("sys.argv[1]", repr(imported))
+    (tmp_path / "sitecustomize.py").write_text(site)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    words = [sys.executable, *(word.format(name) for word in options), "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, env=environment)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
+
+
+def test_programs_of_others_that_python_m_runs_keep_their_handler(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import shpy, signal\nassert signal.getsignal(signal.SIGINT) is signal.default_int_handler\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    words = [sys.executable, "-m", "mine", "shpy"]
+    start = "import signal, subprocess, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    start += "sys.exit(subprocess.run(sys.argv[1:]).returncode)"
+    assert subprocess.run([sys.executable, "-c", start, *words], env=environment, timeout=120).returncode == 0
 
 
 def test_ctrl_c_that_is_ignored_stays_ignored(monkeypatch):
