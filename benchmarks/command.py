@@ -71,7 +71,7 @@ STUDIES = (
         "whitted": alike.whitted,
         "path-z": lambda mesh, quick: paths.z_test(quick),
         "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
-        "glass": lambda mesh, quick: equal_error.glass(quick),
+        "glass": equal_error.glass,
         "chaining": chaining.chaining,
         "early": chaining.early,
     }

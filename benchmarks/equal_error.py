@@ -1,7 +1,7 @@
 """Path tracing of a large mesh against Mitsuba, to equal error, and how much longer a picture with glass takes.
 
     print(equal_error(quick=False).markdown())
-    print(glass(quick=False).markdown())
+    print(glass(mesh, quick=False).markdown())
 
 The error of a picture after n samples falls with n, so what a picture of a given error costs is its time times the
 variance of its pixels. The variance is measured: pictures of other seeds, of which two that follow each other differ by
@@ -165,9 +165,8 @@ def _mitsuba(scene: Callable[[], Scene], size: int, samples: int) -> Any:
     return partial(paths.mitsuba_picture, size, samples, scene=paths.mitsuba_scene(scene()), ours=scene())
 
 
-def glass(quick: bool) -> Table:
+def glass(body: Mesh, quick: bool) -> Table:
     """The time of a picture with glass beside that of the plain one, in turns, and how many rays it takes."""
-    body = ridged(60, 12) if quick else ridged()
     known = features.cases(body)
     size, rounds = (32, 2) if quick else (256, 15)
     cases = {name: known[name] for name in ("plain", "glass, 4 bounces")}

@@ -36,6 +36,8 @@ class Waiting:
 class GlassTracer(Tracer):
     """The tracer of a scene in which something is clear."""
 
+    scattered = True
+
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""
         path, surface, pixel = self.begin()

@@ -9,12 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles
+from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.layout import Layout
 from shpy import SH_ELSE, SH_IF
@@ -23,6 +26,8 @@ Structure = Grid | Bvh | LayeredCube
 
 TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
+MANY = 6000
+"""Triangles from which on scattered rays walk faster alone; measured: it is between 2,400 and 10,000."""
 
 
 class Walk(Protocol):
@@ -54,8 +59,24 @@ class SplitWalk:
         return self.exact.triangles
 
 
-def scene_walk(layout: Layout, backend: str) -> Walk | SplitWalk:
-    """The walk through a scene for rays of unit length that may start from a triangle."""
+def rays_part(layout: Layout, backend: str, scattered: bool) -> bool:
+    """Return whether rays that start side by side soon have so little in common that each had better walk alone.
+
+    A kernel of such rays runs at one lane. Rays of a mesh of many triangles part where they are `scattered`: by matt
+    surfaces, as in path tracing, or by glass. Rays in a cube part too.
+    """
+    if backend not in TOGETHER:
+        return False
+    structure = layout.structure
+    wide = isinstance(structure, Bvh) and structure.low.dtype == np.float32 and len(structure.items) >= MANY
+    return layout.secondary is not None or (scattered and wide)
+
+
+def scene_walk(layout: Layout, backend: str, scattered: bool = False) -> Walk | SplitWalk:
+    """The walk through a scene for rays of unit length that may start from a triangle; `scattered`: see `rays_part`."""
+    if layout.secondary is None and rays_part(layout, backend, scattered):
+        assert isinstance(layout.structure, Bvh)
+        return WideIntersector(layout.structure, layout.triangles, AheadBound(layout.roundoff))
     exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
     if layout.secondary is None:
         return exact

@@ -71,20 +71,26 @@ class WideIntersector:
         self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: bool) -> Hit:
-        """The nearest hit at a distance in [near, limit); with `any_hit` the first that is found."""
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
-    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: bool) -> None:
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
-        walk = self.find_any if any_hit else self.find_nearest
         with SH_IF((near < hit.l) & is_ray(ray, eye)):
-            walk(NodeTest(ray, eye, begin, self.margin), BlockTest(ray, eye, near, self.bound), hit)
+            node, block = NodeTest(ray, eye, begin, self.margin), BlockTest(ray, eye, near, self.bound)
+            if any_hit is True:
+                self.find_any(node, block, hit)
+            else:
+                self.find_nearest(node, block, hit, any_hit)
 
-    def find_nearest(self, node: Any, block: Any, hit: Any) -> None:
-        """Look into the nearest box first, and into none that begins behind the nearest hit."""
+    def find_nearest(self, node: Any, block: Any, hit: Any, any_hit: Any = False) -> None:
+        """Look into the nearest box first, and into none that begins behind the nearest hit.
+
+        Where `any_hit` holds, end at the first block with a hit.
+        """
         stack = Stack((WIDTH - 1) * self.depth + 2)
         reach = farther(hit.l) + LEAST
         place = sh.Attrib1i(0)
@@ -107,7 +113,7 @@ class WideIntersector:
             number, met = stack.pop(reach)
             place[:] = self.number(number)
             key[:] = met
-            SH_UNTIL(stack.top == 0)
+            SH_UNTIL((stack.top == 0) if any_hit is False else (stack.top == 0) | (any_hit & (hit.id >= 0)))
 
     def find_any(self, node: NodeTest, block: BlockTest, hit: Any) -> None:
         """Look into boxes in the order in which they stand: a bit for each sibling that is met says what is left."""

@@ -20,6 +20,8 @@ from raytracer import (
     Texture,
     render,
 )
+from raytracer.kernels import walk
+from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import box, floor, sphere, torus
 
 CLEAR = Material((0, 0, 0), specular=0, transmission=1.0)
@@ -154,7 +156,7 @@ def shapes():
     return Scene(meshes, lights, Camera((0, 3, 7), (0, 0.7, 0), fov=42))
 
 
-def test_backends_and_accelerators_agree_to_the_last_bit():
+def test_backends_and_accelerators_agree_to_the_last_bit(monkeypatch):
     scene = shapes()
     first = render(scene, (48, 32), backend="numpy", bounces=5)
     assert first.stats.features["glass"]
@@ -162,6 +164,10 @@ def test_backends_and_accelerators_agree_to_the_last_bit():
     for backend in BACKENDS[1:]:
         same(first, render(scene, (48, 32), backend=backend, bounces=5))
     same(first, render(scene, (48, 32), backend="numpy", bounces=5, accel="grid"))
+    monkeypatch.setattr(walk, "MANY", 1)
+    alone = Renderer(scene, backend="opencl", bounces=5)
+    assert isinstance(alone._tracer.intersector, WideIntersector)
+    same(first, alone.render((48, 32)))
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 16])
