@@ -22,7 +22,7 @@ from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
 from shpy.lang.compound import fits
 from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureType
-from shpy.lang.hostdata import as_base
+from shpy.lang.hostdata import as_base, in_range
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded
 from shpy.lang.structure import Group, Layout, entries_of, flatten, leaves
@@ -31,6 +31,7 @@ from shpy.lang.values import Value
 Shape = tuple[int, ...]
 _MAX_RANK = 31
 """Axes of S, at most: numpy broadcasts 32, of which the components may be one."""
+_COMPILE_OPTIONS = ("backend", "device", "precision", "math", "lanes", "loop_limit")
 _WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 
 
@@ -59,7 +60,9 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
     for name, value in named.items():
         if name not in types or name in given:
             wrong = "is given twice" if name in given else "is no input"
-            raise ShpyTypeError(f"{name} {wrong} of {what}", loc=here(), cure=signature)
+            compiled = name in _COMPILE_OPTIONS and name not in types
+            cure = f"{what}.compile({name}={value!r})({', '.join(names)})" if compiled else signature
+            raise ShpyTypeError(f"{name} {wrong} of {what}", loc=here(), cure=cure)
         given[name] = value
     given = {**{n: d for n, d in recorded.defaults.items() if n not in given}, **given}
     missing = [n for n in names if n not in given]
@@ -82,8 +85,7 @@ class InputLeaf:
                 loc=here(),
                 cure=_trailing(name, array.shape, cls.size),
             )
-        with np.errstate(over="ignore"):
-            self.array: NDArray[Any] = array.astype(dtype, copy=False)
+        self.array: NDArray[Any] = in_range(array, np.dtype(dtype), name) if array.dtype.kind == "f" else array
         self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
 
     def flat(self, shape: Shape) -> NDArray[Any]:

@@ -163,21 +163,30 @@ def _run_module(where: str) -> dict[str, Any]:
 
 
 def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
-    """What `NAME=LO:HI[:log]` say; inputs of which nothing is said get -10 to 10, ints 0 to 100.
+    """Read each `NAME=LO:HI[:log]`; other inputs get -10 to 10, ints 0 to 100.
 
-    Raises ShpyError for words that are no range, and for a program that takes tables.
+    Raises ShpyError for words that are no range of an input, and for a program that takes tables.
     """
+    inputs = program._recorded.inputs
+    layouts = {name: t for name, t in inputs.items() if not isinstance(t, TableType | TextureType)}
+    flat = [leaf for name, layout in layouts.items() for leaf, _, _ in leaves(layout, name)]
     domain: dict[str, Any] = {}
     for words in said:
         name, _, spoken = words.partition("=")
         parts = spoken.split(":")
         try:
             low, high = float(parts[0]), float(parts[1])
-            if not math.isfinite(high - low):
-                raise ValueError("a range has ends")
-            domain[name] = (low, high, *parts[2:])
+            if not math.isfinite(high - low) or parts[2:] not in ([], ["log"]):
+                raise ValueError("a range has two ends")
         except (ValueError, IndexError):
-            raise ShpyError(f"{words!r} is no range", cure="x=1e-3:1e3:log") from None
+            raise ShpyError(f"--domain {words!r} is no range", cure="--domain x=1e-3:1e3:log") from None
+        if name not in inputs and name not in flat:
+            known = f"whose inputs are {', '.join(flat)}" if flat else "which has none"
+            raise ShpyError(
+                f"--domain {words!r}: {name or 'an empty name'} is no input of {program.name}, {known}",
+                cure=f"--domain {flat[0]}={spoken}" if flat else "no --domain",
+            )
+        domain[name] = (low, high, *parts[2:])
     for name, layout in program._recorded.inputs.items():
         if isinstance(layout, TableType | TextureType):
             raise ShpyError(f"{name} is a table, which no range describes", cure=f"program.bind({name}=table)")

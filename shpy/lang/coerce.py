@@ -20,7 +20,8 @@ from shpy.ir.types import FLOATS, Base
 from shpy.lang.location import here
 
 _ORDER = {Base.H: 0, Base.F: 1, Base.D: 2}
-_LARGEST = {Base.H: 65504.0, Base.F: 3.4028234663852886e38, Base.D: math.inf}
+_INFINITE = {Base.H: 65520.0, Base.F: 2.0**128 - 2.0**103, Base.D: math.inf}
+"""The least number that rounds to infinity: halfway between the largest float and the next power of two."""
 _RANGES = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1)}
 _SPOKEN = {Base.F: "f", Base.D: "d", Base.H: "h", Base.I: "i", Base.U: "u", Base.B: "b"}
 
@@ -126,7 +127,7 @@ def cast_literal(value: Literal, base: Base) -> tuple[Any, ...]:
     if base in FLOATS:
         for c in value.components:
             too_large = isinstance(c, int) and abs(c) >= 2**1024 - 2**970  # float(c) would be an OverflowError
-            if too_large or (math.isfinite(c) and abs(float(c)) > _LARGEST[base]):
+            if too_large or (math.isfinite(c) and abs(float(c)) >= _INFINITE[base]):
                 raise ShpyTypeError(
                     f"{_shown(c)} is out of the range of {_SPOKEN[base]}",
                     loc=here(),

@@ -21,6 +21,7 @@ from shpy.ir.types import Base, vec
 from shpy.lang import arithmetic, rebinding
 from shpy.lang.coerce import Literal
 from shpy.lang.emit import FrameEmitter
+from shpy.lang.hostdata import checked_bool
 from shpy.lang.location import here
 from shpy.lang.names import for_name
 from shpy.lang.recorder import Frame, Scope, need_frame
@@ -469,13 +470,15 @@ def SH_DISCARD(c: Any = None) -> None:
     _exit("SH_DISCARD", Discard(0, here()), c)
 
 
-def SH_RETURN(value: Any = None, c: Any = None) -> None:
+def SH_RETURN(value: Any = None, c: Any = None, *, through: bool = False) -> None:
     """End the program or subroutine whose body it stands in, with `value` (a tuple for several), where `c` holds.
 
     Raises RecordError in a plain function that the program calls: it would end the program, not that function.
+    `through=True` means just that: a front end whose own functions record a program's statements ends the program from
+    any of them.
     """
     frame = need_frame("SH_RETURN")
-    frame.returned.check_place()
+    frame.returned.check_place(through=checked_bool(through, "through"))
     frame.returned.at_exit(value, None if c is None else condition(c, "SH_RETURN"), Return(here()))
 
 

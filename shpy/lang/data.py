@@ -19,7 +19,7 @@ from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang import arithmetic, coerce
 from shpy.lang.emit import DEFERRED, HOST, FrameEmitter
-from shpy.lang.hostdata import as_base
+from shpy.lang.hostdata import as_base, in_range
 from shpy.lang.location import here
 from shpy.lang.names import assigned_name
 from shpy.lang.params import Param
@@ -142,10 +142,18 @@ class Table:
         key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
         held = self._data.get(key)
         if held is None:
-            held = self._data[key] = TableData(_frozen(self._array, key), self._version)
+            held = self._data[key] = TableData(self._frozen(key), self._version)
         elif held.version != self._version:
-            held.array, held.version = _frozen(self._array, key), self._version
+            held.array, held.version = self._frozen(key), self._version
         return held
+
+    def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range."""
+        what = f"the Table {self.name}" if self.name else "a Table"
+        array = self._array.copy() if self._array.dtype == dtype else in_range(self._array, dtype, what)
+        frozen = np.ascontiguousarray(array)
+        frozen.flags.writeable = False
+        return frozen
 
     def leaves(self, name: str) -> dict[str, Table]:
         """The tables that this one is in a module where it is called `name`: itself, as it holds scalars or vectors."""
@@ -222,13 +230,6 @@ class Table:
 
     def __len__(self) -> int:
         return int(self.shape[0])
-
-
-def _frozen(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
-    with np.errstate(over="ignore"):
-        frozen = np.ascontiguousarray(array.astype(dtype))
-    frozen.flags.writeable = False
-    return frozen
 
 
 def _element_class(type_: Any) -> type[Value]:

@@ -48,10 +48,9 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
         return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
     wanted = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
     if kind not in wanted:
-        cure = {"f": "np.rint(x).astype(np.int32)", "b": "x.astype(np.float32)"}.get(kind, "an array of numbers")
-        raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=cure)
+        raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=_cure(kind, base))
     if base in FLOATS:
-        return array if kind == "f" and array.dtype.itemsize <= 8 else array.astype(np.float64)
+        return array if kind == "f" and array.dtype.itemsize <= 8 else in_range(array, np.dtype(np.float64), what)
     if base is not Base.B and array.size:
         limits = np.iinfo(DTYPES[base])
         low, high = array.min(), array.max()
@@ -63,3 +62,39 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
                 cure="np.clip(x, low, high), or floats",
             )
     return array.astype(DTYPES[base])
+
+
+def _cure(kind: str, base: Base) -> str:
+    """Return how numbers of another kind become what `base` takes; each works for arrays, lists and numbers."""
+    if kind not in "biuf":
+        return "an array of bools" if base is Base.B else "an array of numbers"
+    if base is Base.B:
+        return "np.asarray(x) != 0"
+    dtype = "float32" if base in FLOATS else np.dtype(DTYPES[base]).name
+    return f"np.rint(x).astype(np.{dtype})" if kind == "f" else f"np.asarray(x, np.{dtype})"
+
+
+def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[Any]:
+    """Convert numbers to a dtype of floats, rounded; ShpyTypeError naming `what` for a number that none of them holds.
+
+    The copy is skipped where the dtype is the array's own.
+    """
+    try:
+        with np.errstate(all="ignore", over="raise"):
+            return array.astype(dtype, copy=False)
+    except FloatingPointError:
+        with np.errstate(all="ignore"):
+            converted = array.astype(dtype)
+        lost = array[np.isinf(converted) & ~np.isinf(array)]
+        raise ShpyTypeError(
+            f"{what} holds {lost[0]}, out of the range of floats of {8 * dtype.itemsize} bits",
+            loc=here(),
+            cure="np.clip(x, low, high), np.inf if infinity is meant, or a wider precision",
+        ) from None
+
+
+def checked_bool(value: Any, what: str) -> bool:
+    """Return an option that is a bool of Python or numpy; ShpyTypeError naming `what` for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise ShpyTypeError(f"{what}={value!r} is neither True nor False", loc=here(), cure=f"{what}=True")
+    return bool(value)

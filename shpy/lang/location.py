@@ -26,6 +26,8 @@ _PROGRAMS = (
     os.path.join(_HOUSE, "collectives", "programs.py"),
 )
 """Programs of the conformance list and of collectives are programs like those of any user."""
+_START = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "shpy_start", "")
+"""The start of the command line: no line outside of it is the user's."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
 """Frames of numpy count as the user's line that called numpy."""
 _inside: dict[str, bool] = {}
@@ -67,7 +69,7 @@ def user_frame() -> FrameType | None:
         if ours is None:
             ours = _look_inside(file)
         if not ours or (library and file.startswith(_LIBRARIES)):
-            return frame
+            return None if file.startswith(_START) else frame
         frame = frame.f_back
     return None
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import linecache
 import re
 import traceback
+from collections import Counter
 from typing import Any
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeError
@@ -41,13 +42,29 @@ _OF_ARRAYS = {
 }
 
 
-def explain_python_error(error: TypeError | AttributeError) -> ShpyError | None:
-    """The error of shpy that says what is wrong at the user's line; None for an error that is the user's own affair."""
+_OFTEN = 50
+"""Calls of a function from one line of its own, in a stack, that make it a recursion without an end."""
+_ENDLESS = "Python calls it while the program is recorded, and no condition on values ends that"
+_STACK = "a loop, with an sh.Array as the stack; or a depth that Python counts, if depth > 0: f(x, depth - 1)"
+
+
+def explain_python_error(
+    error: TypeError | AttributeError | NameError | RecursionError, recorded: str
+) -> ShpyError | None:
+    """The error of shpy that says what is wrong at the user's line; None for an error that is the user's own affair.
+
+    `recorded` is the name of the function that is recorded.
+    """
+    if isinstance(error, RecursionError):
+        return _recursion(error)
     places = traceback.extract_tb(error.__traceback__)
     place = next((p for p in reversed(places) if is_users(p.filename)), None)
     if place is None:
         return None
     loc, text = Loc(place.filename, place.lineno or 0), str(error)
+    if isinstance(error, NameError):
+        itself = error.name == recorded  # the name is bound when the recording is done
+        return RecordError(f"{recorded} calls itself: {_ENDLESS}", loc=loc, cure=_STACK) if itself else None
     if isinstance(error, AttributeError):
         return _attribute(error, loc)
     if "does not support ufuncs" in text:
@@ -59,6 +76,17 @@ def explain_python_error(error: TypeError | AttributeError) -> ShpyError | None:
     if places[-1] is not place:  # raised inside of a library: its own affair
         return None
     return _call(text, loc) or _container(text, loc)
+
+
+def _recursion(error: RecursionError) -> ShpyError | None:
+    """The error for a function of the user's that has called itself until Python's stack was full."""
+    stack = ((frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__))
+    calls = Counter((code, line) for code, line in stack if is_users(code.co_filename))
+    (code, line), count = calls.most_common(1)[0]
+    if count < _OFTEN:
+        return None
+    loc = Loc(code.co_filename, line)
+    return RecordError(f"{code.co_name} calls itself without an end: {_ENDLESS}", loc=loc, cure=_STACK)
 
 
 def _call(text: str, loc: Loc) -> ShpyError | None:

@@ -141,12 +141,12 @@ def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
     }
     try:
         return function(*positional, **named)
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, NameError, RecursionError) as error:
         if isinstance(error, ShpyError):
             raise
         from shpy.lang.python_errors import explain_python_error  # here: few programs need it
 
-        explained = explain_python_error(error)
+        explained = explain_python_error(error, str(getattr(plain_function(function), "__name__", "")))
         if explained is None:
             raise
         raise explained from error

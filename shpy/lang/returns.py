@@ -8,13 +8,14 @@ from __future__ import annotations
 from types import CodeType, FrameType
 from typing import Any
 
-from shpy.errors import RecordError
+from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import EXITS, Break, If, Let, Loc, Loop, Region, Return
 from shpy.ir.traverse import walk
 from shpy.lang import arithmetic
 from shpy.lang.location import called_frames, here, loc_in
 from shpy.lang.recorder import Frame, Scope
-from shpy.lang.structure import Layout, flatten, layout_from, leaves
+from shpy.lang.structure import Group, Layout, Leaf, Rows, annotation_of, flatten, layout_from, leaves
+from shpy.lang.values import Value
 
 
 class Returns:
@@ -35,9 +36,14 @@ class Returns:
         self.slots: list[int] = []
         self.ports: list[tuple[str, str]] = []
 
-    def check_place(self) -> None:
-        """Error for an SH_RETURN that stands in a function which the recorded one calls: it would end the caller."""
-        inner, *outer = called_frames()
+    def check_place(self, *, through: bool = False) -> None:
+        """Error for an SH_RETURN that stands in a function which the recorded one calls: it would end the caller.
+
+        With `through` it may: what matters then is the body from which the function was called.
+        """
+        frames = called_frames()
+        inside = [k for k, frame in enumerate(frames) if frame.f_code in self.bodies]
+        inner, *outer = frames[inside[0] :] if through and inside else frames
         called = [frame.f_code for frame in outer]
         if inner.f_code not in self.bodies or inner.f_code in called:
             name, cure = _spoken(inner)
@@ -87,6 +93,7 @@ class Returns:
             return
         if self.layout is None:
             self.layout = layout_from(value, self.what)
+        _check_count(self.what, self.layout, value)
         entries = flatten(self.layout, value, f"what {self.what} gives back")
         classes = [cls for _, _, cls in leaves(self.layout, "")]
         # All values are read before the first is stored.
@@ -121,6 +128,27 @@ class Returns:
                 loc=self.frame.loc,
                 cure="return a value after the last block, or SH_RETURN in every branch",
             )
+
+
+def _check_count(what: str, layout: Layout, value: Any) -> None:
+    """Error for several values where the annotation names one, and for another number of values than it names."""
+    several = isinstance(value, tuple | list)
+    match layout:
+        case Leaf(cls):
+            fits = not several or len(value) == cls.size
+        case Rows(cls):
+            fits = not several or (len(value) == cls.size and not any(isinstance(v, Value) for v in value))
+        case Group(form="tuple", parts=parts):
+            fits = len(value) == len(parts) if several else isinstance(value, dict)
+        case _:
+            fits = True
+    if not fits:
+        given = f"a {type(value).__name__} of {len(value)}" if several else f"one {type(value).__name__}"
+        raise ShpyTypeError(
+            f"{what} returns {given}, and is annotated with -> {annotation_of(layout)}",
+            loc=here(),
+            cure=f"-> {annotation_of(layout_from(value, what))}, or a value of the type that the annotation names",
+        )
 
 
 def _spoken(frame: FrameType) -> tuple[str, str]:

@@ -111,6 +111,17 @@ def layout_from(value: Any, what: str) -> Layout:
     )
 
 
+def annotation_of(layout: Layout) -> str:
+    """Return an annotation that names the layout, as users write it."""
+    match layout:
+        case Leaf(cls) | Rows(cls):
+            return f"sh.{cls.__name__}"
+        case Group(form="tuple" | "list", parts=parts):
+            return f"tuple[{', '.join(map(annotation_of, parts))}]"
+        case Group(form=form, cls=cls):
+            return form if cls is None else str(cls.__name__)
+
+
 def leaves(layout: Layout, prefix: str) -> Iterator[tuple[str, str, type[Value]]]:
     """The name, kind and class of each leaf: `ray.o`; `m[0]`, of kind `Matrix3f[0]`, for a row of a matrix."""
     match layout:

@@ -146,3 +146,137 @@ def test_what_a_decorator_computes_afterwards_is_not_skipped_in_silence():
     assert caught.value.cure == "decorate case with @sh.subroutine first, below the other decorators"
     assert sh.program(doubled(sh.subroutine(case)))([0, 2]).tolist() == [2, 4]
     assert sh.program(checked(case))([-1, 0.25, 2]).tolist() == [0, 1.5, 4]
+
+
+def statements_of(front_end, x):
+    """Record the statements of a small language, as a front end does."""
+    for statement, *parts in front_end:
+        match statement:
+            case "return":
+                SH_RETURN(parts[0](x), through=True)
+            case "return if":
+                SH_RETURN(parts[0](x), parts[1](x), through=True)
+            case "if":
+                with SH_IF(parts[0](x)):
+                    statements_of(parts[1], x)
+
+
+def test_a_front_end_ends_a_program_from_its_own_functions():
+    listing = [
+        ("if", lambda x: x > 5, [("return if", lambda x: x * 2, lambda x: x > 7), ("return", lambda x: x)]),
+        ("return if", lambda x: -x, lambda x: x > 2),
+    ]
+
+    @sh.program
+    def case(x: sh.Attrib1f) -> sh.Attrib1f:
+        statements_of(listing, x)
+        return x + 100
+
+    assert case([1, 3, 6, 8]).tolist() == [101, -3, 6, 16]
+
+    @sh.subroutine
+    def routine(x: sh.Attrib1f) -> sh.Attrib1f:
+        statements_of(listing, x)
+        return x + 100
+
+    @sh.program
+    def around(x: sh.Attrib1f) -> sh.Attrib1f:
+        return routine(x) + 1000
+
+    assert around([1, 3, 6, 8]).tolist() == [1101, 997, 1006, 1016]
+    assert [f.name for f in around.ir.functions] == ["routine", "around"]
+
+
+def test_through_helpers_is_said_in_so_many_words_and_decorators_stay_checked():
+    def doubled(function):
+        @functools.wraps(function)
+        def wrapper(x):
+            return function(x) * 2
+
+        return wrapper
+
+    def case(x: sh.Attrib1f) -> sh.Attrib1f:
+        statements_of([("return if", lambda v: v, lambda v: v > 1)], x)
+        return x + 1
+
+    def answered(x: sh.Attrib1f) -> sh.Attrib1f:
+        SH_RETURN(x, through="yes")
+
+    with pytest.raises(sh.RecordError, match="a decorator of case goes on computing here"):
+        sh.program(doubled(case))
+    with pytest.raises(sh.ShpyTypeError, match="through='yes' is neither True nor False"):
+        sh.program(answered)
+
+
+def one(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x, x
+
+
+def one_vector(x: sh.Attrib1f) -> sh.Attrib3f:
+    return [x, x]
+
+
+def two(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Color3f]:
+    return x
+
+
+def two_of_three(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Color3f]:
+    return x, sh.Color3f(x), x
+
+
+def rows(x: sh.Attrib1f) -> sh.Matrix2f:
+    return x, x
+
+
+@pytest.mark.parametrize(
+    ("function", "message", "cure"),
+    [
+        (one, "one returns a tuple of 2, and is annotated with -> sh.Attrib1f", "-> tuple[sh.Attrib1f, sh.Attrib1f]"),
+        (one_vector, "one_vector returns a list of 2, and is annotated with -> sh.Attrib3f", "-> tuple[sh.Attrib1f, "),
+        (two, "two returns one Attrib1f, and is annotated with -> tuple[sh.Attrib1f, sh.Color3f]", "-> sh.Attrib1f, "),
+        (two_of_three, "two_of_three returns a tuple of 3, and is annotated with -> tuple[sh.Attrib1f, sh", "-> tuple"),
+        (rows, "rows returns a tuple of 2, and is annotated with -> sh.Matrix2f", "-> tuple[sh.Attrib1f, sh.Attrib1f]"),
+    ],
+)
+def test_another_number_of_values_than_the_annotation_names(function, message, cure):
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        sh.program(function)
+    assert caught.value.message.startswith(message)
+    assert caught.value.cure.startswith(cure)
+    assert caught.value.loc.file == __file__
+
+
+def test_a_tuple_of_as_many_numbers_is_a_vector():
+    @sh.program
+    def case(x: sh.Attrib1f) -> sh.Attrib2f:
+        return x, x + 1
+
+    assert case(1).tolist() == [1, 2]
+
+
+def test_recursion_is_an_error_at_the_line_that_calls():
+    def helper(x):
+        return helper(x * 2) + 1
+
+    def even(x):
+        return odd(x - 1)
+
+    def odd(x):
+        return even(x - 1)
+
+    for called, names in ((helper, ["helper"]), (even, ["even", "odd"])):
+
+        def case(x: sh.Attrib1f) -> sh.Attrib1f:
+            return called(x)  # noqa: B023
+
+        with pytest.raises(sh.RecordError) as caught:
+            sh.program(case)
+        assert caught.value.message.split(":")[0] in [f"{name} calls itself without an end" for name in names]
+        assert "sh.Array as the stack" in caught.value.cure
+        assert caught.value.loc.file == __file__
+
+    with pytest.raises(sh.RecordError, match="itself calls itself: Python calls it while the program is recorded"):
+
+        @sh.program
+        def itself(x: sh.Attrib1f) -> sh.Attrib1f:
+            return itself(x - 1)

@@ -1,0 +1,129 @@
+"""Numbers from the host at the edge of what a type holds, or of another kind: kept, or an error with a cure."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+import shpy_start
+from shpy.lang import location
+
+LARGEST = np.finfo(np.float32).max
+
+
+@sh.program
+def same(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x
+
+
+@sh.program
+def counted(n: sh.Attrib1i) -> sh.Attrib1i:
+    return n
+
+
+@sh.program
+def unsigned(n: sh.Attrib1u) -> sh.Attrib1u:
+    return n
+
+
+@sh.program
+def held(c: sh.Attrib1b) -> sh.Attrib1b:
+    return c
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_the_shortest_decimal_of_the_largest_float_is_that_float(backend):
+    written = float(repr(float(str(LARGEST))))
+    assert written == 3.4028235e38
+
+    @sh.program
+    def largest(x: sh.Attrib1f):
+        return sh.Attrib1f(3.4028235e38) + x, -sh.Attrib1f(written), x * 0 - 3.4028235e38
+
+    found = largest.compile(backend)(0.0)
+    assert [np.float32(y) for y in found] == [LARGEST, -LARGEST, -LARGEST]
+
+
+def test_what_rounds_to_infinity_is_out_of_range():
+    half = 2.0**128 - 2.0**103  # halfway to the next power of two, which ties to even
+    assert float(sh.Attrib1f(np.nextafter(half, 0))) == LARGEST
+    assert float(sh.Attrib1h(65519.99)) == 65504
+    assert sh.Param(sh.Attrib1f, 3.4028235e38).value == LARGEST
+    for cls, number in ((sh.Attrib1f, half), (sh.Attrib1f, -half), (sh.Attrib1h, 65520.0), (sh.Attrib1d, 2**1024)):
+        with pytest.raises(sh.ShpyTypeError, match="is out of the range of"):
+            cls(number)
+
+
+@pytest.mark.parametrize("form", [np.array, list, lambda x: x[0], lambda x: np.array(x, np.longdouble)])
+def test_a_number_that_no_float_holds_is_an_error(form):
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        same(form([1e300]))
+    assert caught.value.message == "x holds 1e+300, out of the range of floats of 32 bits"
+    assert caught.value.loc.file == __file__
+    assert np.asarray(same.compile(precision="f64")(form([1e300]))).item() == 1e300
+    with pytest.raises(sh.ShpyTypeError, match=r"x holds 70000.0, out of the range of floats of 16 bits"):
+        same.compile(precision="f16")(form([70000.0]))
+
+
+def test_infinities_and_what_rounds_down_are_kept():
+    given = np.array([np.inf, -np.inf, np.nan, 3.4028235e38, 1e-60, -0.0])
+    with np.errstate(all="raise"):
+        found = same(given)
+    np.testing.assert_array_equal(found, [np.inf, -np.inf, np.nan, LARGEST, 0, 0])
+    assert np.signbit(found[-1])
+
+
+def test_streams_and_tables_hold_no_infinity_that_was_not_given():
+    with pytest.raises(sh.ShpyTypeError, match=r"a stream holds 1e\+300, out of the range of floats of 32 bits"):
+        sh.Stream(np.array([1.0, 1e300]), sh.Attrib1f, "numpy")
+    wide = sh.Table([1.0, 1e300], sh.Attrib1f)
+
+    @sh.program
+    def read(i: sh.Attrib1i) -> sh.Attrib1f:
+        return wide[i]
+
+    assert read.compile(precision="f64")([1]) == [1e300]
+    with pytest.raises(sh.ShpyTypeError, match=r"the Table wide holds 1e\+300, out of the range"):
+        read([0])
+    wide.update([1.0, 2.0])
+    assert read([1]) == [2]
+
+
+@pytest.mark.parametrize("x", [True, [True, False], np.array([True])])
+@pytest.mark.parametrize("program", [same, counted, unsigned])
+def test_the_cure_for_a_bool_is_accepted(program, x):
+    with pytest.raises(sh.ShpyTypeError, match=r"takes (floats|ints|unsigned ints), not bool") as caught:
+        program(x)
+    found = program(eval(caught.value.cure, {"np": np, "x": x}))
+    np.testing.assert_array_equal(found, np.asarray(x, int))
+
+
+@pytest.mark.parametrize("x", [2.0, [2.0, 3.4], np.array([2.0], np.float32)])
+@pytest.mark.parametrize("program", [counted, unsigned])
+def test_the_cure_for_a_float_is_accepted(program, x):
+    with pytest.raises(sh.ShpyTypeError, match="not float") as caught:
+        program(x)
+    np.testing.assert_array_equal(program(eval(caught.value.cure, {"np": np, "x": x})), np.rint(x))
+
+
+@pytest.mark.parametrize("x", [2, 0.5, [1, 0], np.array([1.5, 0])])
+def test_the_cure_for_a_number_given_for_a_bool_is_accepted(x):
+    with pytest.raises(sh.ShpyTypeError, match="takes bools, not") as caught:
+        held(x)
+    np.testing.assert_array_equal(held(eval(caught.value.cure, {"np": np, "x": x})), np.asarray(x) != 0)
+
+
+def test_a_call_with_an_option_of_compile_names_compile():
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        same(2.0, backend="numpy")
+    assert caught.value.message == "backend is no input of same"
+    assert caught.value.cure == "same.compile(backend='numpy')(x)"
+    for option in ("device", "precision", "math", "lanes", "loop_limit"):
+        with pytest.raises(sh.ShpyTypeError) as caught:
+            same(2.0, **{option: 1})
+        assert caught.value.cure == f"same.compile({option}=1)(x)"
+
+
+def test_an_error_of_the_command_line_names_no_line_of_its_own_start(monkeypatch):
+    monkeypatch.setattr(location, "main", location.here, raising=False)
+    assert location.here().file == __file__
+    assert shpy_start.start("shpy", "shpy.lang.location") is None
