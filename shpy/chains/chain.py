@@ -10,6 +10,7 @@ Stage: run.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -49,15 +50,21 @@ class Chain(ABC):
         return tuple(kernel for member in self.members for kernel in member.kernels)
 
     @property
+    def steps(self) -> Iterator[tuple[Member, bool]]:
+        """Every kernel in order, with whether the chain runs it: `sh.repeat(p, 0)` does not."""
+        for member in self.members:
+            yield from member.steps
+
+    @property
     def inputs(self) -> dict[str, Any]:
         """The type of each stream, Table or number that `run` takes, by name."""
         found: dict[str, Any] = {}
         written: set[str] = set()
-        for kernel in self.kernels:
+        for kernel, runs in self.steps:
             for name, type_ in kernel.inputs.items():
                 if name not in written and name not in kernel.recorded.defaults:
                     found.setdefault(name, getattr(type_, "cls", type_))
-            written |= {name for name, _ in kernel.outputs} if not kernel.rejects else set()
+            written |= {name for name, _ in kernel.outputs} if runs and not kernel.rejects else set()
         return found
 
     @property
@@ -81,8 +88,9 @@ class Chain(ABC):
         Params, which hold for every element. They keep their elements: what the chain writes lies in memory of its own.
         `shape` is that of kernels which read no stream by element and write a new one. `backend`, `device` and
         `precision` say where arrays go if no stream is given.
-        Raises ShpyTypeError for missing and unknown streams before anything runs, LoopLimitExceeded for a `loop` of the
-        chain or a loop of a kernel that ran out of its iterations.
+        Raises ShpyTypeError before anything runs for missing and unknown streams, and for a `shape` where every kernel
+        has another one from its streams; LoopLimitExceeded for a `loop` of the chain or a loop of a kernel that ran out
+        of its iterations.
         """
         return Run(self, streams, shape, backend, device, precision).result()
 
@@ -144,6 +152,11 @@ class Repeat(Chain):
     def __init__(self, members: tuple[Member | Chain, ...], times: int) -> None:
         super().__init__(members)
         self.times = times
+
+    @property
+    def steps(self) -> Iterator[tuple[Member, bool]]:
+        """Every kernel in order, with whether the chain runs it."""
+        return ((kernel, runs and self.times > 0) for kernel, runs in super().steps)
 
     def perform(self, run: Run) -> None:
         """Run the members so many times."""

@@ -7,6 +7,7 @@ be it an element or a Table.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -69,6 +70,11 @@ class Member:
     def kernels(self) -> tuple[Member, ...]:
         """Itself: a member is the smallest part of a chain."""
         return (self,)
+
+    @property
+    def steps(self) -> Iterator[tuple[Member, bool]]:
+        """Itself, which runs."""
+        yield self, True
 
     def perform(self, run: Any) -> None:
         """Run it once."""

@@ -48,6 +48,10 @@ class Node(Protocol):
 class Performed(Node, Protocol):
     """A part of a chain that knows how often and in which order its kernels run."""
 
+    @property
+    def steps(self) -> Iterable[tuple[Member, bool]]:
+        """Every kernel, in order, with whether it is run."""
+
     def perform(self, run: Run) -> None:
         """Run it."""
 
@@ -105,6 +109,8 @@ class Run:
         self.current: dict[Any, Stream] = {}
         for name, value in given.items():
             self._bring(name, value)
+        if self._shape is not None:
+            self._check_shape(self._shape)
         self._owned: dict[Any, list[Stream]] = {}
         self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _Plan]]] = {}
         self._pending: list[Callable[[], None]] = []
@@ -153,6 +159,22 @@ class Run:
             memory.write(flat)
             memories.append(memory)
         return Stream.over(_class_of(layout), shape, self.place, memories)
+
+    def _check_shape(self, wanted: Shape) -> None:
+        """Raise ShpyTypeError for a shape that no kernel takes, as each has another one from its streams."""
+        shapes = {name: stream.shape for name, stream in self.current.items()}
+        for member in self._members:
+            read = [name for name, type_ in member.inputs.items() if not is_gathered(type_)]
+            written = [name for name, _ in member.outputs]
+            many = [name for name in (*read, *written) if math.prod(shapes.get(name, ())) != 1]
+            if not many or shapes[many[0]] == wanted:
+                return
+            shapes.update((name, shapes[many[0]]) for name in written)
+        raise ShpyTypeError(
+            f"shape={wanted}, and {member.signature} runs over the stream {many[0]} of the shape {shapes[many[0]]}",
+            loc=here(),
+            cure="no shape=: it is for kernels that read no stream by element",
+        )
 
     # Playing
 
@@ -381,7 +403,7 @@ def _check_names(node: Performed, given: Mapping[str, Any]) -> None:
                 f"{name} is no stream of {node}: {listed}", loc=here(), cure=f"one of {', '.join(known)}"
             )
     there = set(given)
-    for member in node.kernels:
+    for member, runs in node.steps:
         missing = [n for n in member.inputs if n not in there and n not in member.recorded.defaults]
         if missing:
             raise ShpyTypeError(
@@ -389,7 +411,7 @@ def _check_names(node: Performed, given: Mapping[str, Any]) -> None:
                 loc=here(),
                 cure=f"chain.run({', '.join(f'{n}=…' for n in (*given, *missing))})",
             )
-        there |= {name for name, _ in member.outputs}
+        there |= {name for name, _ in member.outputs} if runs else set()
 
 
 def _place_of(

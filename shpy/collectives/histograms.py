@@ -44,14 +44,14 @@ def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, f
     one, but for the last, which holds both. Elements outside of all bins, and NaN, are not counted.
     A number of bins without a range counts the ints 0, 1, up to bins - 1, as `np.bincount` does; floats need a range.
     The stream holds numbers of one component and may have several axes. Raises ShpyTypeError for other streams, edges
-    that descend or are NaN, and numbers of bins below 1.
+    that descend, are NaN or stand beside a range, and numbers of bins below 1.
     """
     given = check_stream(stream, "histogram")
     base = _base(given)
     leaves = Leaves(given.place)
     line = retyped(given, given.type, (given.size,))
-    if isinstance(bins, int | np.integer) and not isinstance(bins, bool) and range is None:
-        count = _checked_count(int(bins))
+    if isinstance(bins, int | np.integer) and range is None:
+        count = _checked_count(bins)
         if base in (Base.F, Base.D, Base.H):
             raise ShpyTypeError(
                 "a histogram of floats needs a range", loc=here(), cure=f"sh.histogram(stream, {bins}, range=(0, 1))"
@@ -95,20 +95,22 @@ def _base(stream: Stream) -> Base:
     return type_.base
 
 
-def _checked_count(bins: int) -> int:
-    if bins < 1:
+def _checked_count(bins: int | np.integer[Any]) -> int:
+    if isinstance(bins, bool) or bins < 1:
         raise ShpyTypeError(f"a histogram of {bins} bins", loc=here(), cure="1 bin or more")
-    return bins
+    return int(bins)
 
 
 def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
     """The edges that numpy would take."""
     if isinstance(bins, int | np.integer):
-        count = _checked_count(int(bins))
+        count = _checked_count(bins)
         try:
             return np.histogram_bin_edges(np.empty(0, dtype), count, range)
         except (TypeError, ValueError) as error:
             raise ShpyTypeError(f"range={range!r}: {error}", loc=here(), cure="range=(low, high)") from error
+    if range is not None:
+        raise ShpyTypeError(f"range={range!r} beside edges", loc=here(), cure="no range=, or a number of bins")
     edges = np.asarray(bins)
     if edges.ndim != 1 or len(edges) < 2 or edges.dtype.kind not in "iuf" or not np.all(edges[1:] >= edges[:-1]):
         raise ShpyTypeError(

@@ -27,6 +27,7 @@ from shpy.collectives.trees import (
 )
 from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data import Table
+from shpy.lang.hostdata import checked_bool
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
@@ -47,9 +48,9 @@ def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
 
     With `exclusive`, element i combines the elements 0 to i - 1, and element 0 is zero in all of its components.
     The result has the shape of the stream, and is empty for an empty one. Raises ShpyTypeError for programs that do not
-    combine two elements into one.
+    combine two elements into one, and for an `exclusive` that is no bool.
     """
-    element = check_combination(program, stream, "scan")
+    element, exclusive = check_combination(program, stream, "scan"), checked_bool(exclusive, "exclusive")
     flat = retyped(stream, element, (stream.size,))
     if stream.size < 2:
         if not exclusive or not stream.size:

@@ -17,6 +17,7 @@ from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data import TableType, TextureType
+from shpy.lang.hostdata import checked_bool
 from shpy.lang.location import here
 from shpy.lang.types import Attrib1i
 from shpy.program import Program
@@ -32,9 +33,10 @@ def sort(stream: Stream, key: Program | None = None, descending: bool = False) -
     `key`, a program of one element that gives one number or bool, says by what; elements of one component need none.
     The order is stable: elements of equal keys keep the order that they had, with `descending=True` too. -0 and +0 are
     equal. NaN is greater than every number, whatever its sign and bits, so it stands last, and first if descending.
-    Raises ShpyTypeError for elements of several components without a key, and for a program of other types.
+    Raises ShpyTypeError for elements of several components without a key, for a program of other types, and for a
+    `descending` that is no bool.
     """
-    given = check_stream(stream, "sort")
+    given, descending = check_stream(stream, "sort"), checked_bool(descending, "descending")
     leaves = Leaves(given.place)
     keys = _keys(given, key, "sort")
     if key is None:
@@ -50,7 +52,7 @@ def argsort(stream: Stream, key: Program | None = None, descending: bool = False
     `sh.gather(stream, sh.argsort(stream))` is `sh.sort(stream)`; so several streams can be sorted by one of them.
     Raises ShpyTypeError as `sh.sort` does.
     """
-    given = check_stream(stream, "argsort")
+    given, descending = check_stream(stream, "argsort"), checked_bool(descending, "descending")
     order = Leaves(given.place).order(_keys(given, key, "argsort"), descending)
     return Stream.over(Attrib1i, (given.size,), given.place, [order])
 

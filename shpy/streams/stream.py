@@ -396,9 +396,10 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
     if precision not in ("f16", "f32", "f64"):
         raise ShpyTypeError(f"precision={precision!r}", loc=here(), cure='precision="f32", "f64" or "f16"')
     count = len(backend_named(name).devices())
-    if device is not None and not (isinstance(device, int) and 0 <= device < count):
+    is_int = isinstance(device, int | np.integer) and not isinstance(device, bool)
+    if device is not None and not (is_int and 0 <= device < count):
         raise ShpyTypeError(f"{name} has {count} devices, no device {device!r}", loc=here(), cure="device=0")
-    return Place(name, device or 0, precision)
+    return Place(name, int(device or 0), precision)
 
 
 def _layout(type: Any) -> Layout:
