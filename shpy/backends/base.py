@@ -34,6 +34,7 @@ __all__ = [
     "Space",
     "TableData",
     "TableMemory",
+    "overlap",
 ]
 
 Array = NDArray[Any]
@@ -111,13 +112,29 @@ class Memory(Protocol):
 
     @property
     def native(self) -> Any:
-        """The object of the device's own library: an array of numpy or pyopencl, a texture of moderngl."""
+        """The object of the device's own library: an array of numpy or pyopencl, a texture of moderngl.
+
+        The device's memory is not used for anything else as long as somebody holds it.
+        """
+
+    @property
+    def extent(self) -> tuple[Any, int, int]:
+        """The device memory of which this is a part, its first byte there, and the byte after its last one."""
 
     def write(self, array: Array) -> None:
         """Copy a host array of `dtype` to the device."""
 
     def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Copy the elements, from `begin` up to `end`, into a new host array, once all that was started has ended."""
+
+
+def overlap(one: Memory, other: Memory) -> bool:
+    """Return whether two memories of a space have a byte in common."""
+    if one is other:
+        return True
+    whole, begin, end = one.extent
+    others_whole, others_begin, others_end = other.extent
+    return bool(whole == others_whole and max(begin, others_begin) < min(end, others_end))
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +242,9 @@ class Space(Protocol):
         `guarded` is the kernel whose last input says which elements are alive, `plain` the same kernel without it. None
         where the guarded kernel saves as much by itself.
         """
+
+    def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
+        """Call a function with `Memory.native` of some memories, on the thread that may use them."""
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start what `Executable.ready` gave, one after the other; waits for none of them."""

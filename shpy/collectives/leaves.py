@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Collectives, Memory
+from shpy.backends.base import Collectives, Memory, overlap
 from shpy.collectives.programs import annotated
 from shpy.ir.types import Base
 from shpy.lang.builtins import bits_from_float, cond, grid_index, isnan
@@ -77,7 +77,7 @@ class Leaves:
         """
         if not (values.count and target.count):
             return target
-        values, index = (_memory(self._stream(m).copy()) if m is target else m for m in (values, index))
+        values, index = (_memory(self._stream(m).copy()) if overlap(m, target) else m for m in (values, index))
         if self._own.put is not None:
             self._own.put(values, index, target)
             return target

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from shpy import host
-from shpy.backends.base import Array, Counts, DeviceCall, Executable, Memory, TableData, TableMemory
+from shpy.backends.base import Array, Counts, DeviceCall, Executable, Memory, TableData, TableMemory, overlap
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, vec
 from shpy.lang.data import Table
@@ -106,7 +106,8 @@ def prepare(
     memories = [_memory(leaf, common, place) for leaf in inputs]
     read = {name: _table(table, dtypes) for name, table in tables.items()}
     targets, outputs = _targets(recorded.output, place, common, out)
-    _check_apart(targets, tables)
+    if out is not None:
+        _check_apart(targets, tables)
     return _prepared(executable, params, place, memories, read, targets, outputs, common, fresh=out is None)
 
 
@@ -132,7 +133,8 @@ def prepare_known(
     """Make what the outputs are written to, for streams of a signature with which a run went well, and no tables."""
     memories = [stream._memories[0] for stream in streams]
     targets, outputs = _targets(recorded.output, place, common, out)
-    _check_apart(targets, {})
+    if out is not None:
+        _check_apart(targets, {})
     return _prepared(executable, params, place, memories, {}, targets, outputs, common, fresh=out is None)
 
 
@@ -149,12 +151,26 @@ def _prepared(
     fresh: bool,
 ) -> Prepared:
     """The call: it writes the memory of the outputs, or its own where theirs is still read or may have to stay."""
-    space, read = place.space, {id(m) for m in inputs}
-    direct = fresh or (executable.writes_all and (space.overwrites or not any(id(t.memory) in read for t in targets)))
+    space = place.space
+    direct = fresh or (executable.writes_all and not _reads_others(inputs, targets, itself=space.overwrites))
     written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
     status = None if executable.writes_all else space.allocate(math.prod(common), vec(Base.I), np.dtype(np.int32))
     call = DeviceCall(common, tuple(inputs), written, status, params, tables)
     return Prepared(call, tuple(targets), fresh, place, outputs)
+
+
+def _reads_others(inputs: Sequence[Memory], targets: Sequence[StreamLeaf], *, itself: bool) -> bool:
+    """Return whether an input has memory that a target overwrites, but for the same elements if `itself` holds."""
+    return any(
+        overlap(read, target.memory) and not (itself and _same(read, target.memory))
+        for target in targets
+        for read in inputs
+    )
+
+
+def _same(one: Memory, other: Memory) -> bool:
+    """Return whether two memories that overlap have each element in the same place."""
+    return one is other or (one.extent == other.extent and one.type.size == other.type.size)
 
 
 def run_prepared(executable: Executable, prepared: Prepared) -> StreamResult:
@@ -229,18 +245,19 @@ def build_streams(layout: Layout, place: Place, shape: Shape) -> Any:
 
 
 def _check_apart(targets: Sequence[StreamLeaf], tables: Mapping[str, Table]) -> None:
-    """No output may be read by index, and no two may be the same."""
-    read = {id(t.memory): t for t in tables.values() if isinstance(t, StreamTable)}
-    for target in targets:
-        table = read.get(id(target.memory))
-        if table is not None:
+    """No memory of an output may be read by index, or belong to another output too."""
+    read = [table for table in tables.values() if isinstance(table, StreamTable)]
+    for target, table in itertools.product(targets, read):
+        if overlap(target.memory, table.memory):
             raise ShpyTypeError(
-                f"out is the stream that the Table {table.name or ''} reads: an element would read what others wrote",
+                f"out is memory that the Table {table.name or ''} reads: an element would read what others wrote",
                 loc=here(),
                 cure="another stream for out, or a chain, which keeps two",
             )
     for one, other in itertools.combinations(targets, 2):
-        if one.memory is other.memory:
+        if overlap(one.memory, other.memory):
             raise ShpyTypeError(
-                "two outputs are the same stream, and each needs its own", loc=here(), cure="sh.Stream.empty for each"
+                "two outputs have the same memory, and each needs its own",
+                loc=here(),
+                cure="sh.Stream.empty for each",
             )

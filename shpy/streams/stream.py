@@ -10,7 +10,7 @@ Stage: run. A stream of a type with several leaves, a struct or a matrix, has on
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,14 +24,13 @@ from shpy.backends.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.tabledata import TableData
-from shpy.ir.types import Base
 from shpy.lang.compound import CompoundTable, fits_type
 from shpy.lang.data import Table, Texture2D
 from shpy.lang.location import here
 from shpy.lang.names import assigned_name
 from shpy.lang.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
-from shpy.lang.values import CLASSES
 from shpy.streams.methods import StreamReductions
+from shpy.streams.wrapping import extents_of, owner_of
 
 __all__ = ["Place", "Stream", "StreamTable"]
 
@@ -132,8 +131,8 @@ class Stream(StreamReductions):
         components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
         """
         widths: dict[Any, Precision] = {np.dtype(np.float64): "f64", np.dtype(np.float16): "f16"}
-        place = Place(backend or _owner(native), 0, widths.get(getattr(native, "dtype", None), "f32"))
-        shape, found = _extents(native, type)
+        place = Place(backend or owner_of(native), 0, widths.get(getattr(native, "dtype", None), "f32"))
+        shape, found = extents_of(native, type)
         memory = place.space.wrap(native, found.type, np.dtype(host.dtypes_at(place.precision)[found.base]))
         made = cls.over(found, shape, place, [memory])
         made._owned = False
@@ -254,10 +253,21 @@ class Stream(StreamReductions):
     def native(self) -> Any:
         """The array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.
 
-        A texture holds rows of 4096 elements, and may be another one after each run that writes the stream.
+        Its memory stays as long as somebody holds it, and may be another one after each run that writes the stream. A
+        texture holds rows of 4096 elements; only `on_device` may use it, and on another thread it raises ShpyTypeError.
         """
         found = [m.native for m in self._memories]
         return found[0] if len(found) == 1 else found
+
+    def on_device(self, function: Callable[..., Any]) -> Any:
+        """Call a function with what `native` gives, for several leaves with each of these; return what it returns.
+
+        It runs on the thread that may use the device's library: for GLSL that is a thread of shpy, since an OpenGL
+        context belongs to one thread. There it may use moderngl, also `texture.ctx`, and other streams.
+
+            stream.on_device(lambda texture: texture.read())
+        """
+        return self.place.space.on_device(function, [m.native for m in self._memories])
 
     def __dlpack__(self, **options: Any) -> Any:
         if self.backend != "numpy" or len(self._memories) != 1:
@@ -421,40 +431,6 @@ def _checked(array: Any, layout: Layout, place: Place) -> list[host.InputLeaf]:
             f"the fields of a stream have one shape, not {listed}", loc=here(), cure="one element of each field a place"
         )
     return found
-
-
-def _owner(native: Any) -> str:
-    module = type(native).__module__.partition(".")[0]
-    known = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
-    if module not in known:
-        raise ShpyTypeError(
-            f"{type(native).__name__} is no memory that a stream can have",
-            loc=here(),
-            cure="a numpy array, a pyopencl.array.Array or a moderngl.Texture; or sh.Stream(array, type)",
-        )
-    return known[module]
-
-
-def _extents(native: Any, type_: Any) -> tuple[Shape, Any]:
-    """The element shape of a library's array or texture, and the type of an element."""
-    if hasattr(native, "components"):
-        width, height = native.size
-        base: Any = {"f": Base.F, "i": Base.I, "u": Base.U}.get(native.dtype[0])
-        shape, size = (height, width), native.components
-    else:
-        base = {"f": Base.F, "i": Base.I, "u": Base.U, "b": Base.B}.get(native.dtype.kind)
-        whole = tuple(native.shape)
-        wanted = type_.type.size if type_ is not None else None
-        size = wanted or (whole[-1] if len(whole) > 1 and whole[-1] in (2, 3, 4) else 1)
-        shape = whole[:-1] if size > 1 else whole
-    found = type_ if type_ is not None else CLASSES["Attrib", size, base]
-    if not isinstance(_layout(found), Leaf) or found.type.size != size:
-        raise ShpyTypeError(
-            f"this memory holds elements of {size} components, which is no {found.__name__}",
-            loc=here(),
-            cure="a type of as many components, or sh.Stream(array, type), which copies",
-        )
-    return shape, found
 
 
 def _rows_of(key: Any, count: int) -> range | None:

@@ -276,9 +276,9 @@ def test_errors_name_the_cure():
         scale.compile("opencl").run(stream, 1.0, out=np.zeros((4, 3), np.float32))
     with refused("out is <Stream (5,) of Point3f on opencl>, not of sh.Point3f and the shape (4,)"):
         scale.compile("opencl").run(stream, 1.0, out=sh.Stream.empty(5, sh.Point3f, "opencl"))
-    with refused("out is the stream that the Table of reads"):
+    with refused("out is memory that the Table of reads"):
         at.compile("opencl").run(np.arange(4), sh.Table(stream, name="of"), out=stream)
-    with refused("two outputs are the same stream"):
+    with refused("two outputs have the same memory, and each needs its own"):
         both = sh.Stream.empty(2, sh.Attrib1i, "opencl")
 
         @sh.program

@@ -137,10 +137,14 @@ class Context:
 
         Ctrl-C ends the wait, and the job where it next calls `go_on`.
         """
-        if threading.current_thread() is self._thread:
+        if self.is_here():
             return job()
         _DRIVER.use()
         return self._do(job)
+
+    def is_here(self) -> bool:
+        """Return whether this is the context's thread."""
+        return threading.current_thread() is self._thread
 
     def _do(self, job: Callable[[], T]) -> T:
         future: Future[T] = Future()
@@ -163,18 +167,15 @@ class Context:
                 future.set_result(job())
             except BaseException as error:
                 if self.resting is not None:
-                    self._settle()
+                    self.settle()
                 future.set_exception(error)
             del taken, job, future  # and what they hold
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
         """Bring GL back to its state between jobs: one that raised may have left it anywhere."""
         self.resting.use()
         self.gl.disable(self.moderngl.BLEND | self.moderngl.DEPTH_TEST)
-        while self.gl.error not in (
-            "GL_NO_ERROR",
-            "GL_UNKNOWN_ERROR",
-        ):  # a context that is lost has the latter for ever
+        while self.gl.error not in ("GL_NO_ERROR", "GL_UNKNOWN_ERROR"):  # a lost context has no other
             pass
 
     def go_on(self) -> None:

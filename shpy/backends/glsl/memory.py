@@ -22,7 +22,7 @@ import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, Executable
 from shpy.backends.glsl.context import VERTEX, check
-from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, write
+from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, shown_texture, write
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
@@ -97,6 +97,10 @@ class GlslMemory:
     count: int
     type: Type
     dtype: np.dtype[Any]
+    pooling: Any = None
+    """The finalizer that keeps the texture for other memory, of a texture that this package made."""
+    shown: Any = None
+    """The texture as users have it."""
 
     @property
     def texture(self) -> Any:
@@ -105,8 +109,25 @@ class GlslMemory:
 
     @property
     def native(self) -> Any:
-        """A moderngl.Texture; it belongs to the context's thread, `Context.call`."""
-        return self.texture
+        """A moderngl.Texture, which is released with its last holder; only the context's thread may use it."""
+        if self.pooling is None:  # it is the user's
+            return self.texture
+        if self.shown is None:
+            self.space.call(self._show)
+        return self.shown
+
+    def _show(self) -> None:
+        """Leave the texture to whoever holds it: it is not used for other memory."""
+        if self.shown is None and self.pooling.detach():
+            doomed = self.space.doomed
+            self.shown = shown_texture(self.texture, self.space.check_thread)
+            weakref.finalize(self, doomed.append, self.target.framebuffer).atexit = False
+            weakref.finalize(self.shown, doomed.append, self.texture.mglo).atexit = False
+
+    @property
+    def extent(self) -> tuple[Any, int, int]:
+        """The texture, all of which counts."""
+        return self.texture.glo, 0, self.count
 
     @property
     def height(self) -> int:
@@ -158,6 +179,31 @@ class GlslSpace:
         """Run a job on the context's thread."""
         return self._context.call(job)
 
+    def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
+        """Call a function with textures on the context's thread, and settle what it leaves of GL's state."""
+        context = self._context
+
+        def job() -> Any:
+            try:
+                return function(*natives)
+            finally:
+                context.settle()
+
+        return context.call(job)
+
+    @property
+    def doomed(self) -> list[Any]:
+        """GL objects whose owner is gone."""
+        return self._context.doomed
+
+    def check_thread(self) -> None:
+        """Raise ShpyTypeError on another thread than the context's: GL would read or change another context."""
+        if not self._context.is_here():
+            raise ShpyTypeError(
+                "a texture of a stream belongs to the thread of shpy's GL context, and this is another thread",
+                cure="stream.on_device(lambda texture: texture.read())",
+            )
+
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
         """A texture for `count` elements, whatever it holds; ShpyError where the device has none so large."""
         if dtype == np.float64:
@@ -184,7 +230,8 @@ class GlslSpace:
         cells = kind[0] * int(kind[1][1])
         target = store.take(key, size[0] * size[1] * cells) or store.make_target(size, (kind,), cells)
         memory = GlslMemory(self, target, width, count, type, dtype)
-        weakref.finalize(memory, self._dropped.append, (key, target)).atexit = False
+        memory.pooling = weakref.finalize(memory, self._dropped.append, (key, target))
+        memory.pooling.atexit = False
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> GlslMemory:

@@ -14,9 +14,10 @@ a table is kept as long as its `TableData` lives and its version does not change
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -49,6 +50,30 @@ class Target:
         self.framebuffer.release()
         for texture in self.textures:
             texture.release()
+
+
+def shown_texture(texture: Any, check_thread: Callable[[], None]) -> Any:
+    """Return a moderngl.Texture of the same memory for users, which calls `check_thread` whenever it uses GL."""
+    made = _shown_class(type(texture)).__new__(_shown_class(type(texture)))
+    vars(made).update(vars(texture), check_thread=check_thread)
+    return made
+
+
+@cache
+def _shown_class(texture: Any) -> Any:
+    """The class: every method of moderngl's asks the texture for its object of GL, `mglo`."""
+
+    class Texture(texture):  # type: ignore[misc]
+        @property
+        def mglo(self) -> Any:
+            self.check_thread()
+            return vars(self)["mglo"]
+
+        @mglo.setter
+        def mglo(self, value: Any) -> None:  # when it is released
+            vars(self)["mglo"] = value
+
+    return Texture
 
 
 def as_texels(array: Array) -> Array:

@@ -44,6 +44,12 @@ class NumpyMemory:
         """The array itself."""
         return self.array
 
+    @property
+    def extent(self) -> tuple[Any, int, int]:
+        """The host's memory and addresses of bytes there."""
+        first = self.array.__array_interface__["data"][0]
+        return None, first, first + self.array.nbytes
+
     def write(self, array: Array) -> None:
         """Copy an array into this one."""
         self.array[...] = array
@@ -102,6 +108,10 @@ class NumpySpace:
 
     def lists(self, guarded: Executable, plain: Executable) -> None:
         """Return None: numpy's kernels make lists themselves."""
+
+    def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
+        """Call it: any thread may use an array."""
+        return function(*natives)
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Run one after the other."""

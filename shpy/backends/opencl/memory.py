@@ -84,6 +84,8 @@ class OpenCLMemory:
     dtype: np.dtype[Any]
     owner: OpenCLMemory | None = None
     """The memory whose buffer this is, which keeps the buffer while this is in use."""
+    pooling: Any = None
+    """The finalizer that keeps the buffer for other memory, of a buffer that this package made."""
 
     @property
     def _held(self) -> np.dtype[Any]:
@@ -94,7 +96,24 @@ class OpenCLMemory:
         """A pyopencl.array.Array (count, size), or (count,) for scalars, over the same memory; bools are bytes."""
         from pyopencl.array import Array as DeviceArray  # here: it takes long to import
 
+        self._give_up()
         return DeviceArray(self.machine.queue, self._shape, self._held, data=self.buffer)
+
+    def _give_up(self) -> None:
+        """Leave the buffer to whoever holds it: it is freed with its last array, and not used for other memory."""
+        if self.owner is not None:
+            self.owner._give_up()
+        if self.pooling is not None:
+            self.pooling.detach()
+
+    @property
+    def extent(self) -> tuple[Any, int, int]:
+        """The buffer, or the one of which it is a part, and bytes of that."""
+        buffer, first = self.buffer, 0
+        whole = buffer.associated_memobject
+        if whole is not None:
+            buffer, first = whole, buffer.offset
+        return buffer.int_ptr, first, first + self.count * self.type.size * self._held.itemsize
 
     @property
     def _shape(self) -> tuple[int, ...]:
@@ -162,7 +181,8 @@ class OpenCLSpace:
             except machine.cl.MemoryError as error:
                 raise MemoryError from error
         memory = OpenCLMemory(machine, buffer, count, type, dtype)
-        weakref.finalize(memory, machine.dropped.append, buffer).atexit = False
+        memory.pooling = weakref.finalize(memory, machine.dropped.append, buffer)
+        memory.pooling.atexit = False
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
@@ -247,6 +267,10 @@ class OpenCLSpace:
         self._started += 1
         if self._started >= _AHEAD:
             self.finish()
+
+    def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
+        """Call it: any thread may use an array."""
+        return function(*natives)
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other on the queue."""

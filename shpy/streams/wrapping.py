@@ -1,0 +1,67 @@
+"""Reads off arrays and textures of other libraries what a stream over their memory is.
+
+Stage: run.
+
+    owner_of(array)               # "numpy"
+    extents_of(array, None)       # ((4,), Attrib3f) for a float32 array (4, 3)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base
+from shpy.lang.location import here
+from shpy.lang.structure import Leaf, layout_of
+from shpy.lang.values import CLASSES
+
+__all__ = ["extents_of", "owner_of"]
+
+Shape = tuple[int, ...]
+
+
+def owner_of(native: Any) -> str:
+    """Return the backend of the library that an array or texture belongs to; ShpyTypeError for anything else."""
+    modules = [cls.__module__.partition(".")[0] for cls in type(native).__mro__]
+    known = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
+    module = next((m for m in modules if m in known), None)
+    if module is None:
+        raise ShpyTypeError(
+            f"{type(native).__name__} is no memory that a stream can have",
+            loc=here(),
+            cure="a numpy array, a pyopencl.array.Array or a moderngl.Texture; or sh.Stream(array, type)",
+        )
+    return known[module]
+
+
+def extents_of(native: Any, type_: Any) -> tuple[Shape, Any]:
+    """Return the element shape of a library's array or texture, and the type of an element.
+
+    Raises ShpyTypeError where no type has such elements.
+    """
+    if hasattr(native, "components"):
+        width, height = native.size
+        base: Any = {"f": Base.F, "i": Base.I, "u": Base.U}.get(native.dtype[0])
+        shape, size = (height, width), native.components
+    else:
+        base = {"f": Base.F, "i": Base.I, "u": Base.U, "b": Base.B}.get(native.dtype.kind)
+        whole = tuple(native.shape)
+        wanted = type_.type.size if type_ is not None else None
+        size = wanted or (whole[-1] if len(whole) > 1 and whole[-1] in (2, 3, 4) else 1)
+        shape = whole[:-1] if size > 1 else whole
+    found = type_ if type_ is not None else CLASSES.get(("Attrib", size, base))
+    if found is None:
+        spoken = f"{size} components of {native.dtype}" if size > 1 else f"{native.dtype}"
+        raise ShpyTypeError(
+            f"no type has elements of {spoken}",
+            loc=here(),
+            cure="an array of float32, float64, float16, int32, uint32 or bool, of at most 4 components",
+        )
+    if not isinstance(layout_of(found, "a stream"), Leaf) or found.type.size != size:
+        raise ShpyTypeError(
+            f"this memory holds elements of {size} components, which is no {found.__name__}",
+            loc=here(),
+            cure="a type of as many components, or sh.Stream(array, type), which copies",
+        )
+    return shape, found
