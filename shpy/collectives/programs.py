@@ -17,7 +17,7 @@ from shpy.lang.builtins import bits_from_float, cond, grid_index, isinf, isnan
 from shpy.lang.builtins import max as larger
 from shpy.lang.control import SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.data import TableType
-from shpy.lang.structure import build_values, layout_from, layout_of, leaves, leaves_of, struct
+from shpy.lang.structure import Group, build_values, layout_from, layout_of, leaves, leaves_of, struct
 from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
 from shpy.lang.values import CLASSES
 from shpy.program import Program, program
@@ -233,6 +233,26 @@ class Reduction(NamedTuple):
     made: Any
     lift: Lift | None = None
     finish: Program | None = None
+
+
+@lru_cache(maxsize=256)
+def over_structs(combine: Program) -> tuple[Program, Any]:
+    """Return the program over structs for one that combines NamedTuples, and the type that it combines.
+
+    A Table holds structs, and a run gives one stream of them where it gives a stream for each field of a NamedTuple.
+    """
+    element, output = next(iter(combine.inputs.values())), combine._recorded.output
+    layout = layout_of(element, "an element")
+    if not any(isinstance(part, Group) and part.form != "struct" for part in (layout, output)):
+        return combine, element
+    fields = {f"part{k}": cls for k, (_, _, cls) in enumerate(leaves(layout, ""))}
+    made = struct(type("Element", (), {"__annotations__": fields}))
+
+    def combined(a: Any, b: Any) -> Any:
+        given = (build_values(layout, iter(leaves_of(x))) for x in (a, b))
+        return build_values(layout_of(made, "an element"), iter(leaves_of(combine(*given))))
+
+    return annotated(combined, a=made, b=made, out=made), made
 
 
 @lru_cache(maxsize=256)

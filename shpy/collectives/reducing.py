@@ -8,6 +8,7 @@ Stage: run.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy import host
+from shpy.backends.base import overlap
 from shpy.collectives.exact import exact_sums, sums_of_blocks
 from shpy.collectives.programs import (
     BLOCK,
@@ -28,7 +30,7 @@ from shpy.collectives.programs import (
     quotient,
     sums,
 )
-from shpy.collectives.trees import check_combination, fold, retyped
+from shpy.collectives.trees import combination, fold, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import FLOATS, Base
@@ -59,7 +61,7 @@ def reduce(program: Program, stream: Stream, axis: int | None = None) -> Any:
     named tuple of these for a struct. Along an axis it returns a Stream of the shape without that axis.
     Raises ShpyTypeError for no elements along the axis, and for programs that do not combine two elements into one.
     """
-    element = check_combination(program, stream, "reduce")
+    program, element = combination(program, stream, "reduce")
     rows = _rows(stream, axis, element)
     if not rows.shape[len(rows.shape) // 2]:
         raise _empty("sh.reduce", "an element that changes nothing, before the others")
@@ -101,7 +103,7 @@ def _exact(stream: Stream, axis: int | None, size: int) -> Any:
         found = sums_of_blocks(np.moveaxis(words, 1, 2).reshape(before * after, -1, WORDS + 1))
     else:
         array = memory.read().reshape(*shape, size)
-        found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, -1))
+        found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, shape[1]))
     kept = (before * after, size) if size > 1 else (before * after,)
     made = Stream(found.reshape(kept), stream.type, stream.backend, stream.device, stream.precision)
     return _result(made, stream, axis, stream.type)
@@ -209,8 +211,10 @@ def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty
         if empty is None:
             raise _empty(name, "a stream with elements")
         return _filled(stream, axis, made, empty)
+    if not rows.size:  # the other axes have no elements
+        return _filled(stream, axis, made, 0)
     found = fold(rows, kind.combine, kind.made, kind.lift)
-    if kind.finish is not None and found.size:
+    if kind.finish is not None:
         found = kind.finish.compile_for(stream)(found)
     return _result(found, stream, axis, made)
 
@@ -226,5 +230,5 @@ def _result(found: Stream, stream: Stream, axis: int | None, made: Any) -> Any:
     result = retyped(found, made, _left(stream, axis))
     if axis is None:
         return result[()]
-    mine = {id(leaf.memory) for leaf in stream.leaf_entries()}
-    return result.copy() if any(id(leaf.memory) in mine for leaf in result.leaf_entries()) else result
+    pairs = itertools.product(result.leaf_entries(), stream.leaf_entries())
+    return result.copy() if any(overlap(made.memory, given.memory) for made, given in pairs) else result

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shpy.collectives.programs import scanning, scanning_fours
 from shpy.collectives.trees import (
     arrays_of,
-    check_combination,
+    combination,
     in_fours,
     over_arrays,
     retyped,
@@ -50,7 +50,8 @@ def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
     The result has the shape of the stream, and is empty for an empty one. Raises ShpyTypeError for programs that do not
     combine two elements into one, and for an `exclusive` that is no bool.
     """
-    element, exclusive = check_combination(program, stream, "scan"), checked_bool(exclusive, "exclusive")
+    program, element = combination(program, stream, "scan")
+    exclusive = checked_bool(exclusive, "exclusive")
     flat = retyped(stream, element, (stream.size,))
     if stream.size < 2:
         if not exclusive or not stream.size:

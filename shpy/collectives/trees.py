@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.collectives.programs import Lift, folding, lifting, width_for
+from shpy.collectives.programs import Lift, folding, lifting, over_structs, width_for
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard, Let
 from shpy.ir.traverse import walk
@@ -28,6 +28,7 @@ from shpy.streams.stream import Stream
 __all__ = [
     "arrays_of",
     "check_combination",
+    "combination",
     "fold",
     "in_fours",
     "leaf_types",
@@ -49,8 +50,17 @@ def retyped(stream: Stream, type_: Any, shape: Shape) -> Stream:
     return Stream.over(type_, shape, stream.place, [leaf.memory for leaf in stream.leaf_entries()])
 
 
-def check_combination(program: Any, stream: Any, name: str) -> Any:
-    """Return the type that a program(a, b) -> a combines; ShpyTypeError where it does not fit the stream."""
+def combination(program: Any, stream: Any, name: str) -> tuple[Program, Any]:
+    """Return a program(a, b) -> a over structs or values, and its type; ShpyTypeError where it does not fit the stream.
+
+    Its leaves are those of an element of the stream.
+    """
+    check_combination(program, stream, name)
+    return over_structs(program)
+
+
+def check_combination(program: Any, stream: Any, name: str) -> None:
+    """Raise ShpyTypeError where a program(a, b) -> a does not fit the stream."""
     if not isinstance(stream, Stream):
         raise ShpyTypeError(
             f"sh.{name} takes a Stream, not {type(stream).__name__}", loc=here(), cure="sh.Stream(array, type)"
@@ -79,7 +89,6 @@ def check_combination(program: Any, stream: Any, name: str) -> Any:
             cure=wanted,
         )
     _check_body(program, name)
-    return inputs[0]
 
 
 def _check_body(program: Program, name: str) -> None:

@@ -350,3 +350,30 @@ print("ending", flush=True)
 """,
     )
     assert (done.returncode, done.stdout) == (0, "ending\n"), done.stderr
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_stream_may_be_read_while_the_interpreter_ends(tmp_path, backend):
+    """In `__del__` after the threads have stopped, and at exit before; or an error tells that it cannot be."""
+    done = run(
+        tmp_path,
+        f"""
+        import atexit
+
+        kernel, stream = long.compile({backend!r}), sh.Stream(np.zeros(3000), sh.Attrib1f, {backend!r})
+
+        class Last:
+            def __del__(self):
+                print("read", len(self.kernel(self.stream, 2).numpy()), flush=True)
+
+        last = Last()
+        last.kernel, last.stream = kernel, stream
+        atexit.register(lambda: print("at exit", len(kernel(stream, 2).numpy()), flush=True))
+        """,
+    )
+    assert done.returncode == 0, done.stderr
+    if backend == "glsl":
+        assert done.stdout == "at exit 3000\n"
+        assert "ShpyError: glsl cannot be used while the interpreter ends: the thread of its context" in done.stderr
+    else:
+        assert done.stdout == "at exit 3000\nread 3000\n", done.stderr

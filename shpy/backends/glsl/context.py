@@ -135,11 +135,17 @@ class Context:
     def call(self, job: Callable[[], T]) -> T:
         """Run `job` on the context's thread and give what it gives; BackendUnavailable in a forked process.
 
+        ShpyError once the interpreter is being torn down, when its threads do not run any more.
         Ctrl-C ends the wait, and the job where it next calls `go_on`.
         """
         if self.is_here():
             return job()
         _DRIVER.use()
+        if sys.is_finalizing():
+            raise ShpyError(
+                "glsl cannot be used while the interpreter ends: the thread of its context has stopped",
+                cure="atexit.register(function) for what runs at the end, not __del__",
+            )
         return self._do(job)
 
     def is_here(self) -> bool:

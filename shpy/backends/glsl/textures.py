@@ -54,8 +54,10 @@ class Target:
 
 def shown_texture(texture: Any, check_thread: Callable[[], None]) -> Any:
     """Return a moderngl.Texture of the same memory for users, which calls `check_thread` whenever it uses GL."""
-    made = _shown_class(type(texture)).__new__(_shown_class(type(texture)))
-    vars(made).update(vars(texture), check_thread=check_thread)
+    given: Any = type(texture)
+    cls = _shown_class(given)
+    made = cls.__new__(cls)
+    made.__dict__.update(texture.__dict__, check_thread=check_thread)
     return made
 
 
@@ -67,11 +69,11 @@ def _shown_class(texture: Any) -> Any:
         @property
         def mglo(self) -> Any:
             self.check_thread()
-            return vars(self)["mglo"]
+            return self.__dict__["mglo"]
 
         @mglo.setter
         def mglo(self, value: Any) -> None:  # when it is released
-            vars(self)["mglo"] = value
+            self.__dict__["mglo"] = value
 
     return Texture
 

@@ -53,6 +53,9 @@ class Waiter:
 
     def wait(self, event: Any) -> None:
         """Wait until the event is complete; raises the driver's error, or KeyboardInterrupt."""
+        if sys.is_finalizing():  # threads do not run any more
+            event.wait()
+            return
         job = _Job(event)
         self._jobs.put(job)
         job.done.acquire()
