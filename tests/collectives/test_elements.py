@@ -9,6 +9,7 @@ import pytest
 from collectives.definition import target
 
 import shpy as sh
+from shpy.backends.registry import NAMES
 
 __all__ = ["target"]
 
@@ -81,10 +82,11 @@ def test_a_program_that_returns_a_tuple_combines_structs(target):
 
 @pytest.mark.parametrize(("shape", "axis"), [((0, 3), 1), ((3, 0, 4), 0), ((3, 0, 4), 2), ((2, 0), 0)])
 @pytest.mark.parametrize("element", [sh.Attrib1f, sh.Attrib3f, sh.Attrib1b])
-def test_results_without_elements_have_the_type_of_others(target, shape, axis, element):
+@pytest.mark.parametrize("name", NAMES)
+def test_results_without_elements_have_the_type_of_others(name, shape, axis, element):
     tail = (element.size,) if element.size > 1 else ()
     dtype = np.bool_ if element is sh.Attrib1b else np.float32
-    empty = sh.Stream(np.zeros(shape + tail, dtype), element, target)
+    empty = sh.Stream(np.zeros(shape + tail, dtype), element, name)
     full = sh.Stream(np.ones(tuple(n or 1 for n in shape) + tail, dtype), element, "numpy")
     calls = {
         name: getattr(sh.Stream, name) for name in ("argmin", "argmax", "min", "max", "any", "all", "count", "sum")
@@ -93,7 +95,7 @@ def test_results_without_elements_have_the_type_of_others(target, shape, axis, e
         calls["mean"] = sh.Stream.mean
         for method in ("exact", "compensated"):
             calls[method] = lambda s, axis, method=method: s.sum(method=method, axis=axis)
-    for name, call in calls.items():
+    for spoken, call in calls.items():
         found, like = call(empty, axis=axis), call(full, axis=axis)
-        assert (found.type, found.numpy().dtype) == (like.type, like.numpy().dtype), name
-        assert found.numpy().shape == np.zeros(shape).sum(axis=axis).shape + tail, name
+        assert (found.type, found.numpy().dtype) == (like.type, like.numpy().dtype), spoken
+        assert found.numpy().shape == np.zeros(shape).sum(axis=axis).shape + tail, spoken
