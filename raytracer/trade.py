@@ -47,12 +47,29 @@ AROUND = (60, 120, 180, 240, 300)
 ROUNDS = 5
 _ENOUGH = 0.01
 """Seconds: several pictures that take less are timed at once."""
-_MARKERS = "os^DvPX*"
-"""In plots a sign for each kind of arithmetic and accelerator; bounces are colours."""
 _BRUTE = 2_000
 """Triangles up to which every ray tries every triangle, as a variant and for the reference."""
 LAYERED = ("ldc:512", "ldc:512:triangle")
 """Cubes for secondary rays that are variants of scenes with more triangles: an approximate and an exact hit test."""
+
+
+_MEANINGS = {
+    "variant": "precision, mode, accelerator, and how many mirrors a ray follows",
+    "ms": "milliseconds for a picture, the median of the rounds",
+    "quartiles": "of the rounds: half of them took a time between these",
+}
+_ERRORS = {
+    "rmse": "root mean square error over all channels, in 255ths of sRGB, of the worst view",
+    "max": "the largest error of a channel, from the scene's camera as the rest",
+    "> 1/255": "pixels that are further off than that in a channel",
+    "other object": "pixels that show another object",
+    "flip": "the mean difference that is seen where both pictures alternate, from 0 to 1 (Andersson et al. 2020)",
+}
+_ACCELERATORS = {
+    "bvh": "a hierarchy of boxes around triangles",
+    "grid": "a uniform grid of cells",
+    "brute": "each ray tries every triangle",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,42 +118,47 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        found: tuple[Candidate, ...] = sh.accuracy.frontier(self.candidates, lambda c: c.worst)
+        found: tuple[Candidate, ...] = sh.accuracy.frontier(self.candidates, _worst)
         return found
 
     @property
     def pick(self) -> Candidate:
-        """The fastest candidate whose error is at most `max_error`; SceneError if there is none."""
-        for candidate in self.candidates:
-            if candidate.worst <= self.max_error:
-                return candidate
-        nearest = min(self.candidates, key=lambda c: c.worst)
+        """The choice: the fastest candidate whose error is at most `max_error`.
+
+        Of those whose times are not separable from its time, the closest (`sh.accuracy.pareto`). Raises SceneError
+        where no candidate is close enough.
+        """
+        picked = self._picked
+        if picked is not None:
+            return picked
+        nearest = min(self.candidates, key=_worst)
         raise SceneError(
             f"no variant is within {self.max_error:g}/255: "
             f"the closest, {nearest.variant}, is {nearest.worst:.3g}/255 off"
         )
 
+    @property
+    def _kept(self) -> list[Candidate]:
+        return [c for c in self.candidates if c.worst <= self.max_error]
+
+    @property
+    def _picked(self) -> Candidate | None:
+        picked: Candidate | None = sh.accuracy.pareto.choose(self._kept, _worst)
+        return picked
+
     def table(self) -> str:
-        """The candidates as text: `*` marks the frontier, `>` the pick."""
-        front, picked = (
-            {id(c) for c in self.frontier},
-            next((c for c in self.candidates if c.worst <= self.max_error), None),
-        )
-        lines = [f"{self.scene} on {self.backend}, {SIZE[0]} x {SIZE[1]}; errors in 255ths against f64"]
-        head = f"  {'variant':40}{'ms':>9}{'spread':>16}{'rmse':>9}{'max':>9}{'> 1/255':>9}{'other object':>14}"
-        lines.append(f"{head}{'FLIP':>9}" if any("flip" in c.error for c in self.candidates) else head)
-        for c in self.candidates:
-            mark = ">" if c is picked else "*" if id(c) in front else " "
-            spread = f"{1e3 * c.spread[0]:.1f} to {1e3 * c.spread[1]:.1f}"
-            lines.append(
-                f"{mark} {c.variant!s:40}{1e3 * c.seconds:9.1f}{spread:>16}{c.worst:9.3g}{c.error['max']:9.3g}"
-                f"{c.error['off']:9.2%}{c.error['objects']:14.2%}{_spoken(c.error.get('flip')):>9}"
-            )
-        return "\n".join([*lines, *(f"  not run: {what}: {why}" for what, why in self.skipped)])
+        """The candidates as text, with a legend of its marks, columns and short names."""
+        text: str = self._comparison().table()
+        return text
 
     def json(self) -> dict[str, Any]:
-        """Every candidate, for `json.dump`."""
-        rows = [dataclasses.asdict(c) | {"frontier": c in self.frontier} for c in self.candidates]
+        """Every candidate, for `json.dump`; `like_fastest` marks times that are not separable from the fastest's."""
+        comparison = self._comparison()
+        rows = [
+            dataclasses.asdict(c)
+            | {"frontier": n in comparison.front, "like_fastest": n in comparison.like, "best": n == comparison.picked}
+            for n, c in enumerate(self.candidates)
+        ]
         return {"scene": self.scene, "backend": self.backend, "max_error": self.max_error, "candidates": rows}
 
     def plot(self, path: str | Path) -> None:
@@ -146,23 +168,66 @@ class Tradeoff:
         """
         path = Path(path)
         figure = new_figure(path)
-        axes = figure.add_subplot()
-        kinds = sorted({(c.variant.precision, c.variant.math, c.variant.accel) for c in self.candidates})
-        for c in sorted(self.candidates, key=lambda c: str(c.variant)):
-            v = c.variant
-            marker = _MARKERS[kinds.index((v.precision, v.math, v.accel)) % len(_MARKERS)]
-            at = 1e3 * c.seconds, max(c.worst, 1e-6)
-            axes.plot(*at, marker, color=f"C{v.bounces % 10}", label=str(v), alpha=0.8)
-        front = [(1e3 * c.seconds, max(c.worst, 1e-6)) for c in self.frontier]
-        axes.plot(*zip(*front, strict=True), "-", color="grey", zorder=0)
-        axes.axhline(self.max_error, linestyle=":", color="black")
-        axes.set(xscale="log", yscale="log", xlabel="ms a picture", ylabel="root mean square error, 255ths")
-        axes.set_title(f"{self.scene} on {self.backend}: time against error")
-        axes.legend(fontsize=7)
+        sh.accuracy.pareto_plot.draw(self._comparison(), figure)
         with sh.files.replacing(path) as temporary:
             figure.savefig(temporary, dpi=120)
         with sh.files.replacing(path.with_suffix(".json")) as temporary:
             temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
+
+    def _comparison(self) -> Any:
+        """The candidates as tables and plots show them: an `sh.accuracy.pareto.Comparison`."""
+        place = {id(c): n for n, c in enumerate(self.candidates)}
+        kept, picked = self._kept, self._picked
+        return sh.accuracy.pareto.Comparison(
+            title=f"{self.scene} on {self.backend}: time against error",
+            points=tuple(map(self._point, self.candidates)),
+            front=tuple(place[id(c)] for c in self.frontier),
+            kept=place[id(kept[0])] if kept else None,
+            picked=None if picked is None else place[id(picked)],
+            limit=self.max_error,
+            budget=f"within {self.max_error:g}/255",
+            headings=("variant", "ms", "quartiles", *self._meanings()),
+            meanings={**_MEANINGS, **self._meanings(), **self._names()},
+            time=f"ms for a picture of {SIZE[0]} x {SIZE[1]}",
+            error="root mean square error in 255ths of sRGB",
+            series="accelerator",
+            mode="arithmetic",
+            skipped=self.skipped,
+        )
+
+    def _point(self, c: Candidate) -> Any:
+        cells = [f"{c.error['max']:.3g}", f"{c.error['off']:.2%}", f"{c.error['objects']:.2%}"]
+        if "flip" in self._meanings():
+            cells.append(f"{c.error['flip']:.4f}" if "flip" in c.error else "")
+        v, milliseconds = c.variant, (1e3 * c.spread[0], 1e3 * c.spread[1])
+        mode = f"{v.precision} {v.math}"
+        return sh.accuracy.pareto.Point(
+            str(v), str(v), v.accel, mode, 1e3 * c.seconds, milliseconds, c.worst, tuple(cells)
+        )
+
+    def _meanings(self) -> dict[str, str]:
+        """What the columns of errors mean."""
+        flip = any("flip" in c.error for c in self.candidates)
+        return {name: meaning for name, meaning in _ERRORS.items() if flip or name != "flip"}
+
+    def _names(self) -> dict[str, str]:
+        """What the short names of the variants mean."""
+        variants = [c.variant for c in self.candidates]
+        names: dict[str, str] = sh.accuracy.pareto.names_of(w for v in variants for w in (v.precision, v.math))
+        return names | {accel: _accelerator(accel) for accel in dict.fromkeys(v.accel for v in variants)}
+
+
+def _worst(candidate: Candidate) -> float:
+    return candidate.worst
+
+
+def _accelerator(name: str) -> str:
+    """Return what finds the triangles that a ray hits, by its name."""
+    if name in _ACCELERATORS:
+        return _ACCELERATORS[name]
+    _, texels, *hit = name.split(":")
+    test = "exact" if hit == ["triangle"] else "approximate"
+    return f"secondary rays in a layered depth cube of {texels} x {texels} texels, with an {test} hit test"
 
 
 def new_figure(path: Path) -> Any:
@@ -175,17 +240,13 @@ def new_figure(path: Path) -> Any:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise SceneError(f"plots need matplotlib: {sh.packages.install('matplotlib')}") from error
-    figure = Figure(figsize=(9, 6), layout="constrained")
+    figure = Figure(figsize=(10, 6), layout="constrained")
     known = sorted(figure.canvas.get_supported_filetypes())
     if path.suffix[1:].lower() not in known:
         raise SceneError(f"{path}: plots are written as .{', .'.join(known)}, not as {path.suffix or 'this'}")
     for written in (path, path.with_suffix(".json")):
         sh.files.check_writable(written)
     return figure
-
-
-def _spoken(flip: float | None) -> str:
-    return "" if flip is None else f"{flip:.4f}"
 
 
 def errors(image: Image, reference: Image) -> dict[str, float]:

@@ -7,9 +7,10 @@ Stage: measure, above programs and kernels; `import shpy as sh` brings it as `sh
 """
 
 from shpy.accuracy.measure import measure
+from shpy.accuracy.pareto import frontier
 from shpy.accuracy.reference import evaluate
 from shpy.accuracy.report import Report
-from shpy.accuracy.tradeoff import Tradeoff, frontier, tradeoff
+from shpy.accuracy.tradeoff import Tradeoff, tradeoff
 from shpy.accuracy.units import Budget, relative, steps, ulp  # first: what tests compare with
 
 __all__ = ["Budget", "Report", "Tradeoff", "evaluate", "frontier", "measure", "relative", "steps", "tradeoff", "ulp"]

@@ -98,7 +98,7 @@ def _tradeoff(options: argparse.Namespace) -> int:
     print(found.table())
     _write(found, options.output)
     try:
-        print(f"the fastest that keeps {options.error}: {found.pick}")
+        print(f"the pick for {options.error}: {found.pick}")
     except ShpyError as error:
         print(error, file=sys.stderr)
         return 1

@@ -13,15 +13,16 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.files import new_figure, save_figure
 from shpy.accuracy.measure import Variant, error_of, variants
+from shpy.accuracy.pareto import Comparison, Point, choose, frontier, names_of, rivals
+from shpy.accuracy.pareto_plot import draw as draw_comparison
 from shpy.accuracy.reference import Kind, Truth, evaluate
-from shpy.accuracy.report import columns
 from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError
@@ -32,7 +33,7 @@ from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
 
-__all__ = ["Candidate", "Tradeoff", "frontier", "tradeoff"]
+__all__ = ["Candidate", "Tradeoff", "tradeoff"]
 
 _ENOUGH = 0.003
 """Seconds: shorter calls are timed several at once."""
@@ -64,22 +65,6 @@ class Candidate:
         return " ".join([str(self.variant), *(f"{name}={picked}" for name, picked in self.picks.items())])
 
 
-Measured = TypeVar("Measured")
-
-
-def frontier(candidates: Iterable[Measured], error: Callable[[Measured], float]) -> tuple[Measured, ...]:
-    """Of candidates in order of time, fastest first, those whose error is less than that of all before (Pareto).
-
-    >>> frontier([(1, 0.5), (2, 0.7), (3, 0.1)], lambda c: c[1])
-    ((1, 0.5), (3, 0.1))
-    """
-    found: list[Measured] = []
-    for candidate in candidates:
-        if not found or error(candidate) < error(found[-1]):
-            found.append(candidate)
-    return tuple(found)
-
-
 @dataclass(frozen=True)
 class Tradeoff:
     """Every candidate, fastest first; what was skipped, and why."""
@@ -92,15 +77,24 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        return frontier(self.candidates, lambda c: c.error)
+        return frontier(self.candidates, _error)
+
+    @property
+    def fastest(self) -> Candidate | None:
+        """The fastest candidate that keeps the budget, on unseen inputs too."""
+        return next((c for c in self.candidates if c.held), None)
 
     @property
     def pick(self) -> Candidate:
-        """The fastest candidate that keeps the budget, on unseen inputs too; ShpyError where there is none."""
-        kept = [c for c in self.candidates if c.held]
-        if kept:
-            return kept[0]
-        nearest = min(self.candidates, key=lambda c: c.error)
+        """The choice: of the candidates that keep the budget, on unseen inputs too, the fastest.
+
+        Times of a busy machine vary: of those that are not separable from the fastest, the closest is chosen
+        (`shpy.accuracy.pareto`). Raises ShpyError where no candidate keeps the budget.
+        """
+        picked = self._picked
+        if picked is not None:
+            return picked
+        nearest = min(self.candidates, key=_error)
         raise ShpyError(
             f"no variant of {self.program} keeps {self.budget}: the closest, {nearest}, is {nearest.error:.3g} off",
             loc=here(),
@@ -108,31 +102,24 @@ class Tradeoff:
         )
 
     @property
+    def _picked(self) -> Candidate | None:
+        return choose((c for c in self.candidates if c.held), _error)
+
+    @property
     def best(self) -> Kernel:
         """The picked candidate, compiled."""
         return self.pick.kernel
 
     def table(self) -> str:
-        """The candidates as text; `*` marks the frontier, `→` the pick."""
-        chosen = next((c for c in self.candidates if c.held), None)
-        front = {id(c) for c in self.frontier}
-        unit = f"error ({self.budget.unit})"
-        rows = [("", "variant", "ns/element", "spread", unit, "code", "keeps " + str(self.budget))]
-        for c in self.candidates:
-            mark = "→" if c is chosen else "*" if id(c) in front else ""
-            kept = "no" if c.held is False or c.error > self.budget.limit else "yes" if c.held else "on these"
-            spread = f"{c.spread[0]:.3g} to {c.spread[1]:.3g}"
-            rows.append((mark, str(c), f"{c.ns:.3g}", spread, f"{c.error:.3g}", str(c.code), kept))
-        said = [f"{self.program}: time against error", *columns(rows, left=(0, 1, 6))]
-        return "\n".join([*said, *(f"  not run: {what}: {why}" for what, why in self.skipped)])
+        """The candidates as text, with a legend of its marks, columns and short names."""
+        return self._comparison().table()
 
     def __str__(self) -> str:
         return self.table()
 
     def json(self) -> dict[str, Any]:
-        """Every candidate, for `json.dump`."""
-        chosen = next((c for c in self.candidates if c.held), None)
-        front = {id(c) for c in self.frontier}
+        """Every candidate, for `json.dump`; `like_fastest` marks times that are not separable from the fastest's."""
+        comparison = self._comparison()
         rows = [
             {
                 "backend": c.variant.backend,
@@ -144,10 +131,11 @@ class Tradeoff:
                 "error": c.error,
                 "code": c.code,
                 "held": c.held,
-                "frontier": id(c) in front,
-                "best": c is chosen,
+                "frontier": n in comparison.front,
+                "like_fastest": n in comparison.like,
+                "best": n == comparison.picked,
             }
-            for c in self.candidates
+            for n, c in enumerate(self.candidates)
         ]
         budget = {"limit": self.budget.limit, "unit": self.budget.unit}
         return {"program": self.program, "budget": budget, "candidates": rows, "skipped": list(self.skipped)}
@@ -157,23 +145,58 @@ class Tradeoff:
 
         Raises ShpyError without matplotlib, or for a path that is no picture.
         """
-        figure = new_figure(9, 6)
-        axes = figure.subplots()
-        least = 1e-3 if self.budget.unit == "ulp" else 1e-9
-        front = [c for c in self.frontier if np.isfinite(c.error)]
-        for c in self.candidates:
-            error = max(c.error, least)
-            (dot,) = axes.plot(c.ns, error, "o", fillstyle="full" if c.held else "none", label=str(c))
-            axes.plot(c.spread, (error, error), "-", color=dot.get_color(), linewidth=1)
-            if c in front:
-                axes.annotate(str(c), (c.ns, error), fontsize=8, xytext=(6, 6), textcoords="offset points")
-        axes.plot([c.ns for c in front], [max(c.error, least) for c in front], ":", color="grey")
-        if len(self.candidates) <= 30:
-            axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1, 0.5))
-        axes.axhline(self.budget.limit, color="black", linewidth=0.5)
-        axes.set(xscale="log", yscale="log", xlabel="ns per element", ylabel=f"largest error, {self.budget.unit}")
-        axes.set_title(f"{self.program}: time against error")
+        figure = new_figure(10, 6)
+        draw_comparison(self._comparison(), figure)
         save_figure(figure, Path(path), self.json())
+
+    def _comparison(self) -> Comparison:
+        """The candidates as tables and plots show them."""
+        place = {id(c): n for n, c in enumerate(self.candidates)}
+        fastest, picked = self.fastest, self._picked
+        unit = "ULP" if self.budget.unit == "ulp" else "relative"
+        budget = (
+            f"within {self.budget.limit:g} ULP"
+            if unit == "ULP"
+            else f"within a relative error of {self.budget.limit:g}"
+        )
+        return Comparison(
+            title=f"{self.program}: time against error",
+            points=tuple(map(self._point, self.candidates)),
+            front=tuple(place[id(c)] for c in self.frontier),
+            kept=None if fastest is None else place[id(fastest)],
+            picked=None if picked is None else place[id(picked)],
+            limit=self.budget.limit,
+            budget=budget,
+            headings=("variant", "ns/element", "quartiles", f"error ({self.budget.unit})", "code", "keeps the budget"),
+            meanings=self._meanings(),
+            time="ns per element",
+            error="largest error in ULP" if unit == "ULP" else "largest relative error",
+            series="backend",
+            mode="mode",
+            skipped=self.skipped,
+        )
+
+    def _point(self, c: Candidate) -> Point:
+        kept = "no" if c.held is False or c.error > self.budget.limit else "yes" if c.held else "on these"
+        picks = ", ".join(f"{name}={picked}" for name, picked in c.picks.items())
+        label = "\n".join(filter(None, (str(c.variant), picks)))
+        mode = c.variant.math or "default"
+        return Point(str(c), label, c.variant.backend, mode, c.ns, c.spread, c.error, (str(c.code), kept))
+
+    def _meanings(self) -> dict[str, str]:
+        """What the columns and the short names of the table mean."""
+        words = " ".join(str(c.variant) for c in self.candidates).split()
+        choices = ", choices of yours" if any(c.picks for c in self.candidates) else ""
+        off = "in units in the last place of the output's type at f32" if self.budget.unit == "ulp" else "relative"
+        return {
+            "variant": f"backend, mode, working precision{choices}",
+            "ns/element": "nanoseconds from call to result, divided by the elements: the median of the rounds",
+            "quartiles": "of the rounds: half of them took a time between these",
+            f"error ({self.budget.unit})": f"the largest inside the domain, {off}",
+            "code": "characters of the emitted text",
+            "keeps the budget": "yes: on unseen inputs too; on these: where it was measured, nothing unseen was tried",
+            **names_of(words),
+        }
 
 
 def tradeoff(
@@ -220,11 +243,24 @@ def tradeoff(
     timed = draw(first, domain, elements, np.random.default_rng(seed + 2), special=False)
     _time(found, timed, rounds, lambda done: tell(len(tried) + done, steps))
     found.sort(key=lambda c: c.ns)
-    for candidate in (c for c in found if c.error <= budget.limit):
-        candidate.held = search.holds(candidate)
-        if candidate.held:
-            break
+    _hold([c for c in found if c.error <= budget.limit], search)
     return Tradeoff(first.name, budget, tuple(found), tuple(skipped))
+
+
+def _hold(close: list[Candidate], search: _Search) -> None:
+    """Try candidates on unseen inputs: each until the fastest is known, then its rivals, among which errors decide."""
+    fastest = None
+    while fastest is None and close:
+        first = close.pop(0)
+        first.held = search.holds(first)
+        fastest = first if first.held else None
+    if fastest is not None:
+        for candidate in rivals([fastest, *close], _error)[1:]:
+            candidate.held = search.holds(candidate)
+
+
+def _error(candidate: Candidate) -> float:
+    return candidate.error
 
 
 class _Search:
