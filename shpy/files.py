@@ -9,6 +9,7 @@ Stage: above all others; `import shpy as sh` brings it as `sh.files`, for comman
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
@@ -31,17 +32,20 @@ _STALE: Final = 24 * 3600.0
 def replacing(path: Path) -> Iterator[Path]:
     """A new empty file beside `path`, with its ending, which takes the place of `path` unless the block raises.
 
-    Its name is no other process's or thread's, and it was no link when it was made. Unfinished files that killed
-    processes of this user left in the folder a day ago go.
+    Where `path` is a link, the file that it leads to is replaced and the link stays. A file that is replaced keeps its
+    mode. The name of the new file is no other process's or thread's, and it was no link when it was made. Unfinished
+    files that killed processes of this user left in the folder a day ago go. Raises OSError for what is no regular
+    file, such as a device, and for a file without the permission to write it.
     """
-    temporary = _new_file(path)
+    target = _target(path)
+    temporary = _new_file(target, path.suffix)
     try:
         yield temporary
-        temporary.replace(path)
+        temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
     with suppress(OSError):
-        _remove_stale(path.parent)
+        _remove_stale(target.parent)
 
 
 def check_writable(path: Path) -> None:
@@ -51,16 +55,46 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder")
     try:
-        _new_file(path).unlink()
+        target = _target(path)
+        if not target.parent.is_dir():
+            raise FileNotFoundError(errno.ENOENT, f"it is a link into {target.parent}, which is no folder")
+        _new_file(target, path.suffix).unlink()
     except OSError as error:
         raise type(error)(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def _new_file(path: Path) -> Path:
-    temporary = path.with_name(f"{_NAME}{secrets.token_hex(8)}{path.suffix}")
-    # O_EXCL fails where there is anything, a link included; the mode is what the umask leaves, as for any new file.
-    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+def _target(path: Path) -> Path:
+    """Return the path of the file itself, links followed."""
+    if not path.is_symlink():
+        return path
+    # A system may refuse to follow links that others planted in a shared folder. Reading them by hand would not.
+    with suppress(FileNotFoundError):
+        path.stat()
+    return path.resolve()
+
+
+def _new_file(target: Path, ending: str) -> Path:
+    """Make an empty file beside `target`, of the mode that `target` has if it is there."""
+    temporary = target.with_name(f"{_NAME}{secrets.token_hex(8)}{ending}")
+    mode = _mode_of(target)
+    # O_EXCL fails where there is anything, a link included; a new file's mode is what the umask leaves.
+    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode))
+    if mode is not None:
+        temporary.chmod(mode)  # the umask takes no permission from a file that is replaced
     return temporary
+
+
+def _mode_of(target: Path) -> int | None:
+    """Return the permissions of a file that is to be replaced; None if there is none."""
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is no regular file")
+    if not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, "its mode does not allow it")
+    return mode & 0o777
 
 
 def _remove_stale(folder: Path) -> None:

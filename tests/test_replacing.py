@@ -47,12 +47,85 @@ def test_a_planted_name_is_neither_followed_nor_written(tmp_path, monkeypatch):
     assert (tmp_path / "victim").read_text() == "precious"
 
 
-def test_a_link_is_replaced_and_its_target_stays(tmp_path):
+def test_a_link_stays_and_its_target_is_replaced(tmp_path):
+    """As `cp` and an editor do it; a chain of links too, and one to a file that is not there yet."""
+    (tmp_path / "data").mkdir()
+    target = tmp_path / "data" / "real.json"
+    (tmp_path / "b.json").symlink_to("data/real.json")
+    (tmp_path / "a.json").symlink_to("b.json")
+    for text in ("first", "second"):
+        check_writable(tmp_path / "a.json")
+        write(tmp_path / "a.json", text)
+        assert target.read_text() == text
+    assert (tmp_path / "a.json").is_symlink()
+    assert (tmp_path / "b.json").is_symlink()
+    assert os.listdir(tmp_path / "data") == ["real.json"]
+
+
+def test_links_that_lead_nowhere(tmp_path):
+    (tmp_path / "gone.json").symlink_to(tmp_path / "gone" / "a.json")
+    with pytest.raises(FileNotFoundError, match=r"gone\.json cannot be written: it is a link into .*gone, which is no"):
+        check_writable(tmp_path / "gone.json")
+    (tmp_path / "ring.json").symlink_to(tmp_path / "ring.json")
+    with pytest.raises(OSError, match=r"ring\.json cannot be written: Too many levels of symbolic links"):
+        check_writable(tmp_path / "ring.json")
+    with pytest.raises(OSError, match="symbolic links"):
+        write(tmp_path / "ring.json", "{}")
+
+
+def test_a_link_that_the_system_does_not_follow_is_not_followed(tmp_path, monkeypatch):
+    """Linux refuses the links of others in a sticky folder: fs.protected_symlinks."""
     (tmp_path / "victim").write_text("precious")
     (tmp_path / "a.json").symlink_to(tmp_path / "victim")
-    write(tmp_path / "a.json", "{}")
+    real = os.stat
+
+    def guarded(path, *args, follow_symlinks=True, **more):
+        if follow_symlinks and os.path.basename(path) == "a.json":
+            raise PermissionError(13, "Permission denied")
+        return real(path, *args, follow_symlinks=follow_symlinks, **more)
+
+    monkeypatch.setattr(os, "stat", guarded)
+    with pytest.raises(PermissionError):
+        write(tmp_path / "a.json", "{}")
     assert (tmp_path / "victim").read_text() == "precious"
-    assert (tmp_path / "a.json").read_text() == "{}"
+
+
+def test_what_is_no_regular_file_is_not_replaced(tmp_path):
+    """A device such as /dev/null, by its name or by a link, and a pipe."""
+    os.mkfifo(tmp_path / "pipe.json")
+    (tmp_path / "null.json").symlink_to("/dev/null")
+    for name in ("pipe.json", "null.json"):
+        with pytest.raises(OSError, match=rf"{name} cannot be written: it is no regular file"):
+            check_writable(tmp_path / name)
+        with pytest.raises(OSError, match="it is no regular file"):
+            write(tmp_path / name, "{}")
+    assert (tmp_path / "pipe.json").is_fifo()
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o666, 0o755])
+def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, mode):
+    """While it is written too: a private picture is nowhere readable for others."""
+    path = tmp_path / "a.json"
+    path.write_text("old")
+    path.chmod(mode)
+    (tmp_path / "link.json").symlink_to(path)
+    for name in ("a.json", "link.json"):
+        with replacing(tmp_path / name) as temporary:
+            assert temporary.stat().st_mode & 0o777 == mode
+            temporary.write_text(name)
+        assert (path.read_text(), path.stat().st_mode & 0o777) == (name, mode)
+
+
+def test_a_file_that_may_not_be_written_is_told(tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    path.write_text("old")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write what nobody else may
+    with pytest.raises(PermissionError, match=r"a\.json cannot be written: its mode does not allow it"):
+        check_writable(path)
+    with pytest.raises(PermissionError):
+        write(path, "{}")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.json"]
 
 
 @pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
