@@ -31,8 +31,10 @@ from raytracer.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.trade import new_figure, tradeoff
 
-_SAVING = 300.0
+_SAVING = 10.0
 """Seconds after which a picture that takes long is written, though it is not finished."""
+_SHARE = 20
+"""It is not written before computing has taken this many times as long as writing did."""
 _PATIENCE = 2.0
 """Seconds until a progress bar appears."""
 
@@ -205,22 +207,32 @@ def _render_path(options: argparse.Namespace, scene: Scene, output: Path) -> int
     )
     samples = options.samples or SAMPLES["path"]
     found = output if options.resume and output.exists() else None
-    image, saved = None, time.monotonic()
+    stop: KeyboardInterrupt | None = None
+    image, kept, due = None, 0, time.monotonic() + _SAVING
     with progress_bar(f"{scene.name}, {scene.triangles:,} triangles, {samples:,} samples") as progress:
         try:
             for image in renderer.passes(options.size, samples=samples, progress=progress, resume=found):
-                if time.monotonic() - saved > _SAVING:
+                started = time.monotonic()
+                if started >= due and image.samples < samples:
                     image.save(output)
-                    saved = time.monotonic()
-        except KeyboardInterrupt:
+                    kept, ended = image.samples, time.monotonic()
+                    due = ended + max(_SAVING, _SHARE * (ended - started))
+        except KeyboardInterrupt as error:
             if image is None:
                 raise
+            stop = error
     assert image is not None  # there is at least one pass
-    print(f"{image.save(output)}: {_summary(image)}")
-    if image.samples == samples:
+    try:
+        print(f"{image.save(output)}: {_summary(image)}")
+    except KeyboardInterrupt as error:
+        raise type(error)(f"stopped; {output} holds {kept:,} samples" if kept else "") from None
+    if stop is None:
         return 0
-    print(f"raytracer: stopped after {image.samples:,} of {samples:,} samples, which were written", file=sys.stderr)
-    return int(sh.command.INTERRUPTED)
+    cure = "" if output.suffix.lower() in READING else f"; --resume goes on from {' or '.join(READING)} alone"
+    print(
+        f"raytracer: stopped after {image.samples:,} of {samples:,} samples, which were written{cure}", file=sys.stderr
+    )
+    return int(sh.command.status_of(stop))
 
 
 def _tradeoff(options: argparse.Namespace) -> int:

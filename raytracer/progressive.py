@@ -25,7 +25,9 @@ from raytracer.scene import Scene
 from raytracer.textures import Texture
 
 SAMPLES_AT_ONCE = 16
-"""Samples of a pass, at most."""
+"""Samples of a pixel in a pass, at most."""
+BANDS_AT_ONCE = 64
+"""Bands of one sample that a pass takes as long as, at most: an interruption loses the pass that it interrupts."""
 BAND = 1 << 13
 """Pixels of a band on numpy: few enough for Ctrl-C to be heard."""
 DEVICE_BAND = 1 << 16
@@ -77,10 +79,14 @@ def passes(
     progress: Progress | None = None,
     at_once: int | None = None,
 ) -> Iterator[tuple[Layers, int]]:
-    """Add the samples `first` to `past` - 1 to a picture, `at_once` in a pass; yield all layers, anew, after each."""
-    at_once = at_once or SAMPLES_AT_ONCE
+    """Add the samples `first` to `past` - 1 to a picture; yield all layers, anew, after each pass.
+
+    A pass has `at_once` samples of each pixel, or by default as many as `SAMPLES_AT_ONCE` and `BANDS_AT_ONCE` allow.
+    """
     height, width = layers["depth"].shape
-    rows = max(1, (BAND if backend == "numpy" else DEVICE_BAND) // width)
+    band_size = BAND if backend == "numpy" else DEVICE_BAND
+    at_once = at_once or max(1, min(SAMPLES_AT_ONCE, BANDS_AT_ONCE * band_size // (width * height)))
+    rows = max(1, band_size // width)
     starts = range(first, past, at_once)
     for number, start in enumerate(starts):
         end = min(start + at_once, past)

@@ -1,7 +1,7 @@
 """The common part of all commands: their end, and their reading of numbers.
 
 Stage: above all others; `import shpy as sh` brings it as `sh.command`. A command that ends by Ctrl-C, by a closed pipe,
-by a full disk or for want of memory says so in at most one line.
+by SIGTERM, by a full disk or for want of memory says so in at most one line.
 
     parser.add_argument("--count", type=sh.command.whole(1, 1000))
     sys.exit(sh.command.run("shpy", lambda: work(parser.parse_args())))
@@ -13,12 +13,14 @@ import argparse
 import math
 import os
 import re
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
-__all__ = ["INTERRUPTED", "MOST", "progress_lines", "real", "run", "whole"]
+__all__ = ["INTERRUPTED", "MOST", "Terminated", "progress_lines", "real", "run", "status_of", "whole"]
 
 INTERRUPTED = 130
 """The exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
@@ -29,24 +31,54 @@ MOST = 100_000_000
 def run(name: str, work: Callable[[], int], *, stopped: str = "stopped") -> int:
     """Run a command's work; gives its exit status, or 130 after Ctrl-C, 1 where its output or the memory ends.
 
-    `stopped` is said after Ctrl-C. Characters that the terminal cannot show are printed as escapes. SystemExit passes.
+    SIGTERM ends the work as Ctrl-C does, by a KeyboardInterrupt: it is a `Terminated`, and the status 143. `stopped` is
+    said after both, or the exception's own text. Characters that the terminal cannot show are printed as escapes.
+    SystemExit passes.
     """
     _prepare_streams()
     try:
-        try:
-            return work()
-        finally:
-            sys.stdout.flush()  # a full disk is found here, and not when Python ends
+        with _termination_raised():
+            try:
+                return work()
+            finally:
+                sys.stdout.flush()  # a full disk is found here, and not when Python ends
     except BrokenPipeError:
         _abandon_output()  # whoever read the output has enough, as `head` has
         return 1
     except OSError as error:
         _abandon_output()
         return _say(name, str(error), 1)
-    except KeyboardInterrupt:
-        return _say(name, stopped, INTERRUPTED)
+    except KeyboardInterrupt as error:
+        return _say(name, str(error) or stopped, status_of(error))
     except MemoryError as error:
         return _say(name, f"there is not enough memory{f': {error}' if str(error) else ''}", 1)
+
+
+def status_of(error: KeyboardInterrupt) -> int:
+    """Return the exit status of a command that ends by this: 130 after Ctrl-C, 143 after SIGTERM."""
+    return 128 + signal.SIGTERM if isinstance(error, Terminated) else INTERRUPTED
+
+
+class Terminated(KeyboardInterrupt):
+    """Raised by SIGTERM in a command's work, which ends as after Ctrl-C and keeps what it has."""
+
+
+@contextmanager
+def _termination_raised() -> Iterator[None]:
+    """Make SIGTERM raise `Terminated`, unless the process has a way of its own to take it."""
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if not ours:
+        yield
+        return
+
+    def terminate(number: int, frame: object) -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]:

@@ -4,6 +4,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -79,6 +81,7 @@ def fail(error):
     ("error", "status", "said"),
     [
         (KeyboardInterrupt(), 130, "name: stopped\n"),
+        (KeyboardInterrupt("half of it is there"), 130, "name: half of it is there\n"),
         (MemoryError("Unable to allocate 8 TiB"), 1, "name: there is not enough memory: Unable to allocate 8 TiB\n"),
         (MemoryError(), 1, "name: there is not enough memory\n"),
         (OSError(28, "No space left on device"), 1, "name: [Errno 28] No space left on device\n"),
@@ -96,6 +99,36 @@ def test_ctrl_c_is_one_line_and_130_in_every_command(words, monkeypatch, capsys)
     monkeypatch.setattr(sh, "backends", stop)
     assert cli.main(words) == 130
     assert capsys.readouterr().err == "shpy: stopped\n"
+
+
+def test_sigterm_ends_a_command_as_ctrl_c_does(capsys):
+    """By an exception, so that files are closed and taken away; then the signal is again what it was."""
+    ended = []
+
+    def work():
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(60)
+        finally:
+            ended.append(True)
+
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert run("name", work, stopped="it ends") == 143
+    assert ended
+    assert capsys.readouterr().err == "name: it ends\n"
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_process_that_takes_sigterm_itself_keeps_its_way():
+    before, taken = signal.getsignal(signal.SIGTERM), []
+    signal.signal(signal.SIGTERM, lambda *_: taken.append(True))
+    try:
+        assert run("name", lambda: os.kill(os.getpid(), signal.SIGTERM) or 7) == 7
+        assert taken
+        with ThreadPoolExecutor(1) as pool:
+            assert pool.submit(run, "name", lambda: 3).result() == 3
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 INTERRUPTED = """
