@@ -8,6 +8,7 @@ Stage: scene description. Takes trimesh.Trimesh and trimesh.Scene objects. PLY, 
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Hashable, Iterator
 from dataclasses import replace
@@ -135,9 +136,10 @@ def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture 
     if image is None:
         return None
     try:
-        key: Hashable = (image.size, image.mode, hash(image.tobytes()))
+        colours = str(image.getpalette()), repr(image.info.get("transparency"))
+        key: Hashable = (image.size, image.mode, hashlib.sha256(image.tobytes()).digest(), *colours)
     except Exception:  # of a picture that cannot be decoded, which `get` reports
-        key = id(image)
+        key = object()  # equals no other key
     return pictures.get(key, "a picture", lambda: image, alpha=alpha)
 
 

@@ -1,6 +1,7 @@
 """Tables and params on GLSL: folded textures, exact ints, clamping on each axis, what is sent when."""
 
 import gc
+import weakref
 from typing import Any
 
 import numpy as np
@@ -86,11 +87,12 @@ def test_a_table_that_is_gone_leaves_the_device() -> None:
     store = backend._runtime(0).store
     held = [TableData(np.zeros(100, np.float32))]
     open_context(0).call(lambda: store.table(held[0], vec("f")))
-    key = id(held[0])
-    assert key in store.tables
+    reference = weakref.ref(held[0])
+    assert reference in store.tables.keyrefs()
     held.clear()
     gc.collect()
-    assert key not in store.tables
+    assert reference() is None
+    assert reference not in store.tables.keyrefs()
 
 
 def test_params_of_every_type() -> None:

@@ -3,7 +3,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from raytracer import Material, Mesh, SceneError
+from raytracer import Material, Mesh, Scene, SceneError
 from raytracer.meshes.shapes import box, checkerboard, cylinder, floor, icosahedron, knot, sphere, torus
 
 CUBE_OBJ = """\
@@ -284,3 +284,19 @@ def test_smoothed_means_the_same_where_many_faces_meet(count):
     expected = near @ units
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     assert np.einsum("ij,ij->i", mesh.smoothed().normals[:, 0], expected).min() > np.cos(np.radians(4))
+
+
+def test_pictures_of_one_index_array_and_other_palettes_are_other_pictures():
+    import trimesh
+    from PIL import Image as pillow
+
+    def textured(palette):
+        image = pillow.fromarray(np.zeros((2, 2), np.uint8), "P")
+        image.putpalette(palette)
+        look = trimesh.visual.material.SimpleMaterial(image=image)
+        visual = trimesh.visual.TextureVisuals(uv=[(0, 0), (1, 0), (0, 1)], material=look)
+        return trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], visual=visual, process=False)
+
+    given = trimesh.Scene([textured(palette) for palette in ([255, 0, 0], [0, 0, 255], [255, 0, 0])])
+    colors = [mesh.material.color for mesh in Scene([given]).meshes]
+    assert [color.image[0, 0].tolist() for color in colors] == [[1, 0, 0], [0, 0, 1], [1, 0, 0]]

@@ -97,7 +97,7 @@ class Store:
 
     def __init__(self, context: Context) -> None:
         self.context = context
-        self.tables: dict[int, tuple[Any, int]] = {}
+        self.tables: weakref.WeakKeyDictionary[TableData, tuple[Any, int]] = weakref.WeakKeyDictionary()
         self.uploads = 0
         """How many tables were sent so far."""
         self._free: dict[tuple[Any, ...], list[Any]] = {}
@@ -105,7 +105,7 @@ class Store:
 
     def table(self, data: TableData, type: Type) -> Any:
         """The texture that holds the table's elements in C order, folded."""
-        known = self.tables.get(id(data))
+        known = self.tables.get(data)
         if known is not None and known[1] == data.version:
             return known[0]
         texels = as_texels(data.array).reshape(-1, type.size)
@@ -116,16 +116,12 @@ class Store:
         else:
             rows = -(-len(texels) // FOLD)
             texture = self._texture((min(len(texels), FOLD), rows), texels.shape[1], texels.dtype)
-            weakref.finalize(data, self._forget, id(data), texture).atexit = False
+            weakref.finalize(data, self.context.doomed.append, texture).atexit = False
         write(texture, texels, texture.width)
         check(self.context.gl, "send a table")
-        self.tables[id(data)] = (texture, data.version)
+        self.tables[data] = (texture, data.version)
         self.uploads += 1
         return texture
-
-    def _forget(self, key: int, texture: Any) -> None:
-        self.tables.pop(key, None)
-        self.context.doomed.append(texture)
 
     def _texture(self, size: tuple[int, int], components: int, dtype: np.dtype[Any]) -> Any:
         limit = self.context.limits.width
