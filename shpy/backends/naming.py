@@ -34,13 +34,15 @@ _C = """auto bool break case char const continue default do double else enum ext
 long register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile
 while main NULL main0"""
 
-# GLSL 4.60 section 3.6, with the keywords of GLSL ES 3.00 and the extensions that the printer switches on.
+# Keywords and reserved words of section 3.6 of GLSL 3.30 to 4.60 (`packed` and `row_major` are reserved up to 4.10
+# only) and of section 3.7 of GLSL ES 3.00, with those of the extensions that the printer switches on.
 _GLSL = """active asm atomic_uint attribute buffer cast centroid class coherent common discard external filter fixed
 flat
 fvec2 fvec3 fvec4 half highp hvec2 hvec3 hvec4 in inout input interface invariant layout lowp mediump namespace
-noinline noperspective out output partition patch precise precision public readonly resource sample
+noinline noperspective out output packed partition patch precise precision public readonly resource row_major sample
 sampler2DRect sampler2DRectShadow sampler3DRect shared smooth subroutine superp template texture this uint
-uniform using varying writeonly defined samplerExternalOES subpassInput subpassInputMS demote nullptr final"""
+uniform using varying writeonly defined sampler samplerExternalOES samplerShadow subpassInput subpassInputMS
+isubpassInput isubpassInputMS usubpassInput usubpassInputMS demote nullptr final"""
 _GLSL_FUNCTIONS = """abs acos acosh all any asin asinh atan atanh atomicAdd atomicAnd atomicCompSwap atomicCounter
 atomicExchange
 atomicMax atomicMin atomicOr atomicXor barrier bitCount bitfieldExtract bitfieldInsert bitfieldReverse ceil
@@ -68,7 +70,7 @@ _OPENCL = """complex event_t clk_event_t constant generic global half image1d_ar
 image2d_array_depth_t image2d_array_msaa_depth_t image2d_array_msaa_t image2d_array_t image2d_depth_t
 image2d_msaa_depth_t image2d_msaa_t image2d_t image3d_t imaginary intptr_t kernel local ndrange_t pipe private
 ptrdiff_t quad queue_t read_only read_write reserve_id_t sampler_t size_t typeof uintptr_t uniform write_only
-asm linux unix memory_order memory_scope memory_order_relaxed memory_scope_device"""
+asm linux unix memory_order memory_scope"""
 _OPENCL_FUNCTIONS = """abs abs_diff acos acosh acospi add_sat all any asin asinh asinpi async_work_group_copy
 async_work_group_strided_copy atan atan2 atan2pi atanh atanpi barrier bitselect cbrt ceil clamp clz copysign cos
 cosh cospi cross ctz degrees distance dot enqueue_kernel erf erfc exp exp10 exp2 expm1 fabs fast_distance
@@ -87,7 +89,8 @@ _OPENCL_MACROS = """INFINITY NAN HUGE_VAL HUGE_VALF MAXFLOAT CHAR_BIT CHAR_MAX C
 LONG_MIN SCHAR_MAX
 SCHAR_MIN SHRT_MAX SHRT_MIN UCHAR_MAX UINT_MAX ULONG_MAX USHRT_MAX FP_ILOGB0 FP_ILOGBNAN FP_FAST_FMA
 FP_FAST_FMAF FP_CONTRACT ALIGN4 ALIGN8 INTTYPE MAX_WORK_DIM MAX_KERNEL_ARGS"""
-_OPENCL_PREFIXES = """as_ convert_ vload vstore atom_ atomic_ native_ half_ async_ sub_group_ work_group_ intel_ cl_
+_OPENCL_PREFIXES = """as_ convert_ vload vstore atom_ atomic_ memory_order_ memory_scope_
+native_ half_ async_ sub_group_ work_group_ intel_ cl_
 CL_ CLK_ M_ FLT_
 DBL_ HALF_ ATOMIC_ image1d_ image2d_ image3d_ read_image write_image POCL_ LLVM_ CLANG_ SPIR_ IMG_"""
 
@@ -99,7 +102,8 @@ RESERVED: Final[Mapping[Target, frozenset[str]]] = {
     ),
     "opencl": frozenset(
         {*_C.split(), *_OPENCL.split(), *_OPENCL_FUNCTIONS.split(), *_OPENCL_MACROS.split()}
-        | _sized("char uchar short ushort int uint long ulong half float double bool", "2 3 4 8 16 32 64")
+        | _sized("char uchar short ushort int uint long ulong half float double bool quad complex", "2 3 4 8 16 32 64")
+        | {f"{base}{n}x{m}" for base in ("float", "double") for n in (2, 4, 8, 16) for m in (2, 4, 8, 16)}
         | {"uchar", "ushort", "uint", "ulong"}
     ),
     "python": frozenset({*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "np", "self"}),
