@@ -18,7 +18,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
@@ -167,6 +167,18 @@ def _opened(index: int) -> Machine:
     return Machine(_listed()[index])
 
 
+class Items(NamedTuple):
+    """The work items of a run: those of a list (`lines` None), or `columns` in each of so many lines."""
+
+    columns: int
+    lines: int | None = None
+
+    @property
+    def rows(self) -> int:
+        """The extent of the second axis."""
+        return 1 if self.lines is None else self.lines
+
+
 class Machine:
     """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
 
@@ -256,34 +268,35 @@ class Machine:
             return Pace(_CPU_SECONDS, bounded=bounded)
         return Pace(bounded=bounded)
 
-    def launch(self, kernel: Any, args: list[Any], items: tuple[int, int], group: int, pace: Pace, each: int) -> None:
-        """Run a kernel over columns and lines of work items, and as many idle ones as fill each line's last group.
+    def launch(self, kernel: Any, args: list[Any], items: Items, group: int, pace: Pace, each: int) -> None:
+        """Run a kernel over work items, and as many idle ones as fill each line's last group.
 
         In as many dispatches as `pace` says, where an item stands for `each` elements; the kernel's second argument is
-        where a dispatch begins: its first item, or, where there are lines, its first line. PoCL would generate code
-        anew for a global offset that is not 0. Ctrl-C ends the wait for a dispatch.
+        where a dispatch begins: its first line, or the first item of a list. PoCL would generate code anew for a global
+        offset that is not 0. Ctrl-C ends the wait for a dispatch.
         """
-        columns, lines = items
-        groups = max(1, -(-columns // group))
+        groups = max(1, -(-items.columns // group))
         kernel.set_args(*args)
-        # Whole lines, or groups of the only one; each core should have a group.
-        rows, width = (lines, columns) if lines > 1 else (groups, group)
+        # Whole lines, or groups of a list; each core should have a group.
+        rows, width = (groups, group) if items.lines is None else (items.lines, items.columns)
         least = -(-self.device.max_compute_units * group // width)
-        elements = groups * group * lines * each
-        if pace.is_brief(elements):  # the host waits when it reads
-            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, lines), (group, 1))
+        if pace.is_brief(groups * group * items.rows * each):  # the host waits when it reads
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, items.rows), (group, 1))
             return
-        for first, count in pace.parts(rows, width * each, least):
-            size = (groups * group, count) if lines > 1 else (count * group, 1)
-            if first:
-                kernel.set_arg(1, type(args[1])(first if lines > 1 else first * group))
-            self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
+        start = type(args[1])
+        try:
+            for first, count in pace.parts(rows, width * each, least):
+                size = (count * group, 1) if items.lines is None else (groups * group, count)
+                kernel.set_arg(1, start(first * group if items.lines is None else first))
+                self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
+        finally:
+            kernel.set_arg(1, args[1])  # a later run that fits in one dispatch sets no argument
 
     def starter(
         self,
         kernel: Any,
         args: list[Any],
-        items: tuple[int, int],
+        items: Items,
         group: int,
         pace: Pace,
         each: int,
@@ -296,12 +309,11 @@ class Machine:
         It waits where the run takes several dispatches, or where it is not known yet whether it does; with `brief`,
         unless the run is known to be brief.
         """
-        columns, lines = items
-        groups = max(1, -(-columns // group))
-        size = (groups * group, lines)
+        groups = max(1, -(-items.columns // group))
+        size = (groups * group, items.rows)
         if not once:
             kernel.set_args(*args)
-        enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, groups * group * lines * each
+        enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, size[0] * size[1] * each
 
         def start() -> None:
             if pace.is_brief(elements) if brief else pace.fits(elements):

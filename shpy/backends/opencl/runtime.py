@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
-from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
+from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Items, Machine, devices, machine_of
 from shpy.backends.opencl.memory import MEMORY, OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
@@ -212,7 +212,7 @@ class OpenCLExecutable:
         zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
         args += [_argument(zeros[name]) for name in self.kernel.params]
         args += [empty for _ in entry.outputs]
-        machine.launch(self.compiled, args, (0, 1), self._group, Pace(), self.kernel.lanes)
+        machine.launch(self.compiled, args, Items(0), self._group, Pace(), self.kernel.lanes)
         machine.queue.finish()
         machine.give_back([empty])
 
@@ -391,13 +391,13 @@ class OpenCLExecutable:
         )
         return last if others and (is_image or self.kernel.grid) else columns
 
-    def _items(self, count: int, row: int) -> tuple[int, int]:
+    def _items(self, count: int, row: int) -> Items:
         """Work items: one an element; or one a packet, in as many columns and lines as there are."""
         if self.kernel.lanes == 1:
-            return count, 1
+            return Items(count)
         columns = self.kernel.columns
         lines = -(-count // (row * (self.kernel.lanes // columns)))
-        return (lines, 1) if row == columns else (-(-row // columns), lines)
+        return Items(lines) if row == columns else Items(-(-row // columns), lines)
 
     def _shape(self, shape: tuple[int, ...]) -> list[Any]:
         return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []

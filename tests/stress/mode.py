@@ -1,0 +1,178 @@
+"""The stress mode: every run is disturbed as first runs on slow, shared machines are, and its memory holds garbage.
+
+A run that is warm, whole and alone takes one way through the runtimes. Under `stressed(seed)` a random choice, which
+the seed repeats, takes the others, on every backend:
+
+- runs are split into two, three and many dispatches, or not split, whatever their pace says;
+- memory that a pool hands out is filled with a signalling NaN, and memory that it takes back is overwritten at once;
+- whatever the runtimes choose by size or by measurement is chosen by chance: tiles, bands, lists of live elements,
+  copies in place of lent memory, the number of runs under way.
+
+    with stressed(seed=7):
+        assert_same(kernel(x), expected)
+
+The mode patches the few places where these decisions are made (`SEAMS` checks that they are still there). It says
+nothing of speed. `SHPY_STRESS=7 pytest tests/...` runs any tests under it.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from shpy.backends import pace
+from shpy.backends.glsl import memory as glsl_memory
+from shpy.backends.glsl import runtime as glsl_runtime
+from shpy.backends.glsl import textures as glsl_textures
+from shpy.backends.numpy import runtime as numpy_runtime
+from shpy.backends.opencl import device as opencl_device
+from shpy.backends.opencl import lists as opencl_lists
+from shpy.backends.opencl import memory as opencl_memory
+from shpy.backends.opencl import runtime as opencl_runtime
+from shpy.backends.opencl import staging as opencl_staging
+
+TAKEN = np.uint32(0x7FA0DEAD)
+"""A signalling NaN: what memory holds that a pool hands out."""
+GIVEN_BACK = np.uint32(0x7FA0FEED)
+"""Another one: what memory holds that a pool has taken back."""
+MANY = 9
+"""Dispatches of a run that is split into many."""
+_EMPTY, _EMPTY_LIKE = np.empty, np.empty_like
+
+
+def poison(array: np.ndarray[Any, Any], pattern: np.uint32 = TAKEN) -> np.ndarray[Any, Any]:
+    """Fill an array of numbers with a pattern; arrays of objects stay."""
+    if array.dtype.kind in "fiu" and array.flags.c_contiguous:
+        flat = array.reshape(-1).view(np.uint8)
+        whole = flat.size // 4 * 4
+        flat[:whole].view(np.uint32)[...] = pattern
+        flat[whole:] = 0xAD
+    return array
+
+
+class Stress:
+    """The random choices of one stressed block."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = random.Random(seed)
+
+    def chance(self, share: float = 0.5) -> bool:
+        """Return True in this share of the calls."""
+        return self.random.random() < share
+
+    def parts(self, rows: int) -> list[tuple[int, int]]:
+        """Return the first row and the number of rows of each dispatch: of one, two, three or many."""
+        wanted = self.random.choice((1, 2, 2, 3, 3, MANY))
+        cuts = sorted(self.random.sample(range(1, rows), min(wanted, rows) - 1)) if rows > 1 else []
+        edges = [0, *cuts, rows]
+        return [(a, b - a) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+
+    # Splitting: `Pace` decides for OpenCL and GLSL, tiles and bands are the dispatches of numpy and of large draws.
+
+    def split(self, stack: ExitStack) -> None:
+        """Patch all that decides how much of a run one dispatch does."""
+        by_chance = lambda *_: self.chance()  # noqa: E731
+        for name in ("fits", "is_brief", "was_brief"):
+            stack.enter_context(patch.object(pace.Pace, name, by_chance))
+        stack.enter_context(patch.object(pace.Pace, "parts", lambda _, rows, width=1, least=1: self.parts(rows)))
+        places_of = numpy_runtime.places_of
+
+        def small_places(shape: Any, tile: int, **options: Any) -> Any:
+            count = max(1, int(np.prod(shape)))
+            return places_of(shape, min(tile, -(-count // self.random.choice((1, 2, 3, MANY)))), **options)
+
+        stack.enter_context(patch.object(numpy_runtime, "places_of", small_places))
+        stack.enter_context(patch.object(numpy_runtime, "_WORTH_A_LIST", self.random.choice((1, 64, 4096))))
+        stack.enter_context(patch.object(glsl_runtime, "BAND", self.random.choice((1, 100, 1 << 11, 1 << 22))))
+        stack.enter_context(patch.object(glsl_memory, "_AHEAD", self.random.choice((1, 2, 64))))
+        stack.enter_context(patch.object(opencl_memory, "_AHEAD", self.random.choice((1, 2, 256))))
+        stack.enter_context(patch.object(opencl_lists.Lists, "_pays", lambda _, live, count: not live or self.chance()))
+        is_small = opencl_staging.is_small
+        staged = lambda call: is_small(call) and self.chance(0.8)  # noqa: E731
+        stack.enter_context(patch.object(opencl_runtime, "is_small", staged))
+        lend = opencl_device.Machine.lend
+
+        def lend_sometimes(machine: Any, *args: Any, **named: Any) -> Any:
+            return lend(machine, *args, **named) if self.chance() else None
+
+        stack.enter_context(patch.object(opencl_device, "_WORTH_LENDING", self.random.choice((1, 1 << 16))))
+        stack.enter_context(patch.object(opencl_device.Machine, "lend", lend_sometimes))
+
+    # Memory: every pool hands out garbage, and overwrites what it gets back.
+
+    def poison_opencl(self, stack: ExitStack) -> None:
+        """Patch the pool of buffers, and the arrays that small runs pass through."""
+        machine_class = opencl_device.Machine
+        take, keep = machine_class.take, machine_class._keep_buffer
+
+        def fill(machine: Any, buffer: Any, pattern: np.uint32) -> None:
+            machine.cl.enqueue_fill_buffer(machine.queue, buffer, pattern, 0, buffer.size)
+
+        def taken(machine: Any, size: int) -> Any:
+            buffer = take(machine, size)
+            fill(machine, buffer, TAKEN)
+            return buffer
+
+        def kept(machine: Any, buffer: Any) -> None:
+            fill(machine, buffer, GIVEN_BACK)
+            keep(machine, buffer)
+
+        stack.enter_context(patch.object(machine_class, "take", taken))
+        stack.enter_context(patch.object(machine_class, "_keep_buffer", kept))
+        get = opencl_staging.Stages.get
+
+        def staged(stages: Any, call: Any, make: Any) -> Any:
+            found = get(stages, call, make)
+            for array in found.outputs:
+                poison(array)
+            return found
+
+        stack.enter_context(patch.object(opencl_staging.Stages, "get", staged))
+
+    def poison_glsl(self, stack: ExitStack) -> None:
+        """Patch the store of textures and framebuffers; all of it runs on the context's thread."""
+        store_class = glsl_textures.Store
+        take, give_back = store_class.take, store_class.give_back
+        make_texture, make_target = store_class._texture, store_class.make_target
+
+        def fill(thing: Any, pattern: np.uint32) -> Any:
+            for texture in getattr(thing, "textures", (thing,)):
+                width, height = texture.size
+                count = width * height * texture.components * int(texture.dtype[1])
+                texture.write(np.full(-(-count // 4), pattern).tobytes()[:count])
+            return thing
+
+        def taken(store: Any, key: Any, size: int) -> Any:
+            thing = take(store, key, size)
+            return thing if thing is None else fill(thing, TAKEN)
+
+        def given_back(store: Any, key: Any, thing: Any, size: int) -> None:
+            fill(thing, GIVEN_BACK)
+            give_back(store, key, thing, size)
+
+        stack.enter_context(patch.object(store_class, "take", taken))
+        stack.enter_context(patch.object(store_class, "give_back", given_back))
+        stack.enter_context(patch.object(store_class, "_texture", lambda *a: fill(make_texture(*a), TAKEN)))
+        stack.enter_context(patch.object(store_class, "make_target", lambda *a: fill(make_target(*a), TAKEN)))
+
+    def poison_numpy(self, stack: ExitStack) -> None:
+        """Patch numpy's own functions for memory that holds anything."""
+        stack.enter_context(patch.object(np, "empty", lambda *a, **k: poison(_EMPTY(*a, **k))))
+        stack.enter_context(patch.object(np, "empty_like", lambda *a, **k: poison(_EMPTY_LIKE(*a, **k))))
+
+
+@contextmanager
+def stressed(seed: int) -> Iterator[Stress]:
+    """Disturb every run of the block, on all backends, by choices that the seed repeats."""
+    stress = Stress(seed)
+    with ExitStack() as stack:
+        stress.split(stack)
+        stress.poison_opencl(stack)
+        stress.poison_glsl(stack)
+        stress.poison_numpy(stack)
+        yield stress
