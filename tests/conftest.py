@@ -1,10 +1,12 @@
 import gc
 import os
 import sys
+import zlib
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from stress.mode import stressed
 
 # The same examples in each run, so that no change fails by chance; `--hypothesis-profile random` looks for new ones.
 settings.register_profile("fixed", derandomize=True, deadline=None)
@@ -57,6 +59,14 @@ def _earlier_objects_stay():
     """What earlier modules left is not looked at again: it grows so large that each collection takes seconds."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse="SHPY_STRESS" in os.environ)
+def stress(request):
+    """Run the test in the stress mode (stress/mode.py), by choices that SHPY_STRESS and the test's name repeat."""
+    seed = int(os.environ.get("SHPY_STRESS", "0")) + zlib.crc32(request.node.nodeid.encode())
+    with stressed(seed) as mode:
+        yield mode
 
 
 @pytest.fixture

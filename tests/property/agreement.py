@@ -1,11 +1,14 @@
-"""Whether every way of running a small program gives what its syntax says, bit by bit.
+"""Compare every way of running a small program with what its syntax says, bit by bit.
 
-check(program, ("numpy", "opencl"))      # AssertionError with the program's text, the element and both answers
+check(program, INPUTS, ("numpy", "opencl"))   # AssertionError with the program's text, the element and both answers
+
+Each backend runs twice: undisturbed, and in the stress mode over many copies of the same elements.
 """
 
 from __future__ import annotations
 
 import os
+import zlib
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -14,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 from backends.running import DenormalWatch, differs, flushes_denormals, kernel
+from stress.mode import stressed
 
 import shpy as sh
 from shpy.backends.base import Array, Options
@@ -39,6 +43,10 @@ class Expected:
     program: Tree
     inputs: list[Array]
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (len(self.inputs[0]),)
+
     @cached_property
     def recorded(self) -> sh.Program:
         return record(self.program)
@@ -63,9 +71,15 @@ class Expected:
         return DenormalWatch(self.recorded.ir, self.options)
 
     @property
+    def names(self) -> list[str]:
+        """The inputs of its kernels."""
+        return [i.name for i in self.program.inputs]
+
+    @property
     def given(self) -> list[Array]:
-        """What its kernels take."""
-        return self.inputs
+        """The arrays that its kernels take."""
+        arrays = {i.name: a for i, a in zip(self.program.inputs, self.inputs, strict=True)}
+        return [arrays[name].reshape(*self.shape, *arrays[name].shape[1:]) for name in self.names]
 
     @property
     def options(self) -> Options:
@@ -120,9 +134,8 @@ class Specialized(Expected):
         return DenormalWatch(record(self.program).ir, self.options)
 
     @property
-    def given(self) -> list[Array]:
-        names = [i.name for i in self.program.inputs]
-        return [a for name, a in zip(names, self.inputs, strict=True) if name not in self.constant]
+    def names(self) -> list[str]:
+        return [name for name in super().names if name not in self.constant]
 
 
 class Narrowed(Expected):
@@ -149,6 +162,43 @@ class Narrowed(Expected):
         return flat_leaves(result.outputs), ends
 
 
+SHAPES = ((2100,), (33, 64), (1, 2112), (2112, 1), (48, 44), (3, 24, 30))
+"""Shapes of runs in the stress mode: enough elements for several groups of packets, in one line and in many."""
+
+
+class Repeated(Expected):
+    """The same elements again and again, over a shape: enough of them to be split into dispatches."""
+
+    def __init__(self, once: Expected, shape: tuple[int, ...]) -> None:
+        self.once = once
+        self._shape = shape
+        super().__init__(once.program, [self._repeated(a) for a in once.inputs])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self._shape
+
+    @property
+    def names(self) -> list[str]:
+        return self.once.names
+
+    def _repeated(self, array: Array) -> Array:
+        return np.resize(array, (int(np.prod(self._shape)), *array.shape[1:]))
+
+    @property
+    def recorded(self) -> sh.Program:  # type: ignore[override]
+        return self.once.recorded
+
+    @property
+    def options(self) -> Options:
+        return self.once.options
+
+    @cached_property
+    def answers(self) -> Answers:
+        outputs, ends = self.once.answers
+        return [self._repeated(o) for o in outputs], self._repeated(ends)
+
+
 def wanted(program: Tree, inputs: list[Array], precision: Precision) -> Expected:
     """What the program must compute at a precision."""
     return Expected(program, inputs) if precision == "f32" else Narrowed(program, inputs, precision)
@@ -172,10 +222,23 @@ def check(
         for backend in backends:
             there = elsewhere if backend == WITHOUT_PRECISE else ran
             expected.compare(*there(expected, backend), backend)
+            if backend.partition("-")[0] in STRESSED and backend != WITHOUT_PRECISE:
+                check_stressed(expected, backend)
     except AssertionError:
         raise
     except Exception as error:
         raise AssertionError(f"{type(error).__name__}: {error}\n{source(program)}") from error
+
+
+STRESSED = frozenset({"numpy", "opencl", "glsl"})
+
+
+def check_stressed(expected: Expected, backend: str) -> None:
+    """Run once more, disturbed: by the same choices for each text of a program."""
+    seed = zlib.crc32(source(expected.program).encode())
+    repeated = Repeated(expected, SHAPES[seed % len(SHAPES)])
+    with stressed(seed):
+        repeated.compare(*ran(repeated, backend), backend)
 
 
 def _plain(backend: str) -> str:
@@ -207,15 +270,18 @@ def _ran_there(program: Tree, inputs: list[Array], precision: Precision, backend
 def ran(expected: Expected, backend: str) -> Answers:
     """Outputs and ends on a backend."""
     stopped: Any = 0
+    count = len(expected.inputs[0])
+    shape = expected.shape
     try:
         result = expected.compiled(backend).run(*expected.given)
     except sh.LoopLimitExceeded as error:
         result, stopped = error.result, error.count
-    outputs = flat_leaves(result.outputs)
-    ends = np.where(result.written, WRITTEN, DISCARDED)
+    outputs = [o.reshape(count, *o.shape[len(shape) :]) for o in flat_leaves(result.outputs)]
+    written = np.asarray(result.written).reshape(count)
+    ends = np.where(written, WRITTEN, DISCARDED)
     if stopped:
         # Which of the elements not written were stopped is not said; their number is.
         how = expected.answers[1]
-        ends = np.where(~result.written & (how == STOPPED), STOPPED, ends)
+        ends = np.where(~written & (how == STOPPED), STOPPED, ends)
         assert stopped == np.count_nonzero(how == STOPPED) or flushes_denormals(backend)
     return outputs, ends

@@ -1,0 +1,81 @@
+"""Ctrl-C at a chosen place of a run: at a line of shpy's runtimes, or while a draw is under way on the context's thread.
+
+A signal arrives between any two instructions of the main thread, so a trace function raises there. A draw runs on
+another thread while the main one waits: there a real signal is sent, and the draw waits until the caller has let go.
+
+    with at_line(40):
+        kernel(x)                  # raises Interrupted if it executes as many lines of the runtimes
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from shpy.backends.glsl.context import Context
+
+SHPY = Path(sys.modules["shpy"].__file__ or "").parent
+RUNTIMES = tuple(str(SHPY / part) for part in ("backends", "streams", "chains", "collectives"))
+
+
+class Interrupted(KeyboardInterrupt):
+    """The interrupt of a test."""
+
+
+def _raise(number: int, frame: Any) -> None:
+    raise Interrupted
+
+
+@contextmanager
+def at_line(after: int) -> Iterator[None]:
+    """Raise Interrupted in this thread once so many lines of the runtimes were executed."""
+    left = after
+
+    def look(frame: Any, event: str, _: Any) -> Any:
+        nonlocal left
+        if not frame.f_code.co_filename.startswith(RUNTIMES):
+            return None
+        if event == "line":
+            left -= 1
+            if left == 0:
+                raise Interrupted
+        return look
+
+    before = sys.gettrace()
+    sys.settrace(look)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
+
+
+@contextmanager
+def in_a_draw(after: int) -> Iterator[None]:
+    """Send SIGINT to the main thread while the context's thread is in its draw of this number."""
+    left, real = after, Context.go_on
+
+    def go_on(context: Context) -> None:
+        nonlocal left
+        left -= 1
+        if left == 0 and threading.current_thread() is not threading.main_thread():
+            wanted = context._wanted
+            os.kill(os.getpid(), signal.SIGINT)
+            until = time.monotonic() + 10
+            while wanted.is_set() and time.monotonic() < until:
+                time.sleep(0.001)
+        real(context)
+
+    before = signal.signal(signal.SIGINT, _raise)
+    try:
+        with patch.object(Context, "go_on", go_on):
+            yield
+    finally:
+        signal.signal(signal.SIGINT, before)

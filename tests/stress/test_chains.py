@@ -1,0 +1,102 @@
+"""Chains in the stress mode give what their kernels give one by one, undisturbed."""
+
+import random
+
+import numpy as np
+import pytest
+from chains.test_chains import ALL, OneByOne, built, count_up, move, swing, wear
+from stress.mode import stressed
+
+import shpy as sh
+
+BACKENDS = ("numpy", "opencl", "glsl")
+SHAPES = (1, 64, 2100, 2900, (33, 64), (17, 128), (1, 2300), (2300, 1), (5, 7, 70))
+
+
+@sh.program
+def roll(x: sh.Table[sh.Attrib1f, 2], v: sh.Attrib1f):
+    i = sh.grid_index(2)
+    return {"x": 0.5 * x[i] + 0.25 * x[i + (0, 1)] + 0.125 * x[i - (1, 0)] + v}
+
+
+@sh.program
+def place(x: sh.Attrib1f, n: sh.Attrib1i):
+    i, extents = sh.grid_index(2), sh.grid_shape(2)
+    return {"n": n + 1, "x": x + sh.Attrib1f(i.y * extents.x - i.x)}
+
+
+@sh.program
+def settle(n: sh.Attrib1i, v: sh.Attrib1f):
+    """Stop at another iteration for each element, and reject it where it had nothing to do."""
+    k = sh.Attrib1i(0)
+    with sh.SH_WHILE(lambda: (k < 40) & (v > 0.25)):
+        v[:] = v * 0.75
+        k += 1
+    sh.SH_DISCARD(k == 0)
+    return {"n": n + k, "v": v}
+
+
+MEMBERS = {1: (*ALL, settle), 2: (roll, place, move, swing, wear, settle), 3: (move, swing, wear, settle)}
+"""Kernels of chains over shapes of each rank."""
+LOOPED = {1: (wear, count_up, settle), 2: (wear, settle), 3: (wear, settle)}
+"""Those that reject every element in the end."""
+
+
+def tree(rng, rank, depth=0):
+    """Draw a chain: sequences, repeats and loops."""
+    kind = rng.choice(("kernel", "kernel", "sequence", "repeat", "loop")) if depth < 3 else "kernel"
+    match kind:
+        case "sequence":
+            return ("sequence", [tree(rng, rank, depth + 1) for _ in range(rng.randint(1, 3))])
+        case "repeat":
+            return ("repeat", tree(rng, rank, depth + 1), rng.choice((0, 1, 2, 5)))
+        case "loop":
+            return ("loop", rng.choice(LOOPED[rank]))
+    return rng.choice(MEMBERS[rank])
+
+
+def data(seed, shape):
+    """Draw arrays for every name: no product of theirs is a denormal, which a device may flush."""
+    rng = np.random.default_rng(seed)
+    return {
+        "x": rng.integers(-64, 64, shape).astype(np.float32),
+        "v": rng.integers(-8, 8, shape).astype(np.float32) / 8,
+        "n": rng.integers(0, 8, shape).astype(np.int32),
+        "limit": rng.integers(0, 12, shape).astype(np.int32),
+    }
+
+
+def check(number):
+    """Run one chain on every backend, in the stress mode, and compare it with its kernels one by one."""
+    rng = random.Random(number)
+    shape = rng.choice(SHAPES)
+    rank = 1 if isinstance(shape, int) else len(shape)
+    drawn = ("sequence", [tree(rng, rank) for _ in range(rng.randint(1, 3))])
+    arrays = data(number, shape)
+    expected = OneByOne("numpy", arrays)
+    expected.run(drawn)
+    chain = built(drawn)
+    names = {n for k in chain.kernels for n in k.inputs} | {n for k in chain.kernels for n, _ in k.outputs}
+    for backend in BACKENDS:
+        with stressed(number):
+            result = chain.run(**{n: arrays[n] for n in names}, backend=backend)
+            found = {name: stream.numpy() for name, stream in result.streams.items()}
+            executions = {n: k for n, k in result.executions.items() if k}
+            counts = {n: k for n, k in result.counts.items() if result.executions[n]}
+        for name, array in found.items():
+            wanted = expected.arrays[name].view(np.int32)
+            np.testing.assert_array_equal(array.view(np.int32), wanted, f"chain {number}, {backend}, {name}: {drawn}")
+        assert (backend, executions, counts) == (backend, expected.executions, expected.counts)
+
+
+@pytest.mark.parametrize("shard", range(6))
+def test_chains_agree(shard):
+    for number in range(10 * shard, 10 * shard + 10):
+        check(number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shard", range(40))
+def test_many_chains_agree(shard):
+    for number in range(1000 + 50 * shard, 1050 + 50 * shard):
+        check(number)

@@ -1,0 +1,76 @@
+"""First runs in a fresh process: nothing is known of a kernel's pace yet, so the runtime splits its runs."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent.parent
+SCRIPT = """
+import json, sys
+import numpy as np
+import shpy as sh
+
+backend = sys.argv[1]
+SHAPES = [64, 2100, 2900, 17_000, (33, 64), (17, 128), (65, 256), (129, 128), (1, 700), (1, 70_000), (3, 1, 5000)]
+wrong = {}
+
+
+def adding(k):
+    @sh.program
+    def add(a: sh.Attrib1f) -> sh.Attrib1f:
+        return a + k
+    return add
+
+
+def counting(k):
+    @sh.program
+    def count(n: sh.Attrib1i) -> sh.Attrib1i:
+        sh.SH_DISCARD(n >= k)
+        return n + 1
+    return count
+
+
+def placing(k, rank):
+    @sh.program
+    def place(a: sh.Attrib1f) -> sh.Attrib1f:
+        at, all = sh.grid_index(rank), sh.grid_shape(rank)
+        number = sh.Attrib1i(0)
+        for axis in range(rank):
+            number[:] = number * all[axis] + at[axis]
+        return a + k * sh.Attrib1f(number)
+    return place
+
+
+# Every kernel is new: `k` stands in its text. Half of them begin over arrays, half over streams in a chain.
+for k, shape in enumerate(SHAPES, 1):
+    zeros = np.zeros(shape, np.float32)
+    numbers = np.arange(zeros.size, dtype=np.float32).reshape(zeros.shape)
+    add, place = adding(k), placing(k, zeros.ndim)
+    for begin, run in (
+        ("chain", lambda p: sh.repeat(p, 3).run(a=zeros, backend=backend).streams["a"].numpy()),
+        ("arrays", lambda p: p.compile(backend)(p.compile(backend)(p.compile(backend)(zeros)))),
+    ):
+        p, q = (add, place) if begin == "chain" else (adding(-k), placing(-k, zeros.ndim))
+        sign = 1 if begin == "chain" else -1
+        for name, found, expected in (("add", run(p), 3 * k), ("place", run(q), 3 * k * numbers)):
+            if (found != sign * expected).any():
+                wrong[f"{name} {shape} {begin}"] = int((found != sign * expected).sum())
+    result = sh.loop(counting(k)).run(n=np.zeros(shape, np.int32), backend=backend)
+    if (result.streams["n"].numpy() != k).any() or result.counts["count"] != k * zeros.size:
+        wrong[f"loop {shape}"] = result.counts
+print(json.dumps(wrong))
+"""
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_first_runs_of_kernels_and_chains(backend):
+    environment = os.environ | {"PYTHONPATH": str(TESTS.parent), "SHPY_CACHE_DIR": ""}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, backend], env=environment, text=True, capture_output=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {}
