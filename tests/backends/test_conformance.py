@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 import pytest
-from backends.running import BACKENDS, PACKETS, TILES, WIDE
+from backends.running import BACKENDS, PACKETS, TARGETS, TILES, WIDE
+from stress.mode import stressed
 
 import shpy as sh
 from shpy.backends.opencl.device import machine_of
@@ -42,6 +45,9 @@ def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
             case.run(target)
         return
     case.check(case.run(target), target)
+    if target in TARGETS:
+        with stressed(zlib.crc32(case.name.encode())):
+            case.check(case.run(target), target)
 
 
 STRUCTURED = [case for case in CASES if case not in operations.ROWS]

@@ -135,6 +135,7 @@ def test_keys_that_do_not_fit(cls, key, message):
         sh.sort(sh.Stream.empty(1, cls, "numpy"), key=key)
 
 
+@pytest.mark.undisturbed
 def test_the_space_waits_for_a_sort():
     x = stream(np.random.default_rng(8).random(100_000, np.float32), sh.Attrib1f, "opencl")
     space = x.place.space

@@ -1,4 +1,4 @@
-"""Ctrl-C at a chosen place of a run: at a line of shpy's runtimes, or while a draw is under way on the context's thread.
+"""Ctrl-C at a chosen place of a run: at a line of shpy's runtimes, or in a draw on the context's thread.
 
 A signal arrives between any two instructions of the main thread, so a trace function raises there. A draw runs on
 another thread while the main one waits: there a real signal is sent, and the draw waits until the caller has let go.

@@ -11,12 +11,13 @@ the seed repeats, takes the others, on every backend:
     with stressed(seed=7):
         assert_same(kernel(x), expected)
 
-The mode patches the few places where these decisions are made (`SEAMS` checks that they are still there). It says
-nothing of speed. `SHPY_STRESS=7 pytest tests/...` runs any tests under it.
+The mode patches the few places where these decisions are made, and fails where one of them has moved. It says nothing
+of speed. `SHPY_STRESS=7 pytest tests/...` runs any tests under it.
 """
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -70,7 +71,7 @@ class Stress:
         wanted = self.random.choice((1, 2, 2, 3, 3, MANY))
         cuts = sorted(self.random.sample(range(1, rows), min(wanted, rows) - 1)) if rows > 1 else []
         edges = [0, *cuts, rows]
-        return [(a, b - a) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+        return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
 
     # Splitting: `Pace` decides for OpenCL and GLSL, tiles and bands are the dispatches of numpy and of large draws.
 

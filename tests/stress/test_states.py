@@ -132,7 +132,7 @@ class Machine(RuleBasedStateMachine):
         results = x.model + 1, x.model - 1
         out = {"up": up.thing, "down": down.thing}
         if self.shares(up, down):
-            with pytest.raises(sh.ShpyTypeError, match="memory|same stream"):
+            with pytest.raises(sh.ShpyTypeError, match=r"memory|same stream"):
                 self.kernels["both"].run(x.thing, out=out)
             return
         self.kernels["both"].run(x.thing, out=out)
