@@ -15,10 +15,9 @@ import sys
 import threading
 import warnings
 from collections import defaultdict
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
@@ -167,18 +166,6 @@ def _opened(index: int) -> Machine:
     return Machine(_listed()[index])
 
 
-class Items(NamedTuple):
-    """The work items of a run: those of a list (`lines` None), or `columns` in each of so many lines."""
-
-    columns: int
-    lines: int | None = None
-
-    @property
-    def rows(self) -> int:
-        """The extent of the second axis."""
-        return 1 if self.lines is None else self.lines
-
-
 class Machine:
     """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
 
@@ -267,64 +254,6 @@ class Machine:
         if self.device.type & self.cl.device_type.CPU:
             return Pace(_CPU_SECONDS, bounded=bounded)
         return Pace(bounded=bounded)
-
-    def launch(self, kernel: Any, args: list[Any], items: Items, group: int, pace: Pace, each: int) -> None:
-        """Run a kernel over work items, and as many idle ones as fill each line's last group.
-
-        In as many dispatches as `pace` says, where an item stands for `each` elements; the kernel's second argument is
-        where a dispatch begins: its first line, or the first item of a list. PoCL would generate code anew for a global
-        offset that is not 0. Ctrl-C ends the wait for a dispatch.
-        """
-        groups = max(1, -(-items.columns // group))
-        kernel.set_args(*args)
-        # Whole lines, or groups of a list; each core should have a group.
-        rows, width = (groups, group) if items.lines is None else (items.lines, items.columns)
-        least = -(-self.device.max_compute_units * group // width)
-        if pace.is_brief(groups * group * items.rows * each):  # the host waits when it reads
-            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (groups * group, items.rows), (group, 1))
-            return
-        start = type(args[1])
-        try:
-            for first, count in pace.parts(rows, width * each, least):
-                size = (count * group, 1) if items.lines is None else (groups * group, count)
-                kernel.set_arg(1, start(first * group if items.lines is None else first))
-                self.waiter.wait(self.cl.enqueue_nd_range_kernel(self.queue, kernel, size, (group, 1)))
-        finally:
-            kernel.set_arg(1, args[1])  # a later run that fits in one dispatch sets no argument
-
-    def starter(
-        self,
-        kernel: Any,
-        args: list[Any],
-        items: Items,
-        group: int,
-        pace: Pace,
-        each: int,
-        *,
-        brief: bool,
-        once: bool = False,
-    ) -> Callable[[], None]:
-        """Return what starts a kernel, whose arguments nobody else sets, as `launch` runs it; or anybody, with `once`.
-
-        It waits where the run takes several dispatches, or where it is not known yet whether it does; with `brief`,
-        unless the run is known to be brief.
-        """
-        groups = max(1, -(-items.columns // group))
-        size = (groups * group, items.rows)
-        if not once:
-            kernel.set_args(*args)
-        enqueue, queue, elements = self.cl.enqueue_nd_range_kernel, self.queue, size[0] * size[1] * each
-
-        def start() -> None:
-            if pace.is_brief(elements) if brief else pace.fits(elements):
-                if once:
-                    kernel.set_args(*args)
-                self.may_take_long |= not pace.was_brief(elements)
-                enqueue(queue, kernel, size, (group, 1))
-            else:
-                self.launch(kernel, args, items, group, pace, each)
-
-        return start
 
     def take(self, size: int) -> Any:
         """A buffer of at least `size` bytes, to be given back."""

@@ -24,7 +24,8 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
-from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Items, Machine, devices, machine_of
+from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
+from shpy.backends.opencl.dispatch import Items, launch, starter
 from shpy.backends.opencl.memory import MEMORY, OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
@@ -212,7 +213,7 @@ class OpenCLExecutable:
         zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
         args += [_argument(zeros[name]) for name in self.kernel.params]
         args += [empty for _ in entry.outputs]
-        machine.launch(self.compiled, args, Items(0), self._group, Pace(), self.kernel.lanes)
+        launch(machine, self.compiled, args, Items(0), self._group, Pace(), self.kernel.lanes)
         machine.queue.finish()
         machine.give_back([empty])
 
@@ -251,7 +252,7 @@ class OpenCLExecutable:
         args += self._params(call.params)
         outputs = self._outputs(call, used)
         args += [buffer for buffer, _ in outputs]
-        machine.launch(self.compiled, args, self._items(call.count, row), self._group, self.pace, self.kernel.lanes)
+        launch(machine, self.compiled, args, self._items(call.count, row), self._group, self.pace, self.kernel.lanes)
         machine.finish([buffer for buffer, is_lent in outputs if is_lent])
         return self._collect(call, outputs)
 
@@ -282,7 +283,7 @@ class OpenCLExecutable:
         args += buffers
         compiled = machine.cl.Kernel(self.program, kernel.name)
         items = self._items(call.count, row)
-        start = machine.starter(compiled, args, items, self._group, self.pace, kernel.lanes, brief=True)
+        start = starter(machine, compiled, args, items, self._group, self.pace, kernel.lanes, brief=True)
 
         def set_params(values: list[Any]) -> None:
             args[first : first + len(values)] = values
@@ -312,8 +313,16 @@ class OpenCLExecutable:
         # A kernel holds its arguments, so each run that is to be repeated has one of its own. To make one takes longer
         # than a small run, so those of runs that are gone are used again.
         compiled = self.compiled if once else self._spare_kernel()
-        run = machine.starter(
-            compiled, args, self._items(count, row), self._group, self.pace, kernel.lanes, brief=False, once=once
+        run = starter(
+            machine,
+            compiled,
+            args,
+            self._items(count, row),
+            self._group,
+            self.pace,
+            kernel.lanes,
+            brief=False,
+            once=once,
         )
         if not once:
             weakref.finalize(run, self.spare.append, compiled).atexit = False
