@@ -6,9 +6,11 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
+from raytracer import Scene, SceneError
 from shpy.files import check_writable, replacing
 
 
@@ -169,6 +171,27 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "open", fail)
     with pytest.raises(PermissionError, match=r"a\.png cannot be written: Permission denied"):
         check_writable(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("name", ["a\0.png", "a\ud800.png"])
+def test_names_that_no_file_can_have_are_an_os_error(tmp_path, name):
+    with pytest.raises(OSError, match="no file can have the name"):
+        check_writable(tmp_path / name)
+    with pytest.raises(OSError, match="no file can have the name"), replacing(tmp_path / name):
+        pass
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_mesh_file_larger_than_memory_is_a_scene_error(tmp_path, monkeypatch):
+    path = tmp_path / "large.obj"
+    path.write_text("v 0 0 0")
+
+    def read_bytes(path):
+        raise MemoryError
+
+    monkeypatch.setattr(Path, "read_bytes", read_bytes)
+    with pytest.raises(SceneError, match=r"large\.obj: 0\.0 GiB are more than the memory holds"):
+        Scene.load(path)
 
 
 SAVING = """

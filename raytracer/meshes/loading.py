@@ -99,7 +99,11 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         except ImportError as error:
             needed = sh.packages.install("trimesh")
             raise SceneError(f"reading {kind[1:].upper()} needs trimesh: {needed}") from error
-    data = path.read_bytes()  # a file that cannot be opened is an OSError
+    try:
+        data = path.read_bytes()  # a file that cannot be opened is an OSError
+    except MemoryError as error:
+        size = path.stat().st_size / 2**30
+        raise SceneError(f"{path}: {size:.1f} GiB are more than the memory holds") from error
     try:
         with np.errstate(all="ignore"):
             contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)

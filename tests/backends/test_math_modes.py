@@ -264,3 +264,24 @@ def test_one_lane_keeps_a_nan_that_the_compiler_derives() -> None:
         first, second = (p.compile("opencl", lanes=lanes, math="relaxed") for p in (sevens, derived))
         assert np.all(np.stack(first(x)) == 7)
         assert np.isnan(np.stack(second(x))).all()
+
+
+LARGEST = [
+    ("pow", np.float32, [("0x1.1eb656p+0", "0x1.679464p+9"), ("0x1.1fcbbap+0", "-0x1.4ca2a0p+9")]),
+    ("cos", np.float64, [("0x1.26d4096b625adp+1",)]),
+    ("sin", np.float64, [("0x1.070cd662f56c2p+4",)]),
+]
+"""Inputs with the largest errors that are known: beyond 1 ULP."""
+
+
+@pytest.mark.parametrize(("name", "dtype", "inputs"), LARGEST, ids=[name for name, *_ in LARGEST])
+def test_the_largest_errors_known_are_within_the_bound(name: str, dtype: Any, inputs: list[tuple[str, ...]]) -> None:
+    precision = "f32" if dtype == np.float32 else "f64"
+    arrays = [np.array([float.fromhex(n) for n in numbers], dtype) for numbers in zip(*inputs, strict=True)]
+    found = program(name).compile("numpy", precision=precision)(*arrays)
+    bound = OPS[name].bound("strict").ulp if precision == "f32" else OPS[name].double.ulp
+    for k, result in enumerate(found):
+        with mp.workprec(300):
+            exact = REFERENCES[name](*(mp.mpf(float(a[k])) for a in arrays))
+            error = abs(mp.mpf(float(result)) - exact) / float(np.spacing(abs(dtype(float(exact)))))
+        assert 1 < error <= bound
