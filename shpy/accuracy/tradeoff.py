@@ -300,8 +300,9 @@ class _Search:
         return "f64" if self.error(double) <= 0.01 * self.budget.limit else self.reference
 
     def _error(self, candidate: Candidate, drawn: Samples, truth: Truth) -> float:
-        setting = Setting(candidate.program, drawn.inputs, {}, None, candidate.variant.options)
-        found = run(setting, candidate.variant.backend)
+        variant = candidate.variant
+        setting = Setting(candidate.program, drawn.at(variant.precision), {}, None, variant.options)
+        found = run(setting, variant.backend)
         counted = drawn.inside & (found.written | truth.written)
         if found.flushes:
             counted &= ~meets_denormals(setting)
@@ -314,9 +315,10 @@ class _Search:
 
 
 def _seconds(candidate: Candidate, drawn: Samples, calls: int) -> float:
+    inputs = drawn.at(candidate.variant.precision)
     start = time.perf_counter()
     for _ in range(calls):
-        candidate.kernel(*drawn.inputs)
+        candidate.kernel(*inputs)
     return time.perf_counter() - start
 
 
