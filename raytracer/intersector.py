@@ -313,7 +313,9 @@ class Intersector:
         for exact in (False, True) if self._frame.is_direct else (True,):
             if exact:
                 rays.check()
-            *found, wrong = self._kernel(name, rays, leaving, exact)(*self._frame.inputs(rays, exact), *more)
+            with np.errstate(over="ignore"):  # a kernel says that it cannot use infinity
+                inputs = [np.asarray(given, self._floats) for given in self._frame.inputs(rays, exact)]
+            *found, wrong = self._kernel(name, rays, leaving, exact)(*inputs, *more)
             if exact or not wrong.any():
                 break
         return tuple(found), exact
