@@ -1,5 +1,7 @@
 """Sum, scan, sort and compact of ten million floats that lie where the contender works: nothing is copied to it.
 
+Sums and scans of ten thousand are beside the time of a launch, which is what a device needs for anything at all.
+
 Every version takes x (n,), float32 in [-1, 1), and gives the sum, the prefix sums, the sorted numbers, or those above
 0; arrays stay where they are made, and time ends when they are there. Sums differ by their order.
 """
@@ -24,12 +26,12 @@ def add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a + b
 
 
-def _work(name: str, title: str, within: float, note: str = "") -> Work:
+def _work(name: str, title: str, within: float, note: str = "", size: int = 10_000_000) -> Work:
     return Work(
         name,
         f"{title} of {{size}} numbers",
         inputs=numbers,
-        size=10_000_000,
+        size=size,
         quick=5_000,
         within=within,
         note=note,
@@ -43,7 +45,11 @@ SCAN = _work("scan", "Prefix sums", 2e-2)
 SCAN.exact = lambda x: np.cumsum(x, dtype=np.float64)
 SORT = _work("sort", "Sorting", 0)
 COMPACT = _work("compact", "Those above 0", 0)
-WORKS = (SUM, SUM_EXACT, SCAN, SORT, COMPACT)
+SUM_SMALL = _work("sum-small", "Pairwise sum", 1e-3, size=10_000)
+SCAN_SMALL = _work("scan-small", "Prefix sums", 2e-2, size=10_000)
+SCAN_SMALL.exact = SCAN.exact
+WORKS = (SUM, SUM_EXACT, SCAN, SORT, COMPACT, SUM_SMALL, SCAN_SMALL)
+SUMS, SCANS = (SUM, SUM_SMALL), (SCAN, SCAN_SMALL)
 
 
 def _ours(work: Work, operation: Callable[[sh.Stream], Any]) -> None:
@@ -60,9 +66,11 @@ def _ours(work: Work, operation: Callable[[sh.Stream], Any]) -> None:
         return run
 
 
-_ours(SUM, lambda x: x.sum())
+for _of in SUMS:
+    _ours(_of, lambda x: x.sum())
+for _of in SCANS:
+    _ours(_of, lambda x: sh.scan(add, x))
 _ours(SUM_EXACT, lambda x: x.sum(method="exact"))
-_ours(SCAN, lambda x: sh.scan(add, x))
 _ours(SORT, sh.sort)
 _ours(COMPACT, lambda x: sh.compact(x, _above(x))[0])
 
@@ -87,7 +95,7 @@ def _by_numpy() -> None:
         "compact": lambda x: x[x > 0],
     }
     for work in WORKS:
-        function = plain[work.name]
+        function = plain[work.name.removesuffix("-small")]
         work.version("masks")(lambda x, function=function: lambda: function(x))
 
 
@@ -104,8 +112,8 @@ def _by_jax() -> None:
 
         return made
 
-    for work in (SUM, SCAN, SORT, COMPACT):
-        work.version("jax")(version(work.name))
+    for work in (*SUMS, *SCANS, SORT, COMPACT):
+        work.version("jax")(version(work.name.removesuffix("-small")))
 
 
 def _by_numba() -> None:
@@ -142,8 +150,8 @@ def _by_numba() -> None:
 
         return made
 
-    for work in (SUM, SCAN, SORT, COMPACT):
-        work.version("numba")(version(work.name))
+    for work in (*SUMS, *SCANS, SORT, COMPACT):
+        work.version("numba")(version(work.name.removesuffix("-small")))
 
 
 def _by_pyopencl() -> None:
@@ -183,11 +191,36 @@ def _by_pyopencl() -> None:
 
         return made
 
-    for work in (SUM, SCAN, COMPACT):
-        work.version("pyopencl")(version(work.name))
+    for work in (*SUMS, *SCANS, COMPACT):
+        work.version("pyopencl")(version(work.name.removesuffix("-small")))
+
+
+def _by_a_launch() -> None:
+    """An empty kernel and the wait for its end; what it gives was computed before."""
+
+    def version(of: str) -> Callable[[np.ndarray], Run]:
+        def made(x: np.ndarray) -> Run:
+            import pyopencl as cl
+
+            queue = sh.Stream(x[:1], sh.Attrib1f, "opencl").native().queue
+            empty = cl.Program(queue.context, "__kernel void empty() {}").build().empty
+            known = {"sum": np.sum, "scan": np.cumsum}[of](x)
+
+            def run() -> Any:
+                empty(queue, (1,), (1,))
+                queue.finish()
+                return known
+
+            return run
+
+        return made
+
+    for work in (SUM_SMALL, SCAN_SMALL):
+        work.version("launch")(version(work.name.removesuffix("-small")))
 
 
 _by_numpy()
 _by_jax()
 _by_numba()
 _by_pyopencl()
+_by_a_launch()

@@ -6,7 +6,7 @@ and runs it. It knows nothing of user arrays: `Kernel` checks and flattens them,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -29,11 +29,13 @@ __all__ = [
     "Executable",
     "Math",
     "Memory",
+    "NodeTypes",
     "Options",
     "Precision",
     "Space",
     "TableData",
     "TableMemory",
+    "Tree",
     "overlap",
 ]
 
@@ -198,6 +200,37 @@ class Collectives:
     """order(keys, descending): the indices that sort them."""
     tally: Callable[[Any, int], Any] | None = None
     """tally(numbers, bins): how often each number from 0 to bins - 1 occurs among ints, signed or not."""
+    tree: Callable[[Module, NodeTypes, Precision], Tree | None] | None = None
+    """tree(module, types, precision): the tree of a recorded program of two elements; None where programs do better.
+
+    Its inputs are the leaves of two elements of `types.made`, and its outputs those of one. With `types.lifted`, the
+    leaves of an element of the stream and its index come before the inputs, and what these give before the outputs.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class NodeTypes:
+    """The types of the leaves of a stream's elements, and of what is combined; elements are lifted if these differ."""
+
+    element: tuple[Type, ...]
+    made: tuple[Type, ...]
+    lifted: bool
+
+
+class Tree(Protocol):
+    """A program of two elements with which a device folds and scans streams, the leaves of which are memories."""
+
+    def each(self, count: int) -> int:
+        """Return the elements of a part of a stream of `count`: a power of two, so that a part is a tree."""
+
+    def fold(self, given: Sequence[Any], made: Sequence[Any]) -> None:
+        """Reduce each part of a stream to an element of `made`."""
+
+    def reduce(self, given: Sequence[Any]) -> list[Array]:
+        """Reduce a stream of one part; gives its leaves, of shape (1,) or (1, size), once the device has ended."""
+
+    def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
+        """Give all prefixes, where `above` are those that end with each part, or None for only one part."""
 
 
 class Space(Protocol):

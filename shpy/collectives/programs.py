@@ -32,6 +32,7 @@ __all__ = [
     "counts",
     "extremes",
     "folding",
+    "lifted_pairs",
     "lifting",
     "logic",
     "places",
@@ -118,6 +119,16 @@ def lifting(lift: Lift, element: Any, made: Any) -> Program:
         return lift(x, i)
 
     return annotated(lifted, x=element, i=Attrib1i, out=made)
+
+
+@lru_cache(maxsize=64)
+def lifted_pairs(lift: Lift, combine: Program, element: Any, made: Any) -> Program:
+    """Record the program that lifts an element, and beside it combines two: a device needs now one, now the other."""
+
+    def both(x: Any, i: Any, a: Any, b: Any) -> Any:
+        return lift(x, i), combine(a, b)
+
+    return annotated(both, x=element, i=Attrib1i, a=made, b=made, out=tuple[made, made])
 
 
 @lru_cache(maxsize=256)
@@ -227,12 +238,16 @@ def copied(value: Any) -> Any:
 
 
 class Reduction(NamedTuple):
-    """The programs of a reduction: one lifts each element, one combines two, and one finishes the result."""
+    """The programs of a reduction: one lifts each element, one combines two, and one finishes the result.
+
+    `leaf`: the number of the leaf that is the result.
+    """
 
     combine: Program
     made: Any
     lift: Lift | None = None
     finish: Program | None = None
+    leaf: int | None = None
 
 
 @lru_cache(maxsize=256)
@@ -312,11 +327,7 @@ def places(size: int, base: Base, least: bool) -> Reduction:
         exceeds = _exceeds(b.value, a.value, least)
         return entry(cond(exceeds, b.value, a.value), cond(exceeds, b.index, a.index))
 
-    def finish(x: Any) -> Any:
-        return x.index
-
-    made = annotated(keep, a=entry, b=entry, out=entry)
-    return Reduction(made, entry, start, annotated(finish, x=entry, out=index))
+    return Reduction(annotated(keep, a=entry, b=entry, out=entry), entry, start, leaf=1)
 
 
 @lru_cache(maxsize=256)

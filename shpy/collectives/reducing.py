@@ -30,7 +30,7 @@ from shpy.collectives.programs import (
     quotient,
     sums,
 )
-from shpy.collectives.trees import combination, fold, retyped
+from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import FLOATS, Base
@@ -65,7 +65,7 @@ def reduce(program: Program, stream: Stream, axis: int | None = None) -> Any:
     rows = _rows(stream, axis, element)
     if not rows.shape[len(rows.shape) // 2]:
         raise _empty("sh.reduce", "an element that changes nothing, before the others")
-    return _result(fold(rows, program), stream, axis, stream.type)
+    return _result(_folded(rows, axis, program), stream, axis, stream.type)
 
 
 def _sum(stream: Stream, method: str, axis: int | None) -> Any:
@@ -87,9 +87,8 @@ def _mean(stream: Stream, axis: int | None) -> Any:
     count = rows.shape[len(rows.shape) // 2]
     if not count:
         return _filled(stream, axis, stream.type, math.nan)
-    total = fold(rows, sums(size, base, "pairwise").combine)
-    mean = quotient(size, base).compile_for(stream)(retyped(total, total.type, total.shape), float(count))
-    return _result(mean, stream, axis, stream.type)
+    total = _folded(rows, axis, sums(size, base, "pairwise").combine)
+    return _result(_finished(quotient(size, base), total, float(count)), stream, axis, stream.type)
 
 
 def _exact(stream: Stream, axis: int | None, size: int) -> Any:
@@ -213,10 +212,23 @@ def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty
         return _filled(stream, axis, made, empty)
     if not rows.size:  # the other axes have no elements
         return _filled(stream, axis, made, 0)
-    found = fold(rows, kind.combine, kind.made, kind.lift)
+    found = _folded(rows, axis, kind.combine, kind.made, kind.lift)
+    if kind.leaf is not None:
+        found = Stream.over(made, found.shape, found.place, [found.leaf_entries()[kind.leaf].memory])
     if kind.finish is not None:
-        found = kind.finish.compile_for(stream)(found)
+        found = _finished(kind.finish, found)
     return _result(found, stream, axis, made)
+
+
+def _folded(rows: Stream, axis: int | None, *how: Any) -> Stream:
+    """Fold: the only result goes to the host, and what is left to do with it takes less time there."""
+    return fold_to_host(rows, *how) if axis is None else fold(rows, *how)
+
+
+def _finished(program: Program, found: Stream, *others: Any) -> Stream:
+    """Run a program over the results."""
+    finished: Stream = program.compile_for(found)(found, *others)
+    return finished
 
 
 def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:

@@ -15,12 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.backends.base import Tree
 from shpy.collectives.programs import scanning, scanning_fours
 from shpy.collectives.trees import (
     arrays_of,
     combination,
+    fold_parts,
     in_fours,
+    memories_of,
     over_arrays,
+    own_tree,
     retyped,
     run_level,
     run_pairs,
@@ -57,8 +61,22 @@ def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
         if not exclusive or not stream.size:
             return stream.copy()
         return Stream.empty(stream.shape, stream.type, stream.backend, stream.device, stream.precision)
-    found = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
+    own = own_tree(stream.place, program, element, element, None)
+    if own is not None:
+        found = _by(own, flat, exclusive)
+    else:
+        found = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
     return retyped(found, stream.type, stream.shape)
+
+
+def _by(own: Tree, stream: Stream, exclusive: bool) -> Stream:
+    """Scan by the device's own kernels: of several parts, the prefixes that end with each are those of their folds."""
+    above = None
+    if stream.size > own.each(stream.size):
+        above = memories_of(_by(own, fold_parts(own, stream, stream.type), False))
+    made = Stream.fresh(stream.shape, stream.type, stream.place)
+    own.scan(memories_of(stream), above, memories_of(made), exclusive)
+    return made
 
 
 def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:

@@ -7,12 +7,14 @@ left. A pass on a device climbs several levels, with the same combinations in th
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.collectives.programs import Lift, folding, lifting, over_structs, width_for
+from shpy.backends.base import Memory, NodeTypes, Tree
+from shpy.collectives.programs import Lift, folding, lifted_pairs, lifting, over_structs, width_for
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard, Let
 from shpy.ir.traverse import walk
@@ -23,16 +25,20 @@ from shpy.lang.structure import Leaf, layout_of, leaves
 from shpy.lang.types import Attrib1i
 from shpy.lang.values import CLASSES
 from shpy.program import Program
-from shpy.streams.stream import Stream
+from shpy.streams.stream import Place, Stream
 
 __all__ = [
     "arrays_of",
     "check_combination",
     "combination",
     "fold",
+    "fold_parts",
+    "fold_to_host",
     "in_fours",
     "leaf_types",
+    "memories_of",
     "over_arrays",
+    "own_tree",
     "retyped",
     "run_level",
     "run_pairs",
@@ -78,17 +84,22 @@ def check_combination(program: Any, stream: Any, name: str) -> None:
             cure="@sh.program before the function",
         )
     wanted = f"{program.name}(a: sh.{stream.type.__name__}, b: sh.{stream.type.__name__}) -> sh.{stream.type.__name__}"
-    element = leaf_types(stream.type)
-    inputs = list(program.inputs.values())
-    taken = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]
-    given = [cls.type for cls in program.outputs.values()]
-    if taken != [element, element] or given != element:
+    if not _fits(program, stream.type):
         raise ShpyTypeError(
             f"sh.{name} combines two elements of {stream!r} into one, and {program!r} does not",
             loc=here(),
             cure=wanted,
         )
     _check_body(program, name)
+
+
+@lru_cache(maxsize=256)
+def _fits(program: Program, type_: Any) -> bool:
+    """Whether the program takes two elements of a type and gives one."""
+    element = leaf_types(type_)
+    inputs = program.inputs.values()
+    taken = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]
+    return taken == [element, element] and [cls.type for cls in program.outputs.values()] == element
 
 
 def _check_body(program: Program, name: str) -> None:
@@ -122,12 +133,59 @@ def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None =
         return stream
     if stream.place.space.on_host:
         return _fold_on_host(stream, combine, made, lift)
+    own = None if before else own_tree(stream.place, combine, stream.type, made, lift)
+    if own is not None:
+        return _fold_by(own, stream, combine, made)
     width = width_for(combine)
     while stream.shape[axis] > 1 or lift is not None:
         shape = (*before, -(-stream.shape[axis] // width), *after)
         stream = run_level(stream, shape, combine, made, lift, width)
         lift = None
     return stream
+
+
+@lru_cache(maxsize=256)
+def own_tree(place: Place, combine: Program, element: Any, made: Any, lift: Lift | None) -> Tree | None:
+    """Return the tree of a program that the device at a place folds and scans by itself; None if it does not."""
+    tree = place.space.collectives.tree
+    if tree is None:
+        return None
+    types = NodeTypes(tuple(leaf_types(element)), tuple(leaf_types(made)), lift is not None)
+    both = combine if lift is None else lifted_pairs(lift, combine, element, made)
+    return tree(both.ir, types, place.precision)
+
+
+def memories_of(stream: Stream) -> list[Memory]:
+    """Return the memory of each leaf of a stream."""
+    return [leaf.memory for leaf in stream.leaf_entries()]
+
+
+def fold_parts(own: Tree, stream: Stream, made: Any) -> Stream:
+    """Reduce each part of a stream (n,) to an element."""
+    parts = Stream.fresh((-(-stream.size // own.each(stream.size)),), made, stream.place)
+    own.fold(memories_of(stream), memories_of(parts))
+    return parts
+
+
+def _fold_by(own: Tree, stream: Stream, combine: Program, made: Any) -> Stream:
+    found = fold_parts(own, stream, made)
+    return found if found.size == 1 else fold(found, combine, made)
+
+
+def fold_to_host(stream: Stream, combine: Program, made: Any = None, lift: Lift | None = None) -> Stream:
+    """Reduce a stream (n,) to a stream (1,) on the host: see `fold`."""
+    made = stream.type if made is None else made
+    place = stream.place
+    own = None if place.space.on_host or not stream.size else own_tree(place, combine, stream.type, made, lift)
+    if own is None:
+        return fold(stream, combine, made, lift).to("numpy")
+    if stream.size > own.each(stream.size):
+        return fold_to_host(fold_parts(own, stream, made), combine, made)
+    host = Place("numpy", 0, place.precision)
+    types = leaf_types(made)
+    arrays = own.reduce(memories_of(stream))
+    memories = [host.space.wrap(a, t, a.dtype) for a, t in zip(arrays, types, strict=True)]
+    return Stream.over(made, (1,), host, memories)
 
 
 def run_level(stream: Stream, shape: Shape, combine: Program, made: Any, lift: Lift | None, width: int) -> Stream:

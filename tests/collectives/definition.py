@@ -8,23 +8,48 @@ import pytest
 from backends.running import LANES, flushes_denormals
 
 import shpy as sh
+from shpy.backends.opencl import collective as opencl
+from shpy.backends.opencl.device import Machine
+from shpy.collectives.trees import own_tree
 
-TARGETS = ("numpy", *LANES, "glsl")
+TREES = {f"opencl-trees-{n}": n for n in (4, 8, 16)}
+TARGETS = ("numpy", *LANES, *TREES, "glsl")
 SIZES = (1, 2, 3, 5, 7, 13, 15, 16, 17, 31, 61, 63, 64, 65, 127, 128, 129, 255, 257, 509, 1021, 4095, 4096, 4097, 8209)
+
+
+AROUND = [n + k for n in (1024, 3072, 2**16, 2**17) for k in (-1, 0, 1)] + [2, 99_991, 300_007]
+"""Sizes around the blocks and parts of `opencl.trees`, and primes."""
+
+
+@pytest.fixture(params=["numpy", *TREES, "glsl"])
+def trees(request, monkeypatch):
+    """A backend that takes large streams in a few runs."""
+    yield from _at_widths(request.param, monkeypatch)
 
 
 @pytest.fixture(params=TARGETS)
 def target(request, monkeypatch):
-    """A backend, and the lanes of its packets: where streams lie, programs are compiled with these."""
-    name = request.param
+    """A backend, and the lanes of its packets: where streams lie, programs are compiled with these.
+
+    Those of TREES fold and scan in kernels of OpenCL's own, those of LANES by programs, as a GPU does.
+    """
+    yield from _at_widths(request.param, monkeypatch)
+
+
+def _at_widths(name, monkeypatch):
+    own_tree.cache_clear()
+    if name in TREES:
+        monkeypatch.setattr(Machine, "lanes", TREES[name])
     if name in LANES:
+        monkeypatch.setattr(opencl._OpenCLCollectives, "tree", lambda *_: None)
         compile_for = sh.Program.compile
 
         def at_width(program, backend=None, **options):
             return compile_for(program, backend, **{"lanes": LANES[name], **options})
 
         monkeypatch.setattr(sh.Program, "compile", at_width)
-    return name.partition("-")[0]
+    yield name.partition("-")[0]
+    own_tree.cache_clear()
 
 
 def tree(x, f):

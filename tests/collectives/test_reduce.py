@@ -5,8 +5,9 @@ import re
 
 import numpy as np
 import pytest
-from backends.running import differs
+from backends.running import differs, flushes_denormals
 from collectives.definition import (
+    AROUND,
     SIZES,
     add,
     add_columns,
@@ -18,11 +19,12 @@ from collectives.definition import (
     rounded,
     target,
     tree,
+    trees,
 )
 
 import shpy as sh
 
-__all__ = ["target"]
+__all__ = ["target", "trees"]
 
 
 def check(target, sizes, seed):
@@ -45,6 +47,26 @@ def test_scalars_have_the_bits_of_the_tree(target):
             s = sh.Stream(x[:, k].copy(), sh.Attrib1f, backend=target)
             assert not differs(s.sum(), tree(x[:, k], add)).any(), (n, k)
             assert s.argmin() == np.argmin(x[:, k]), (n, k)
+
+
+def specials(n, seed, backend):
+    """Floats with NaN, infinities and denormals here and there."""
+    x = columns(n, seed, backend)[:, 0]
+    least = 0 if flushes_denormals(backend) else 1e-45
+    x[np.random.default_rng(seed).integers(n, size=3)] = np.float32([np.nan, -np.inf, least])
+    return x
+
+
+def test_sizes_around_blocks_and_parts(trees):
+    for n in AROUND:
+        for seed, x in enumerate((columns(n, 21, trees)[:, 3].copy(), specials(n, 22, trees))):
+            s = sh.Stream(x, sh.Attrib1f, backend=trees)
+            assert not differs(s.sum(), tree(x, add)).any(), (n, seed)
+            for name in ("min", "max"):
+                at = getattr(np, f"arg{name}")(x)
+                assert getattr(s, f"arg{name}")() == at, (n, name)
+                assert not differs(getattr(s, name)(), x[at]).any(), (n, name)
+            assert (s.count(), s.any(), s.all()) == (np.count_nonzero(x), x.any(), x.all()), n
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from backends.running import differs
 from collectives.definition import (
+    AROUND,
     SIZES,
     add,
     add_columns,
@@ -16,11 +17,12 @@ from collectives.definition import (
     halve_columns,
     prefixes,
     target,
+    trees,
 )
 
 import shpy as sh
 
-__all__ = ["target"]
+__all__ = ["target", "trees"]
 
 
 @sh.program
@@ -55,6 +57,16 @@ def test_prefixes_of_scalars(target):
             assert not differs(sh.scan(halve_scalars, s).numpy(), wanted).any(), (n, k)
             shifted = np.append(np.float32(0), wanted[:-1])
             assert not differs(sh.scan(halve_scalars, s, exclusive=True).numpy(), shifted).any(), (n, k)
+
+
+def test_sizes_around_blocks_and_parts(trees):
+    for n in AROUND:
+        for seed in (0, 3, 12):  # numbers, all exponents, NaN
+            x = columns(n, 5, trees)[:, seed].copy()
+            s, wanted = sh.Stream(x, sh.Attrib1f, backend=trees), prefixes(x, halve)
+            assert not differs(sh.scan(halve_scalars, s).numpy(), wanted).any(), (n, seed)
+            shifted = np.append(np.float32(0), wanted[:-1])
+            assert not differs(sh.scan(halve_scalars, s, exclusive=True).numpy(), shifted).any(), (n, seed)
 
 
 @pytest.mark.slow

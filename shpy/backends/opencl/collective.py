@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Collectives
+from shpy.backends.base import Collectives, NodeTypes, Precision
 from shpy.backends.opencl.memory import WORDS, OpenCLMemory, held
+from shpy.backends.opencl.trees import OpenCLTree, tree_of
+from shpy.ir.nodes import Module
 from shpy.ir.types import Base, vec
 
 if TYPE_CHECKING:
@@ -191,15 +193,16 @@ _KEYS: Final = {
 def collectives(space: OpenCLSpace, machine: Machine) -> Collectives:
     """Return the operations that this device does itself."""
     own = _OpenCLCollectives(space, machine)
-    return Collectives(own.select, own.take, own.put, own.sort, own.order, own.tally)
+    tree = own.tree if own.on_cpu else None
+    return Collectives(own.select, own.take, own.put, own.sort, own.order, own.tally, tree)
 
 
 class _OpenCLCollectives:
     def __init__(self, space: OpenCLSpace, machine: Machine) -> None:
         self._space = space
         self._machine = machine
-        self._on_cpu = bool(machine.device.type & machine.cl.device_type.CPU)
-        self._digit = _CPU_DIGIT if self._on_cpu else _DIGIT
+        self.on_cpu = bool(machine.device.type & machine.cl.device_type.CPU)
+        self._digit = _CPU_DIGIT if self.on_cpu else _DIGIT
 
     def select(self, mask: Any) -> OpenCLMemory:
         """List the elements whose mark is set."""
@@ -255,6 +258,10 @@ class _OpenCLCollectives:
             machine.cl.enqueue_copy(machine.queue, found.buffer, counts.buffer, byte_count=4 * bins)
         return found
 
+    def tree(self, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
+        """Make the kernels that fold and scan with a program."""
+        return tree_of(self._space, self._machine, module, types, precision)
+
     def _sorted(self, keys: Any, descending: bool, *, indexed: bool) -> tuple[Any, Any]:
         """Sort scalars digit by digit; gives them and, if `indexed`, the indices that they had."""
         text, bits = self._ordering(keys, descending)
@@ -291,7 +298,7 @@ class _OpenCLCollectives:
 
     def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
         """Return the number of chunks, and the elements of each chunk."""
-        each = 4 if self._on_cpu else 128
+        each = 4 if self.on_cpu else 128
         chunks = max(1, min(self._machine.device.max_compute_units * each, n // _LEAST, most))
         return chunks, -(-n // chunks)
 

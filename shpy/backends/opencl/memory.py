@@ -132,7 +132,7 @@ class OpenCLMemory:
         found = np.empty((count, *self._shape[1:]), self._held)
         if count:
             with self.machine.lock:
-                self.machine.space.finish()
+                self.machine.space.finish(copies=True)
                 self.machine.download(found, self.buffer, begin * self.type.size * self._held.itemsize)
         return found.astype(self.dtype, copy=False)
 
@@ -250,7 +250,16 @@ class OpenCLSpace:
         text = _status_text(WORDS[memory.dtype.itemsize])
         self.enqueue(text, name, (items or memory.count,), None, args)
 
-    def enqueue(self, text: str, name: str, size: tuple[int, ...], group: tuple[int, ...] | None, args: Any) -> None:
+    def enqueue(
+        self,
+        text: str,
+        name: str,
+        size: tuple[int, ...],
+        group: tuple[int, ...] | None,
+        args: Any,
+        *,
+        brief: bool = False,
+    ) -> None:
         """Start a kernel of a text, which is kept with its program."""
         machine = self._machine
         with machine.lock:
@@ -259,7 +268,7 @@ class OpenCLSpace:
                 kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, group)
-            machine.may_take_long = True
+            machine.may_take_long |= not brief
             self._count_one()
 
     def _count_one(self) -> None:
@@ -293,14 +302,18 @@ class OpenCLSpace:
         # The run holds `padded`: memory that nobody holds is used for something else.
         return lambda: self.enqueue(text, "pad", (padded.count,), None, (packed.buffer, padded.buffer))
 
-    def finish(self) -> None:
-        """Wait until everything that was started has ended; Ctrl-C ends the wait."""
+    def finish(self, *, copies: bool = False) -> None:
+        """Wait until everything that was started has ended; Ctrl-C ends the wait.
+
+        `copies`: the caller copies to the host next, which waits for brief runs by itself.
+        """
         machine = self._machine
         with machine.lock:
             if not self._started:
                 return
             if self._started <= _FEW and not machine.may_take_long:
-                machine.queue.finish()  # to wake the thread that waits would take as long as these runs
+                if not copies:
+                    machine.queue.finish()  # to wake the thread that waits would take as long as these runs
             else:
                 machine.waiter.wait(machine.cl.enqueue_marker(machine.queue))
             self._started, machine.may_take_long = 0, False  # not after Ctrl-C: what was started still runs

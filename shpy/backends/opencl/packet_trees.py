@@ -1,0 +1,381 @@
+"""The printer of trees: a prepared program of two elements as kernels that fold and scan a stream, in packets.
+
+Stage: emit. A work item takes `each` neighbouring elements, block after block. A block is a few packets, and a level of
+the tree halves their number: the even lanes of two packets are combined with the odd ones. So the order is that of the
+definition (`collectives.trees`), whatever the width, and a stream of few elements is one dispatch.
+
+    print_trees(prepared.module, NodeTypes((F,), (F,), lifted=False), 16, Abilities()).text
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+from shpy.backends.base import NodeTypes
+from shpy.backends.opencl.packet_memory import INLINE, lane_of, spelled_wide
+from shpy.backends.opencl.packet_prologue import Abilities
+from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of, widen
+from shpy.backends.opencl.packets import PacketPrinter
+from shpy.backends.opencl.printer import Kernel
+from shpy.ir.nodes import Function, Module
+from shpy.ir.types import Base, Type
+from shpy.passes.components import take_apart
+from shpy.passes.hide import hide_derivable
+from shpy.passes.neighbours import find_neighbours
+from shpy.passes.pipeline import optimise
+from shpy.passes.vectorize import vectorize
+
+__all__ = ["FOLD", "SCAN", "print_trees", "tree_block"]
+
+FOLD: Final = "sh_fold"
+SCAN: Final = "sh_scan"
+_BLOCK_NUMBERS: Final = 1024
+"""Numbers of a block: the nodes of its levels stay in the cache next to a core."""
+
+# GIVEN, OUT and ABOVE are the parameters of streams, and with _ARGS the arguments. WIDTH are the lanes.
+_TREE: Final = """\
+// The tree over two packets of which `left` elements count: an odd last one passes unchanged.
+INLINE sh_node sh_halve(sh_node a, sh_node b, int left) {
+    sh_node even = sh_even(a, b);
+    sh_node both = sh_combine(even, sh_odd(a, b));
+    return left & 1 ? sh_chosen(sh_lanes() == left / 2, even, both) : both;
+}
+
+// The tree over a block, in the first lane: of `left` elements from `first` on.
+INLINE sh_node sh_tree(GIVEN, ulong first, int left) {
+    sh_node node[BLOCK / (2 * WIDTH)];
+    int pairs = left / (2 * WIDTH), rest = left % (2 * WIDTH);
+    for (int k = 0; k < pairs; k += 1) {
+        ulong at = first + k * (2 * WIDTH);
+        node[k] = sh_neighbours(sh_given(GIVEN_ARGS, at, at + WIDTH), sh_given(GIVEN_ARGS, at + WIDTH, at + 2 * WIDTH));
+    }
+    if (rest != 0) {
+        ulong at = first + left - rest, end = first + left;
+        sh_node a = sh_given(GIVEN_ARGS, at, end), b = a;
+        if (rest > WIDTH) {
+            b = sh_given(GIVEN_ARGS, at + WIDTH, end);
+        }
+        node[pairs] = sh_halve(a, b, rest);
+    }
+    for (left = (left + 1) / 2; left > 1; left = (left + 1) / 2) {
+        int pairs = left / (2 * WIDTH), rest = left % (2 * WIDTH);
+        for (int k = 0; k < pairs; k += 1) {
+            node[k] = sh_neighbours(node[2 * k], node[2 * k + 1]);
+        }
+        if (rest != 0) {
+            node[pairs] = sh_halve(node[2 * pairs], node[2 * pairs + (rest > WIDTH)], rest);
+        }
+    }
+    return node[0];
+}
+
+// The tree over `each` elements. `waiting` holds one for each bit of the number of blocks that are done.
+__kernel void sh_fold(GIVEN, ulong count, ulong each, OUT) {
+    ulong first = get_global_id(0) * each, end = min(count, first + each);
+    sh_node waiting[64], made;
+    uint blocks = 0;
+    for (ulong at = first; at < end; at += BLOCK) {
+        int level = 0;
+        made = sh_tree(GIVEN_ARGS, at, (int)min(end - at, (ulong)BLOCK));
+        for (uint done = blocks; done & 1; done >>= 1) {
+            made = sh_combine(waiting[level], made);
+            level += 1;
+        }
+        waiting[level] = made;
+        blocks += 1;
+    }
+    bool some = false;
+    for (int level = 0; blocks >> level != 0; level += 1) {
+        if (blocks >> level & 1) {
+            made = some ? sh_combine(waiting[level], made) : waiting[level];
+            some = true;
+        }
+    }
+    sh_write(OUT_ARGS, made, get_global_id(0), get_global_id(0) + 1);
+}
+"""
+_SCAN: Final = """\
+// The prefixes of the even nodes of a level: each combines that of the odd one before it with itself. `through` are
+// those of the odd ones, and `before` ends with that before them.
+INLINE sh_node sh_evens(sh_node before, sh_node through, sh_node even, bool begins) {
+    sh_node both = sh_combine(sh_after(before, through), even);
+    return begins ? sh_chosen(sh_lanes() == 0, even, both) : both;
+}
+
+// Fill the levels above the packets of a block; gives the last one. Nodes behind the last element hold anything.
+INLINE sh_node *sh_up(sh_node *level, int packets) {
+    for (int width = BLOCK / WIDTH; width > 1; width /= 2) {
+        for (int k = 0; 2 * k < packets; k += 1) {
+            level[width + k] = sh_neighbours(level[2 * k], level[min(2 * k + 1, packets - 1)]);
+        }
+        level += width;
+        packets = (packets + 1) / 2;
+    }
+    for (int lanes = WIDTH; lanes > 1; lanes /= 2) {
+        level[1] = sh_neighbours(level[0], level[0]);
+        level += 1;
+    }
+    return level;
+}
+
+// Replace the nodes of all levels by their prefixes, from the last one on. `before` is the prefix that ends before
+// the block, unless the block `begins` the stream, and `through` the one that ends with it.
+INLINE void sh_down(sh_node *level, int packets, sh_node before, sh_node through, bool begins) {
+    *level = through;
+    for (int lanes = WIDTH; lanes > 1; lanes /= 2) {
+        level -= 1;
+        level[0] = sh_low(sh_evens(before, level[1], sh_even(level[0], level[0]), begins), level[1]);
+    }
+    for (int width = 2; width <= BLOCK / WIDTH; width *= 2) {
+        sh_node *parents = level, last = before;
+        int under = BLOCK / WIDTH / width, here = (packets + under - 1) / under;
+        level -= width;
+        for (int k = 0; 2 * k < here; k += 1) {
+            sh_node parent = parents[k], even = sh_even(level[2 * k], level[min(2 * k + 1, here - 1)]);
+            even = sh_evens(last, parent, even, begins && k == 0);
+            level[2 * k] = sh_low(even, parent);
+            level[2 * k + 1] = sh_high(even, parent);
+            last = parent;
+        }
+    }
+}
+
+// The prefixes of `each` elements, one place further on if `exclusive`. Of several parts of so many elements, the
+// prefixes that end with each part are `above`.
+__kernel void sh_scan(GIVEN, ulong count, ulong each, int parts, int exclusive, ABOVE, OUT) {
+    ulong part = get_global_id(0), first = part * each, end = min(count, first + each);
+    sh_node node[2 * BLOCK / WIDTH + 4], waiting[64], outer = sh_nothing();
+    uint blocks = 0;
+    if (part > 0) {
+        outer = sh_first(sh_given(ABOVE_ARGS, part - 1, part));
+    }
+    if (part == 0 && exclusive) {
+        sh_write(OUT_ARGS, outer, 0, 1);
+    }
+    sh_node before = outer;
+    for (ulong at = first; at < end; at += BLOCK) {
+        int left = (int)min(end - at, (ulong)BLOCK), packets = (left + WIDTH - 1) / WIDTH, level = 0;
+        for (int k = 0; k < packets; k += 1) {
+            node[k] = sh_given(GIVEN_ARGS, at + k * WIDTH, count);
+        }
+        sh_node *root = sh_up(node, packets), made = *root, through = outer;
+        for (uint done = blocks; done & 1; done >>= 1) {
+            made = sh_combine(waiting[level], made);
+            level += 1;
+        }
+        waiting[level] = made;
+        blocks += 1;
+        bool some = part > 0;
+        for (level = 31 - clz(blocks); level >= 0; level -= 1) {
+            if (blocks >> level & 1) {
+                through = some ? sh_combine(through, waiting[level]) : waiting[level];
+                some = true;
+            }
+        }
+        through = sh_first(parts > 1 && at + BLOCK == first + each ? sh_given(ABOVE_ARGS, part, part + 1) : through);
+        sh_down(root, packets, before, through, at == 0);
+        for (int k = 0; k < packets; k += 1) {
+            sh_write(OUT_ARGS, node[k], at + k * WIDTH + exclusive, count);
+        }
+        before = through;
+    }
+}
+"""
+
+
+def tree_block(types: NodeTypes) -> int:
+    """Return the elements of a block: a power of two, fewer where each is many numbers."""
+    numbers = sum(t.size for t in types.made)
+    return max(64, _BLOCK_NUMBERS >> (numbers - 1).bit_length())
+
+
+def print_trees(
+    module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool = False
+) -> Kernel | None:
+    """Print the kernels of a prepared program of two nodes; None for what they cannot run.
+
+    The program has the parts of two nodes as inputs and those of one as outputs. Where elements are lifted, an element
+    and its index come before these, and what they give before the result. `hides_zeros`: see `print_packets`.
+    """
+    if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
+        return None
+    scalar = optimise(take_apart(module))
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
+    packets = widen(find_neighbours(vectorize(whole)), lanes)
+    if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
+        return None
+    return TreePrinter(packets, module.entry, types, lanes, abilities, hides_zeros=hides_zeros).print()
+
+
+class TreePrinter(PacketPrinter):
+    """Prints the module's entry as a function of packets, and the kernels that call it."""
+
+    def __init__(
+        self, module: Module, ports: Function, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool
+    ) -> None:
+        super().__init__(module, ports, lanes, lanes, abilities, hides_zeros=hides_zeros)
+        self.node_types = types
+        self.parts = [lanes_of(t.base, lanes) for t in types.made for _ in range(t.size)]
+
+    def _handed(self, function: Function) -> list[tuple[str, str]]:
+        return []
+
+    def _kernel(self, entry: Function) -> None:
+        self.prologue.packet()
+        inner = self.globals.take(f"{self.function_names[entry.name]}_pairs")
+        self._function(entry, inner)
+        types = self.node_types
+        texts = [self._node(), self._calls(inner), self._reads(inner), self._writes(), _TREE]
+        if not types.lifted:
+            texts.append(_SCAN)
+        text = "\n".join(texts)
+        for word, meant in self._words().items():
+            text = re.sub(rf"\b{word}\b", meant, text)
+        for line in ("", *text.splitlines()):
+            self.emit(line)
+
+    def _words(self) -> dict[str, str]:
+        types = self.node_types
+        words = {"WIDTH": str(self.lanes), "BLOCK": str(tree_block(types)), "INLINE": INLINE}
+        for word, of, qualifier in (
+            ("GIVEN", types.element, "const "),
+            ("ABOVE", types.made, "const "),
+            ("OUT", types.made, ""),
+        ):
+            names = [f"{word.lower()}{k}" for k in range(len(of))]
+            words[word] = ", ".join(f"{self._array_of(t, qualifier)}{name}" for t, name in zip(of, names, strict=True))
+            words[f"{word}_ARGS"] = ", ".join(names)
+        return words
+
+    def _node(self) -> str:
+        """The struct of a node, one vector for each of its numbers, and how lanes of it are picked."""
+        n = self.lanes
+        fields = [f"    {spelled_wide(t)} part{k};" for k, t in enumerate(self.parts)]
+        lines = ["// What is combined: a lane of each part.", "typedef struct {", *fields, "} sh_node;", ""]
+        evens, odds = range(0, 2 * n, 2), range(1, 2 * n, 2)
+        turns = [j + h * n for j in range(n) for h in (0, 1)]
+        picks = {
+            "even": ("The even lanes of two packets.", evens),
+            "odd": ("The odd ones.", odds),
+            "low": ("The lanes of two packets in turn, as far as a packet holds them.", turns[:n]),
+            "high": ("The rest of these.", turns[n:]),
+            "after": ("The last lane of one packet and all but the last one of the next.", range(n - 1, 2 * n - 1)),
+        }
+        for name, (told, lanes) in picks.items():
+            if name in ("even", "odd") or not self.node_types.lifted:
+                lines += [f"// {told}", *self._picking(name, lanes)]
+        first, zero = ([f"({spelled_wide(t)})({x})" for t, x in pairs] for pairs in self._plain_parts())
+        mask = [f"convert_long{n}(mask)" if t.base is Base.D else "mask" for t in self.parts]
+        chosen = [f"{m} ? a.part{k} : b.part{k}" for k, m in enumerate(mask)]
+        lines += self._making("The node of the first lane in all.", "first", "sh_node a", first)
+        lines += self._making("Zeros.", "nothing", "", zero)
+        lines += self._making(
+            "One node where the mask is set, and else the other.",
+            "chosen",
+            f"int{n} mask, sh_node a, sh_node b",
+            chosen,
+        )
+        numbers = ", ".join(map(str, range(n)))
+        return "\n".join([*lines, f"INLINE int{n} sh_lanes() {{", f"    return (int{n})({numbers});", "}", ""])
+
+    def _plain_parts(self) -> tuple[list[tuple[Type, str]], list[tuple[Type, str]]]:
+        return [(t, f"a.part{k}.s0") for k, t in enumerate(self.parts)], [(t, "0") for t in self.parts]
+
+    def _making(self, told: str, name: str, parameters: str, values: Sequence[str]) -> list[str]:
+        stores = [f"    made.part{k} = {value};" for k, value in enumerate(values)]
+        head = f"INLINE sh_node sh_{name}({parameters}) {{"
+        return [f"// {told}", head, "    sh_node made;", *stores, "    return made;", "}", ""]
+
+    def _picking(self, name: str, lanes: Sequence[int]) -> list[str]:
+        """A function that picks lanes of two packets: those of the second one are numbered after those of the first."""
+        values = []
+        for k, type in enumerate(self.parts):
+            a, b = f"a.part{k}", f"b.part{k}"
+            if self.prologue.abilities.shuffle:
+                values.append(f"__builtin_shufflevector({a}, {b}, {', '.join(map(str, lanes))})")
+            else:
+                n = self.lanes
+                picked = (f"{a}{lane_of(i, n)}" if i < n else f"{b}{lane_of(i - n, n)}" for i in lanes)
+                values.append(f"({spelled_wide(type)})({', '.join(picked)})")
+        return self._making("", name, "sh_node a, sh_node b", values)[1:]
+
+    def _calls(self, inner: str) -> str:
+        """`sh_combine`, and the same for the neighbours in two packets."""
+        parts = [f"{name}.part{k}" for name in "ab" for k in range(len(self.parts))]
+        lifted = self.node_types.lifted
+        given = self._zeros(self.node_types.element) + [f"(int{self.lanes})(0)"] if lifted else []
+        arguments = [*given, *self._rows(parts, self.node_types.made * 2)]
+        return "\n".join([
+            "INLINE sh_node sh_combine(sh_node a, sh_node b) {",
+            *self._called(inner, arguments, last=True),
+            "}",
+            "",
+            "// Combine neighbours: the even lanes with the odd ones.",
+            "INLINE sh_node sh_neighbours(sh_node a, sh_node b) {",
+            "    return sh_combine(sh_even(a, b), sh_odd(a, b));",
+            "}",
+            "",
+        ])  # fmt: skip
+
+    def _called(self, inner: str, arguments: Sequence[str], *, last: bool) -> list[str]:
+        """Call the program; gives the last node of its results, or the first one."""
+        made = [f"&made.part{k}" for k in range(len(self.parts))]
+        if self.node_types.lifted:
+            unused = [f"&unused.part{k}" for k in range(len(self.parts))]
+            outputs = [*unused, *made] if last else [*made, *unused]
+            call = f"    {inner}({', '.join([*arguments, *outputs])});"
+            return ["    sh_node made, unused;", call, "    return made;"]
+        if len(made) > 1:
+            return ["    sh_node made;", f"    {inner}({', '.join([*arguments, *made])});", "    return made;"]
+        return ["    sh_node made;", f"    made.part0 = {inner}({', '.join(arguments)});", "    return made;"]
+
+    def _reads(self, inner: str) -> str:
+        """`sh_given`: the nodes of elements from `first` on, all of them before `end`."""
+        types, lines, parts = self.node_types, [], []
+        for k, type in enumerate(types.element):
+            read = self.prologue.memory("read", type.base, type.size)
+            wide = spelled_wide(rows_of(type.base, type.size, self.lanes))
+            lines.append(f"    {wide} element{k} = {read}(given{k}, 1, packet);")
+            parts += (
+                [f"element{k}"] if type.size == 1 or types.lifted else [f"element{k}.{c}" for c in "xyzw"[: type.size]]
+            )
+        head = [
+            "// The nodes of the elements from `first` on that stand before `end`.",
+            "INLINE sh_node sh_given(GIVEN, ulong first, ulong end) {",
+            "    sh_packet packet = sh_packet_at(first, end);",
+            *lines,
+        ]
+        if not types.lifted:
+            stores = [f"    made.part{k} = {part};" for k, part in enumerate(parts)]
+            return "\n".join([*head, "    sh_node made;", *stores, "    return made;", "}", ""])
+        arguments = [*parts, "(int)first + sh_lanes()", *self._zeros(types.made * 2)]
+        return "\n".join([*head, *self._called(inner, arguments, last=False), "}", ""])
+
+    def _writes(self) -> str:
+        """`sh_write`: the nodes into the elements from `first` on that stand before `end`."""
+        types = self.node_types.made
+        values = self._rows([f"made.part{k}" for k in range(len(self.parts))], types)
+        lines = [
+            f"    {self.prologue.memory('write', t.base, t.size)}(out{k}, {value}, packet);"
+            for k, (t, value) in enumerate(zip(types, values, strict=True))
+        ]
+        head = "INLINE void sh_write(OUT, sh_node made, ulong first, ulong end) {"
+        return "\n".join([head, "    sh_packet packet = sh_packet_at(first, end);", *lines, "}", ""])
+
+    def _rows(self, parts: Sequence[str], types: Sequence[Type]) -> list[str]:
+        """The parts as leaves: those of a vector together."""
+        found, rest = [], iter(parts)
+        for t in types:
+            of = [next(rest) for _ in range(t.size)]
+            found.append(of[0] if t.size == 1 else f"({self._wide_name(t)}){{{', '.join(of)}}}")
+        return found
+
+    def _wide_name(self, type: Type) -> str:
+        rows = rows_of(type.base, type.size, self.lanes)
+        return self.prologue.struct(rows) if type.size > 1 else spelled_wide(rows)
+
+    def _zeros(self, types: Sequence[Type]) -> list[str]:
+        zero = [f"({spelled_wide(lanes_of(t.base, self.lanes))})(0)" for t in types for _ in range(t.size)]
+        return self._rows(zero, types)

@@ -1,0 +1,105 @@
+"""Folds and scans on an OpenCL device that is a processor: a dispatch of parts, each of which is a work item's.
+
+Stage: compile and run. Few elements are one part, so a sum of them is one dispatch; see `packet_trees` for the text.
+
+    tree = tree_of(space, machine, module, NodeTypes((F,), (F,), lifted=False), "f32")
+    tree.fold([memory], [sums])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, NodeTypes, Options, Precision
+from shpy.backends.opencl.packet_trees import FOLD, SCAN, print_trees, tree_block
+from shpy.backends.opencl.runtime import PACKET_TARGET
+from shpy.backends.probe import refuse_wrong
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Module
+from shpy.ir.types import Base
+from shpy.passes.library import CORRECTABLE
+from shpy.passes.pipeline import prepare
+from shpy.passes.size import inlined_sizes
+
+if TYPE_CHECKING:
+    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.memory import OpenCLMemory, OpenCLSpace
+
+__all__ = ["OpenCLTree", "tree_of"]
+
+_ALONE: Final = 1 << 16
+"""Elements that one work item takes: another one would take longer to start."""
+_PARTS: Final = 32
+"""Parts for each core, with which all cores end at nearly the same time."""
+_LARGE: Final = 400
+"""Statements of a program whose runs are taken apart by `folding` and `scanning`, which stop long dispatches."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenCLTree:
+    """A program of two elements in kernels of its own: see `base.Tree`."""
+
+    space: OpenCLSpace
+    text: str
+    block: int
+    cores: int
+    results: tuple[OpenCLMemory, ...]
+    """Memory for the leaves of one element, which is read before anybody else writes it."""
+
+    def each(self, count: int) -> int:
+        """Elements of a part."""
+        if count <= _ALONE:
+            return max(self.block, 1 << (count - 1).bit_length())
+        return max(self.block, 1 << (count // (_PARTS * self.cores)).bit_length())
+
+    def fold(self, given: Sequence[Any], made: Sequence[Any]) -> None:
+        """Reduce each part to one element."""
+        count = given[0].count
+        each = np.uint64(self.each(count))
+        self._run(FOLD, made[0].count, count, [*_buffers(given), np.uint64(count), each, *_buffers(made)])
+
+    def reduce(self, given: Sequence[Any]) -> list[Array]:
+        """Reduce one part to the host."""
+        with self.results[0].machine.lock:
+            self.fold(given, self.results)
+            return [memory.read() for memory in self.results]
+
+    def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
+        """Give all prefixes, from those that end with each part."""
+        count = given[0].count
+        each, parts = self.each(count), 1 if above is None else above[0].count
+        sizes = [np.uint64(count), np.uint64(each), np.int32(parts), np.int32(exclusive)]
+        args = [*_buffers(given), *sizes, *_buffers(given if above is None else above), *_buffers(made)]
+        self._run(SCAN, parts, count, args)
+
+    def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
+        self.space.enqueue(self.text, name, (parts,), (1,), args, brief=count <= _ALONE)
+
+
+def tree_of(
+    space: OpenCLSpace, machine: Machine, module: Module, types: NodeTypes, precision: Precision
+) -> OpenCLTree | None:
+    """Print and build; None for programs that are large, may stop, or need more than their two elements."""
+    lanes = machine.lanes
+    if lanes == 1:
+        return None
+    target = replace(PACKET_TARGET, wrong=machine.wrong & CORRECTABLE)
+    prepared = prepare(module, Options(precision=precision), target)
+    if prepared.status or inlined_sizes(prepared.module)[prepared.module.entry.name] > _LARGE:
+        return None
+    refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    hides_zeros = "zeros" in machine.wrong
+    kernel = print_trees(prepared.module, types, lanes, machine.abilities, hides_zeros=hides_zeros)
+    if kernel is None or (kernel.doubles and not machine.doubles):
+        return None
+    dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
+    results = tuple(space.allocate(1, t, np.dtype(dtypes[t.base])) for t in types.made)
+    return OpenCLTree(space, kernel.text, tree_block(types), machine.device.max_compute_units, results)
+
+
+def _buffers(memories: Sequence[Any]) -> list[Any]:
+    return [memory.buffer for memory in memories]
