@@ -9,6 +9,8 @@ from shpy.backends import pace as pacing
 from shpy.backends.opencl import device
 from shpy.backends.pace import Pace
 
+pytestmark = pytest.mark.undisturbed
+
 
 class Clock:
     """Time that goes on as elements are done: `cost(n)` seconds for the n-th."""

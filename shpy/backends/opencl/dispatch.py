@@ -35,8 +35,8 @@ class Items(NamedTuple):
 def launch(machine: Machine, kernel: Any, args: list[Any], items: Items, group: int, pace: Pace, each: int) -> None:
     """Run a kernel over work items, and as many idle ones as fill each line's last group.
 
-    In as many dispatches as `pace` says, where an item stands for `each` elements. A dispatch begins with a line, or with
-    an item of a list. Ctrl-C ends the wait for it.
+    In as many dispatches as `pace` says, where an item stands for `each` elements. A dispatch begins with a line, or
+    with an item of a list. Ctrl-C ends the wait for it.
     """
     groups = max(1, -(-items.columns // group))
     kernel.set_args(*args)
