@@ -22,7 +22,7 @@ from shpy.ir.types import Base
 from shpy.lang.coerce import sequence
 from shpy.lang.compound import fits
 from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureType
-from shpy.lang.hostdata import as_base, in_range
+from shpy.lang.hostdata import as_base, working
 from shpy.lang.location import here
 from shpy.lang.record import InputType, Recorded
 from shpy.lang.structure import Group, Layout, entries_of, flatten, leaves
@@ -85,7 +85,7 @@ class InputLeaf:
                 loc=here(),
                 cure=_trailing(name, array.shape, cls.size),
             )
-        self.array: NDArray[Any] = in_range(array, np.dtype(dtype), name) if array.dtype.kind == "f" else array
+        self.array: NDArray[Any] = working(array, cls.base, np.dtype(dtype), name) if array.dtype.kind == "f" else array
         self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
 
     def flat(self, shape: Shape) -> NDArray[Any]:

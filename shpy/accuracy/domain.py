@@ -44,23 +44,6 @@ class Samples:
         """How many elements there are."""
         return self.inside.size
 
-    def at(self, precision: str) -> tuple[Any, ...]:
-        """Return the inputs for kernels of a precision: for f16, floats of 32 bits are rounded, large ones to inf."""
-        return tuple(map(_in_half, self.inputs)) if precision == "f16" else self.inputs
-
-
-def _in_half(value: Any) -> Any:
-    """Round arrays of float32, alone or in tuples and dicts."""
-    if isinstance(value, np.ndarray) and value.dtype == np.float32:
-        with np.errstate(over="ignore"):
-            return value.astype(np.float16)
-    if isinstance(value, dict):
-        return {name: _in_half(part) for name, part in value.items()}
-    if isinstance(value, tuple):
-        parts = [_in_half(part) for part in value]
-        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
-    return value
-
 
 def special_values(type: Type, precision: str = "f32") -> Array:
     """Where much goes wrong, of one base.

@@ -300,9 +300,8 @@ class _Search:
         return "f64" if self.error(double) <= 0.01 * self.budget.limit else self.reference
 
     def _error(self, candidate: Candidate, drawn: Samples, truth: Truth) -> float:
-        variant = candidate.variant
-        setting = Setting(candidate.program, drawn.at(variant.precision), {}, None, variant.options)
-        found = run(setting, variant.backend)
+        setting = Setting(candidate.program, drawn.inputs, {}, None, candidate.variant.options)
+        found = run(setting, candidate.variant.backend)
         counted = drawn.inside & (found.written | truth.written)
         if found.flushes:
             counted &= ~meets_denormals(setting)
@@ -315,10 +314,9 @@ class _Search:
 
 
 def _seconds(candidate: Candidate, drawn: Samples, calls: int) -> float:
-    inputs = drawn.at(candidate.variant.precision)
     start = time.perf_counter()
     for _ in range(calls):
-        candidate.kernel(*inputs)
+        candidate.kernel(*drawn.inputs)
     return time.perf_counter() - start
 
 

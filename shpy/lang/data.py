@@ -19,7 +19,7 @@ from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang import arithmetic, coerce
 from shpy.lang.emit import DEFERRED, HOST, FrameEmitter
-from shpy.lang.hostdata import as_base, in_range
+from shpy.lang.hostdata import as_base, working
 from shpy.lang.location import here
 from shpy.lang.names import assigned_name
 from shpy.lang.params import Param
@@ -150,7 +150,8 @@ class Table:
     def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range."""
         what = f"the Table {self.name}" if self.name else "a Table"
-        array = self._array.copy() if self._array.dtype == dtype else in_range(self._array, dtype, what)
+        same = self._array.dtype == dtype
+        array = self._array.copy() if same else working(self._array, self.type.base, dtype, what)
         frozen = np.ascontiguousarray(array)
         frozen.flags.writeable = False
         return frozen

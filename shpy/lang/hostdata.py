@@ -93,6 +93,17 @@ def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[An
         ) from None
 
 
+def working(array: NDArray[Any], base: Base, dtype: np.dtype[Any], what: str) -> NDArray[Any]:
+    """Convert floats to the dtype that a kernel has for a base; ShpyTypeError for a number that the base does not hold.
+
+    The working float holds what 32 bits hold. A kernel at f16 rounds it as its results, large numbers to infinity.
+    """
+    if base is Base.F and dtype == np.float16:
+        with np.errstate(over="ignore"):
+            return in_range(array, np.dtype(np.float32), what).astype(np.float16)
+    return in_range(array, dtype, what)
+
+
 def checked_bool(value: Any, what: str) -> bool:
     """Return an option that is a bool of Python or numpy; ShpyTypeError naming `what` for anything else."""
     if not isinstance(value, bool | np.bool_):

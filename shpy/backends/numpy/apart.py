@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from shpy.backends.numpy.iterations import counted
+from shpy.backends.numpy.iterations import counted, lanes_alone
 from shpy.ir.nodes import Let, Loop, Module, Region, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import regions_of, walk
@@ -56,7 +56,8 @@ def lay_out(module: Module) -> Layout:
     if not pays and not regions:
         return Layout(whole, apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
-    if pays or any(counted(f, scalars.facts[f.name]) for f in scalars.module.functions if not f.pure):
+    alone = lanes_alone(scalars.module.functions)
+    if pays or any(counted(f, scalars.facts[f.name], alone) for f in scalars.module.functions if not f.pure):
         return Layout(scalars, apart=True, grid=grid)
     return Layout(whole, apart=False, grid=False)
 

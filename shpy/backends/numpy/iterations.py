@@ -72,7 +72,7 @@ def lanes_alone(functions: Iterable[Function]) -> frozenset[str]:
     return frozenset(found)
 
 
-def counted(function: Function, facts: LaneFacts, alone: frozenset[str] = frozenset()) -> dict[int, Iterations]:
+def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict[int, Iterations]:
     """Find such loops of a function, by `id` of the loop; `alone` are the functions that `lanes_alone` finds."""
     if not any(isinstance(s, Loop) for s in walk(function.body)):
         return {}
