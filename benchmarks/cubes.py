@@ -9,8 +9,10 @@ hits is part of the table, since a cube trades them for time. `raytracer study l
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +22,11 @@ from raytracer import Intersector, LayeredCube, Mesh
 from raytracer.accel.choice import build
 from raytracer.meshes.shapes import knot
 
+HEAD = (
+    *("accelerator", "triangles", "build s", "build CPU by BVH's"),
+    *("MiB", "million rays/s", "wrong hits", "other triangles"),
+)
+BUILDS = 5
 WRONG = 1e-3
 """How far a distance may be from the exact one, as a part of the mesh's largest side."""
 
@@ -34,11 +41,25 @@ def layered(mesh: Mesh, quick: bool) -> Table:
         rows += _rows(one, resolution, size, with_mitsuba)
         rays.forget()
     note = (
-        f"The fastest build in seconds, and million rays a second, closest hit, for rays from the pixels "
+        f"The fastest build in seconds; its CPU work of all threads in times of the BVH's, in {BUILDS} builds in turns, "
+        f"as median (quartiles); hits that have another triangle's number than the exact ones; and million rays a second, closest hit, for rays from the pixels "
         f"of {size} x {size} that leave surfaces in random directions. Cubes have {resolution} x {resolution} texels "
         f"in each of three images. On {backend()}; the BVH and the grid are built in numpy."
     )
-    return Table("layered", note, ["accelerator", "triangles", "build s", "MiB", "million rays/s", "wrong hits"], rows)
+    return Table("layered", note, HEAD, rows)
+
+
+def _work(makers: Sequence[Callable[[], Any]]) -> list[str]:
+    """The CPU seconds of each build, in times of the first one's in the same round: median and quartiles."""
+    rounds = []
+    for _ in range(BUILDS):
+        busy = [time.process_time()]
+        for make in makers:
+            make()
+            busy.append(time.process_time())
+        rounds.append(np.diff(busy) / (busy[1] - busy[0]))
+    low, middle, high = np.quantile(rounds, [0.25, 0.5, 0.75], axis=0)
+    return [f"{m:.2f} ({a:.2f} to {b:.2f})" for a, m, b in zip(low, middle, high, strict=True)]
 
 
 def _rows(mesh: Mesh, resolution: int, size: int, with_mitsuba: bool) -> list[list[str]]:
@@ -50,8 +71,12 @@ def _rows(mesh: Mesh, resolution: int, size: int, with_mitsuba: bool) -> list[li
     seconds = in_turns(list(makers.values()), 2)
     shoot = {name: Intersector(mesh, s if isinstance(s, LayeredCube) else name, backend()) for name, s in made.items()}
     runs = [partial(one.intersect, *given) for one in shoot.values()]
-    exact = runs[0]().t
-    wrong = [_wrong(run().t, exact, mesh) for run in runs]
+    work = _work(list(makers.values()))
+    first = runs[0]()
+    exact = first.t
+    found = [run() for run in runs]
+    wrong = [_wrong(one.t, exact, mesh) for one in found]
+    others = [_others(one.triangle, first.triangle) for one in found]
     if with_mitsuba:
         peers.start("mitsuba")
         runs.append(rays.mitsuba(*given, mesh=mesh, any_hit=False))
@@ -59,10 +84,16 @@ def _rows(mesh: Mesh, resolution: int, size: int, with_mitsuba: bool) -> list[li
     sizes = [s.nbytes if isinstance(s, LayeredCube) else s.bytes for s in made.values()]
     count = f"{len(mesh):,}"
     rows = [
-        [name, count, f"{s:.2f}", f"{n / 2**20:.1f}", r, f"{w:.2%}"]
-        for name, s, n, r, w in zip(made, seconds, sizes, rates, wrong, strict=False)
+        [name, count, f"{s:.2f}", c, f"{n / 2**20:.1f}", r, f"{w:.2%}", f"{o:.2%}"]
+        for name, s, c, n, r, w, o in zip(made, seconds, work, sizes, rates, wrong, others, strict=False)
     ]
-    return rows + [["Mitsuba", count, "", "", r, ""] for r in rates[len(made) :]]
+    return rows + [["Mitsuba", count, "", "", "", r, "", ""] for r in rates[len(made) :]]
+
+
+def _others(found: np.ndarray, exact: np.ndarray) -> float:
+    """The share of the hits of both whose triangles differ."""
+    both = (found >= 0) & (exact >= 0)
+    return float(np.mean(found[both] != exact[both]))
 
 
 def _wrong(found: np.ndarray, exact: np.ndarray, mesh: Mesh) -> float:
