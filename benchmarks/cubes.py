@@ -41,9 +41,10 @@ def layered(mesh: Mesh, quick: bool) -> Table:
         rows += _rows(one, resolution, size, with_mitsuba)
         rays.forget()
     note = (
-        f"The fastest build in seconds; its CPU work of all threads in times of the BVH's, in {BUILDS} builds in turns, "
-        f"as median (quartiles); hits that have another triangle's number than the exact ones; and million rays a second, closest hit, for rays from the pixels "
-        f"of {size} x {size} that leave surfaces in random directions. Cubes have {resolution} x {resolution} texels "
+        f"The fastest build in seconds; its CPU work of all threads in times of the BVH's, median (quartiles) of "
+        f"{BUILDS} builds in turns; million rays a second, closest hit, for rays from the pixels "
+        f"of {size} x {size} that leave surfaces in random directions; hits that are wrong, and those with another "
+        f"triangle's number. Cubes have {resolution} x {resolution} texels "
         f"in each of three images. On {backend()}; the BVH and the grid are built in numpy."
     )
     return Table("layered", note, HEAD, rows)
