@@ -4,10 +4,10 @@ Stage: compile. An entry holds a driver's binary: data that a driver loads and t
 the hash of everything that the binary depends on (text, options, device, driver and version). Its content is a magic,
 a checksum of key and binary, and the binary: an entry that was cut, or copied to another key, counts as absent.
 
-The folder is SHPY_CACHE_DIR, or `shpy` in the user's cache folder; if SHPY_CACHE_DIR is empty, nothing is kept. A
-driver runs what it is given, so folders and entries count only if they belong to this user and nobody else can write
-them. The folder may hold other files: only files that carry our name and our magic are ever removed. Where the folder
-cannot be used, a ShpyWarning says why, once, and kernels are compiled anew.
+The folder is SHPY_CACHE_DIR, in which `~` is the home folder, or `shpy` in the user's cache folder; if SHPY_CACHE_DIR is
+empty, nothing is kept. A driver runs what it is given, so folders and entries count only if they belong to this user
+and nobody else can write them. The folder may hold other files: only files that carry our name and our magic are ever
+removed. Where the folder cannot be used, a ShpyWarning says why, once, and kernels are compiled anew.
 
     key = store.key(text, options, device, driver)
     binary = store.load(key)               # None where there is none
@@ -17,6 +17,7 @@ cannot be used, a ShpyWarning says why, once, and kernels are compiled anew.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import re
 import secrets
@@ -25,6 +26,7 @@ import time
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -41,6 +43,8 @@ _LARGEST: Final = 1 << 28
 """The most bytes that an entry may have: many times a large kernel's binary."""
 _STALE: Final = 3600.0
 """Seconds after which a temporary file can only be left of a writer that was killed."""
+_SKEW: Final = 60.0
+"""Seconds by which the clock of a network's disk may be ahead."""
 _told: set[str] = set()
 
 
@@ -114,7 +118,7 @@ def _place() -> Path | None:
     """The folder that the environment names; None where nothing is to be kept."""
     chosen = os.environ.get("SHPY_CACHE_DIR")
     if chosen is not None:
-        return Path(chosen) if chosen else None
+        return Path(chosen).expanduser() if chosen else None
     home = os.environ.get("XDG_CACHE_HOME", "")
     # The XDG base directory specification has relative paths ignored.
     return (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "shpy"
@@ -150,7 +154,7 @@ def _place_named() -> str:
     try:
         return str(_place())
     except RuntimeError:
-        return "~/.cache/shpy"
+        return os.environ.get("SHPY_CACHE_DIR", "~/.cache/shpy")
 
 
 def _fault(path: Path, state: os.stat_result) -> str | None:
@@ -202,20 +206,24 @@ def _prune(folder: int) -> None:
     """Remove the entries used longest ago beyond the most that are kept, and what killed writers left."""
     names = os.listdir(folder)
     for name in filter(_TEMPORARY.fullmatch, names):
-        if time.time() - _modified(folder, name) > _STALE and _is_ours(folder, name):
+        if _age(folder, name) > _STALE and _is_ours(folder, name):
             _remove(folder, name)
     entries = list(filter(_ENTRY.fullmatch, names))
-    if len(entries) > _MOST:
-        entries = sorted(filter(lambda name: _is_ours(folder, name), entries), key=lambda e: _modified(folder, e))
-        for name in entries[: max(0, len(entries) - _MOST)]:
+    excess = len(entries) - _MOST
+    if excess > 0:
+        entries.sort(key=lambda name: _age(folder, name), reverse=True)
+        # Only those that may go are read, so that a full folder is not read at each compilation.
+        for name in islice((e for e in entries if _is_ours(folder, e)), excess):
             _remove(folder, name)
 
 
-def _modified(folder: int, name: str) -> float:
+def _age(folder: int, name: str) -> float:
+    """The seconds since a file was used; infinity for a date in the future, which says nothing of that."""
     try:
-        return os.stat(name, dir_fd=folder, follow_symlinks=False).st_mtime
+        age = time.time() - os.stat(name, dir_fd=folder, follow_symlinks=False).st_mtime
     except OSError:
-        return time.time()
+        return 0.0
+    return age if age > -_SKEW else math.inf
 
 
 def _is_ours(folder: int, name: str) -> bool:

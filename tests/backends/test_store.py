@@ -220,6 +220,42 @@ def test_entries_used_longest_ago_go_first(folder, monkeypatch):
     assert [entry_of(folder, key).exists() for key in keys] == [True, False, False, True, True]
 
 
+def test_entries_dated_in_the_future_go_first(folder, monkeypatch):
+    monkeypatch.setattr(store, "_MOST", 3)
+    keys = [store.key(letter) for letter in "abcdefg"]
+    for key in keys[:3]:
+        store.save(key, b"binary")
+        os.utime(entry_of(folder, key), (time.time() + 1e6,) * 2)
+    assert store.load(keys[1]) == b"binary"  # which dates it anew
+    for key in keys[3:5]:
+        store.save(key, b"binary")
+    assert [entry_of(folder, key).exists() for key in keys[:5]] == [False, True, False, True, True]
+    temporary = folder / f".new-{'a' * 16}.shpy-kernel"
+    temporary.write_bytes(b"")
+    os.utime(temporary, (time.time() + 1e6,) * 2)
+    store.save(keys[5], b"binary")
+    assert not temporary.exists()
+
+
+def test_a_full_folder_is_not_read_at_each_compilation(folder, monkeypatch):
+    monkeypatch.setattr(store, "_MOST", 20)
+    read, real = [], store._read
+
+    def counted(folder, name, most):
+        read.append(name)
+        return real(folder, name, most)
+
+    keys = [store.key(str(k)) for k in range(25)]
+    for age, key in enumerate(keys[:20]):
+        store.save(key, b"binary")
+        os.utime(entry_of(folder, key), (age, age))
+    monkeypatch.setattr(store, "_read", counted)
+    for key in keys[20:]:
+        store.save(key, b"binary")
+    assert read == [f"{key}.shpy-kernel" for key in keys[:5]]
+    assert len(list(folder.iterdir())) == 20
+
+
 @pytest.mark.parametrize("left", [b"", b"shpy ker", b"shpy kernel 2\nand half a binary"])
 def test_what_killed_writers_left_goes_after_an_hour(folder, left):
     folder.mkdir(mode=0o700)
@@ -280,6 +316,19 @@ def test_the_users_cache_folder_is_the_default(monkeypatch, tmp_path):
         store.save(KEY, b"binary")
         assert entry_of(tmp_path / place).exists()
     assert not (tmp_path / "relative").exists()
+
+
+def test_a_tilde_is_the_home_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SHPY_CACHE_DIR", "~/kernels")
+    store.save(KEY, b"binary")
+    assert entry_of(tmp_path / "kernels").exists()
+    assert not (tmp_path / "~").exists()
+    monkeypatch.setattr(store, "_told", set())
+    monkeypatch.setenv("SHPY_CACHE_DIR", "~no-such-user-of-this-machine/kernels")
+    with pytest.warns(sh.ShpyWarning, match="the folder ~no-such-user-of-this-machine/kernels cannot be used"):
+        store.save(KEY, b"binary")
 
 
 def test_a_folder_that_cannot_be_made_is_told_once(folder, monkeypatch, tmp_path):
