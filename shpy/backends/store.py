@@ -4,7 +4,7 @@ Stage: compile. An entry holds a driver's binary: data that a driver loads and t
 the hash of everything that the binary depends on (text, options, device, driver and version). Its content is a magic,
 a checksum of key and binary, and the binary: an entry that was cut, or copied to another key, counts as absent.
 
-The folder is SHPY_CACHE_DIR, in which `~` is the home folder, or `shpy` in the user's cache folder; if SHPY_CACHE_DIR is
+The folder is SHPY_CACHE_DIR, in which `~` is the home folder, or `shpy` in the user's cache folder; if the variable is
 empty, nothing is kept. A driver runs what it is given, so folders and entries count only if they belong to this user
 and nobody else can write them. The folder may hold other files: only files that carry our name and our magic are ever
 removed. Where the folder cannot be used, a ShpyWarning says why, once, and kernels are compiled anew.
