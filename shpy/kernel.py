@@ -30,6 +30,7 @@ from shpy.ir.traverse import grid_rank
 from shpy.lang.data import Table, Texture2D, TextureType
 from shpy.lang.guarded import guarded
 from shpy.lang.location import here
+from shpy.lang.pickling import OfOneProcess
 from shpy.lang.record import Recorded
 from shpy.lang.structure import Leaf, build_arrays
 from shpy.passes.forget import forget_data
@@ -84,11 +85,13 @@ class ArrayResult:
         return math.prod(self.shape) if self.status is None else int(np.count_nonzero(self.written))
 
 
-class Kernel:
+class Kernel(OfOneProcess):
     """A compiled program. Call it with arrays (*S, N), or numbers; outputs come back in the function's structure.
 
     `source` is the emitted text, `notes` what there is to know about this target, `options` how it was compiled.
     """
+
+    _instead_of_pickle = "program.compile(backend) in the other process"
 
     def __init__(self, recorded: Recorded, backend: Backend, options: Options) -> None:
         self._recorded = recorded

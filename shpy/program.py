@@ -37,6 +37,7 @@ from shpy.lang.inline import call_recorded
 from shpy.lang.location import here
 from shpy.lang.method import PerInstance, is_method
 from shpy.lang.params import listed
+from shpy.lang.pickling import OfOneProcess
 from shpy.lang.record import InputType, Recorded, record
 from shpy.lang.recorder import current_frame
 from shpy.lang.structure import Leaf, Rows, leaves
@@ -65,12 +66,14 @@ _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 evaluate_with(evaluate)
 
 
-class Program(Generic[_P, _R]):
+class Program(OfOneProcess, Generic[_P, _R]):
     """A recorded function. Call it with arrays to run it on the default backend, with values to inline it.
 
     A type checker knows it as `Program[parameters, result]` of the function: called with values it gives the result,
     called with arrays it gives arrays.
     """
+
+    _instead_of_pickle = "a module with the program, which the other process imports; or str(program.ir) and sh.parse"
 
     def __init__(self, recorded: Recorded) -> None:
         self._recorded = recorded

@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.errors import ShpyError
 from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
@@ -37,6 +38,7 @@ __all__ = [
     "TableMemory",
     "Tree",
     "overlap",
+    "too_large",
 ]
 
 Array = NDArray[Any]
@@ -128,6 +130,12 @@ class Memory(Protocol):
 
     def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Copy the elements, from `begin` up to `end`, into a new host array, once all that was started has ended."""
+
+
+def too_large(count: int, type: Type, dtype: np.dtype[Any]) -> ShpyError:
+    """Return the error for memory of so many elements that a device does not have."""
+    size = count * type.size * dtype.itemsize
+    return ShpyError(f"{count:,} elements need {size:,} bytes, which is more than there are", cure="fewer elements")
 
 
 def overlap(one: Memory, other: Memory) -> bool:
@@ -246,7 +254,7 @@ class Space(Protocol):
         """The collective operations that the device does itself."""
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> Memory:
-        """Memory for `count` elements, whatever it holds; MemoryError where there is not so much."""
+        """Memory for `count` elements, whatever it holds; ShpyError where there is not so much."""
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> Memory:
         """Memory that an object of the device's own library owns; ShpyTypeError where it is not of this dtype."""

@@ -25,19 +25,22 @@ from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.nodes import Loc
 from shpy.kernel import Kernel
 from shpy.lang.location import here
+from shpy.lang.pickling import OfOneProcess
 from shpy.lang.record import InputType
 from shpy.program import Program
 
 __all__ = ["Chain", "Loop", "Repeat", "Sequence", "loop", "repeat", "sequence"]
 
 
-class Chain(ABC):
+class Chain(OfOneProcess, ABC):
     """Kernels that run one after the other over named streams: see `sh.sequence`, `sh.repeat` and `sh.loop`.
 
     An input of a kernel reads the stream of its name: the element of each run, or, annotated `sh.Table[…]` or
     `sh.Texture2D[…]`, any element by index. An output replaces the stream of its name; a single output without a name
     replaces the stream of the only input of its type. A Table reads what the stream held before the kernel ran.
     """
+
+    _instead_of_pickle = "a module with the chain, which the other process imports"
 
     def __init__(self, members: tuple[Member | Chain, ...]) -> None:
         self.members = members

@@ -19,7 +19,7 @@ from shpy.collectives.arguments import check_stream
 from shpy.collectives.leaves import Leaves, is_mapped, mapped, mapping, run_over
 from shpy.collectives.programs import annotated
 from shpy.collectives.trees import retyped
-from shpy.errors import ShpyTypeError
+from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
 from shpy.lang.builtins import cond
@@ -48,6 +48,15 @@ def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, f
     """
     given = check_stream(stream, "histogram")
     base = _base(given)
+    try:
+        return _histogram(given, base, bins, range)
+    except (MemoryError, OverflowError) as error:
+        raise ShpyError(
+            f"a histogram of {bins!r} bins needs more memory than there is", loc=here(), cure="fewer bins"
+        ) from error
+
+
+def _histogram(given: Stream, base: Base, bins: Any, range: Any) -> Stream:
     leaves = Leaves(given.place)
     line = retyped(given, given.type, (given.size,))
     if isinstance(bins, int | np.integer) and range is None:

@@ -238,6 +238,21 @@ class Stream(StreamReductions):
             memories.append(made)
         return Stream.over(self._type, self._shape, self.place, memories)
 
+    def __copy__(self) -> Stream:
+        return self.copy()
+
+    def __deepcopy__(self, memo: Any) -> Stream:
+        return self.copy()
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        if self.backend != "numpy":
+            raise ShpyTypeError(
+                f"{self!r} cannot be pickled: its elements are on a device of this process",
+                loc=here(),
+                cure="stream.to('numpy')",
+            )
+        return _unpickled, (self._type, self._shape, self.place, [memory.read() for memory in self._memories])
+
     def to(self, backend: str, device: int | None = None) -> Stream:
         """A stream with the same elements on another device, by way of the host; itself where it is there already."""
         place = _place(backend, device, self.place.precision)
@@ -431,6 +446,13 @@ def _checked(array: Any, layout: Layout, place: Place) -> list[host.InputLeaf]:
             f"the fields of a stream have one shape, not {listed}", loc=here(), cure="one element of each field a place"
         )
     return found
+
+
+def _unpickled(element: Any, shape: Shape, place: Place, arrays: Sequence[NDArray[Any]]) -> Stream:
+    made = Stream.fresh(shape, element, place)
+    for memory, array in zip(made._memories, arrays, strict=True):
+        memory.write(array)
+    return made
 
 
 def _rows_of(key: Any, count: int) -> range | None:

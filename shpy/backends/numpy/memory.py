@@ -14,7 +14,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Collectives, Counts, DeviceCall, Executable, TableData, TableMemory
+from shpy.backends.base import (
+    Array,
+    Call,
+    Collectives,
+    Counts,
+    DeviceCall,
+    Executable,
+    TableData,
+    TableMemory,
+    too_large,
+)
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Type
@@ -73,8 +83,11 @@ class NumpySpace:
         return COLLECTIVES
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
-        """Memory for `count` elements, whatever it holds."""
-        return NumpyMemory(np.empty((count, type.size) if type.size > 1 else count, dtype), type)
+        """Memory for `count` elements, whatever it holds; ShpyError where there is not so much."""
+        try:
+            return NumpyMemory(np.empty((count, type.size) if type.size > 1 else count, dtype), type)
+        except (MemoryError, ValueError, OverflowError) as error:
+            raise too_large(count, type, dtype) from error
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
         """Memory that is the array's own: contiguous, (count, size) or (count,), of the dtype of kernels."""

@@ -12,6 +12,7 @@ taken again at once. The host waits when it reads, and now and then, so that wha
 from __future__ import annotations
 
 import re
+import sys
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable
+from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable, too_large
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
@@ -171,15 +172,17 @@ class OpenCLSpace:
         return collectives(self, self._machine)
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
-        """A buffer for `count` elements, whatever it holds."""
+        """A buffer for `count` elements, whatever it holds; ShpyError where there is not so much."""
         machine = self._machine
         # A kernel may read a vector of three as four, and whole packets.
         size = count * type.size * held(type, dtype).itemsize
+        if size > sys.maxsize // 2:  # whose next power of two is no size
+            raise too_large(count, type, dtype)
         with machine.lock:
             try:
                 buffer = machine.take(max(size, 1))
-            except machine.cl.MemoryError as error:
-                raise MemoryError from error
+            except (machine.cl.MemoryError, machine.cl.LogicError) as error:
+                raise too_large(count, type, dtype) from error
         memory = OpenCLMemory(machine, buffer, count, type, dtype)
         memory.pooling = weakref.finalize(memory, machine.dropped.append, buffer)
         memory.pooling.atexit = False
