@@ -268,10 +268,10 @@ class Stream(StreamReductions):
     def native(self) -> Any:
         """The array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.
 
-        Its memory stays as long as somebody holds it, and may be another one after each run that writes the stream. A
-        texture holds rows of 4096 elements; only `on_device` may use it, and on another thread it raises ShpyTypeError.
+        Its memory stays as long as somebody holds it, and later runs that write the stream write it, too. A texture
+        holds rows of 4096 elements; only `on_device` may use it, and on another thread it raises ShpyTypeError.
         """
-        found = [m.native for m in self._memories]
+        found = self._shared()
         return found[0] if len(found) == 1 else found
 
     def on_device(self, function: Callable[..., Any]) -> Any:
@@ -287,7 +287,13 @@ class Stream(StreamReductions):
     def __dlpack__(self, **options: Any) -> Any:
         if self.backend != "numpy" or len(self._memories) != 1:
             raise BufferError(f"{self!r} is not in the host's memory: stream.numpy().__dlpack__()")
-        return self._memories[0].native.reshape(self._shape + _tail(self._memories[0])).__dlpack__(**options)
+        (found,) = self._shared()
+        return found.reshape(self._shape + _tail(self._memories[0])).__dlpack__(**options)
+
+    def _shared(self) -> list[Any]:
+        """Return the native object of each leaf; from now on runs write this memory, and put no other in its place."""
+        self._owned = False
+        return [m.native for m in self._memories]
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return (1, 0)  # kDLCPU
