@@ -102,11 +102,11 @@ class Renderer:
         if self.layout is None:
             return
         self._options: dict[str, Any] = {"precision": precision, "math": math}
+        if cube is not None and self.backend == "opencl":
+            self._options["lanes"] = 1  # rays in a cube part, so that packets of them take longer than rays alone
         self._threshold = threshold if tracer == "staged" else None
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout, bounces)
-        if self._tracer.alone:
-            self._options["lanes"] = 1
         self.features = self._tracer.features | ({"layered cube": secondary.resolution} if secondary else {})
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}

@@ -23,7 +23,7 @@ from raytracer.kernels.lobes import Lobes, largest
 from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import FAR, Hit
-from raytracer.kernels.walk import TOGETHER, meet, rays_part, scene_walk
+from raytracer.kernels.walk import TOGETHER, meet, scene_walk
 from raytracer.layout import Layout
 from raytracer.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -91,7 +91,6 @@ class PathTracer:
                     f'{place_of(look.shade)}: a shade is for integrator="whitted", as path tracing knows no light '
                     "without its direction: describe the surface by surface=..., or leave shade out"
                 )
-        self.alone = rays_part(layout, backend, scattered=True)
         self.intersector = scene_walk(layout, backend, scattered=True)
         self.together = backend in TOGETHER
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)

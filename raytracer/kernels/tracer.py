@@ -20,7 +20,7 @@ import shpy as sh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit
-from raytracer.kernels.walk import meet, rays_part, scene_walk
+from raytracer.kernels.walk import meet, scene_walk
 from raytracer.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -64,14 +64,13 @@ class Path:
 class Tracer:
     """The tables of a scene, and the loop that follows a ray through it.
 
-    `features` says what the recorded kernel contains, `alone` that each ray walks by itself: see `rays_part`.
+    `features` says what the recorded kernel contains.
     """
 
     scattered = False
 
     def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
-        self.alone = rays_part(layout, backend, self.scattered)
-        self.intersector = scene_walk(layout, backend, self.scattered)
+        self.intersector = scene_walk(layout, backend, scattered=self.scattered)
         self.background = sh.Param(sh.Color3f, tuple(map(float, background)), name="background")
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")

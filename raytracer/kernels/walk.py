@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
@@ -21,6 +22,7 @@ from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.layout import Layout
 from shpy import SH_ELSE, SH_IF
+from shpy.lang.subroutine import Subroutine
 
 Structure = Grid | Bvh | LayeredCube
 
@@ -50,7 +52,7 @@ class SplitWalk:
     """Two walks through the same triangles: an exact one for eye rays, and one for the rays that come of them."""
 
     exact: Walk
-    secondary: Walk
+    secondary: Walk | AloneWalk
     accept: Accept | None = None
 
     @property
@@ -59,30 +61,53 @@ class SplitWalk:
         return self.exact.triangles
 
 
-def rays_part(layout: Layout, backend: str, scattered: bool) -> bool:
-    """Return whether rays that start side by side soon have so little in common that each had better walk alone.
+class Found(NamedTuple):
+    """What a ray meets, by the names of a `Hit`."""
 
-    A kernel of such rays runs at one lane. Rays of a mesh of many triangles part where they are `scattered`: by matt
-    surfaces, as in path tracing, or by glass. Rays in a cube part too.
+    l: sh.Attrib1f  # noqa: E741 - as in Hit
+    id: sh.Attrib1i
+    uv: sh.TexCoord2f
+
+
+class AloneWalk:
+    """A walk that the lanes of a packet take one after the other, each alone."""
+
+    def __init__(self, walk: WideIntersector) -> None:
+        self.walk = walk
+
+        def find(ray: sh.Vector3f, eye: sh.Point3f, limit: sh.Attrib1f, any_hit: sh.Attrib1b) -> Found:
+            hit = walk(ray, eye, 0.0, limit, any_hit)
+            return Found(hit.l, hit.id, hit.uv)
+
+        self.find = Subroutine(find, alone=True)
+
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
+        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
+        self.walk.accept = hit.accept
+        found = self.find(ray, eye, hit.l, sh.Attrib1b(any_hit))
+        hit.l[:] = found.l
+        hit.id[:] = found.id
+        hit.uv[:] = found.uv
+
+
+def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk | SplitWalk:
+    """The walk through a scene for rays of unit length that may start from a triangle.
+
+    `scattered`: rays that come of eye rays soon have little in common with their neighbours, as after matt surfaces and
+    in glass. Where packets would walk the union of their ways through many triangles, each of them walks alone.
     """
-    if backend not in TOGETHER:
-        return False
-    structure = layout.structure
-    wide = isinstance(structure, Bvh) and structure.low.dtype == np.float32 and len(structure.items) >= MANY
-    return layout.secondary is not None or (scattered and wide)
-
-
-def scene_walk(layout: Layout, backend: str, scattered: bool = False) -> Walk | SplitWalk:
-    """The walk through a scene for rays of unit length that may start from a triangle; `scattered`: see `rays_part`."""
-    if layout.secondary is None and rays_part(layout, backend, scattered):
-        assert isinstance(layout.structure, Bvh)
-        return WideIntersector(layout.structure, layout.triangles, AheadBound(layout.roundoff))
     exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
-    if layout.secondary is None:
-        return exact
-    secondary = LayeredIntersector(layout.secondary, layout.triangles, AheadBound(layout.roundoff))
-    secondary.triangles = exact.triangles  # one table for both
-    return SplitWalk(exact, secondary)
+    bound = AheadBound(layout.roundoff)
+    if layout.secondary is not None:
+        secondary = LayeredIntersector(layout.secondary, layout.triangles, bound)
+        secondary.triangles = exact.triangles  # one table for both
+        return SplitWalk(exact, secondary)
+    structure = layout.structure
+    wide = backend in TOGETHER and isinstance(structure, Bvh) and structure.low.dtype == np.float32
+    if scattered and wide and len(structure.items) >= MANY:
+        assert isinstance(structure, Bvh)
+        return SplitWalk(exact, AloneWalk(WideIntersector(structure, layout.triangles, bound)))
+    return exact
 
 
 def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> Hit:

@@ -70,6 +70,7 @@ class Builder:
         self.outputs: list[Variable] = list(function.outputs) if function else []
         self.variables: list[Variable] = list(function.variables) if function else []
         self.pure = function.pure if function else False
+        self.alone = function.alone if function else False
         self.loc = loc
         self._function_loc = function.loc if function else loc
         self._regions: list[list[Stmt]] = [[]]
@@ -278,6 +279,7 @@ class Builder:
             tuple(self._regions[0]),
             self.pure,
             self._function_loc,
+            self.alone,
         )
 
 

@@ -182,6 +182,7 @@ class Function:
     `variables` are all other slots. `pure` marks straight-line code (no Call, no control flow but an If of an
     `any_lane` without `orelse`, one output, inputs by value): such a function is called by the op `call`, as an
     expression. Any other is called by the statement `Call`.
+    `alone` marks one that elements which run together had better run one after the other. It takes and gives no arrays.
     """
 
     name: str
@@ -191,6 +192,7 @@ class Function:
     body: Region
     pure: bool = False
     loc: Loc | None = field(default=None, compare=False)
+    alone: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -255,11 +255,11 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return slots
 
     def function(
-        self, pure: Token | None, name: str, inputs: Any, outputs: Any, loc: Loc | None, *rest: Any
+        self, kind: Token | None, name: str, inputs: Any, outputs: Any, loc: Loc | None, *rest: Any
     ) -> Function:
         self.check_names()
         *variables, body = rest
-        made = Function(name, inputs or (), outputs or (), tuple(variables), body, pure is not None, loc)
+        made = Function(name, inputs or (), outputs or (), tuple(variables), body, kind == "pure", loc, kind == "alone")
         self.functions[name] = made
         return made
 

@@ -139,8 +139,8 @@ class _Printer:
         self.variable_names = {v.id: v.name for v in variables_of(function) if v.name is not None and self.names}
         inputs = ", ".join(map(self.declared, function.inputs))
         outputs = ", ".join(map(self.declared, function.outputs))
-        pure = "pure " if function.pure else ""
-        head = f"{pure}function {quote(function.name)}({inputs}) -> ({outputs}){self.at(function.loc)} {{"
+        kind = "pure " if function.pure else "alone " if function.alone else ""
+        head = f"{kind}function {quote(function.name)}({inputs}) -> ({outputs}){self.at(function.loc)} {{"
         self.out += [Line(0, ""), Line(0, head, ("function", index))]
         for slot in function.variables:
             self.out.append(Line(1, f"var {self.declared(slot)}", ("variable", self.slots)))

@@ -205,6 +205,8 @@ class _Function:
         self.check_declarations()
         if self.function.pure:
             self.check_pure()
+        if self.function.alone and any(isinstance(p, Variable) and p.length is not None for p in self.function.inputs):
+            self.fail("a function that each element runs alone takes no arrays")
         self.check_region(self.function.body)
 
     def check_declarations(self) -> None:

@@ -44,11 +44,12 @@ class Subroutine:
 
     _is_subroutine: ClassVar[bool] = True
 
-    def __init__(self, function: Callable[..., Any], name: str | None = None) -> None:
+    def __init__(self, function: Callable[..., Any], name: str | None = None, *, alone: bool = False) -> None:
         functools.update_wrapper(self, function)
         self.function = function
         self.name: str = name or str(getattr(function, "__name__", "subroutine"))
         self.signature = inspect.signature(function)
+        self.alone = alone
         self._hints: dict[str, Any] | None = None
         self._loc = loc_of(function)
         self._is_library = self._loc is not None and is_library(self._loc)
@@ -117,7 +118,7 @@ class Subroutine:
         finally:
             recording.frames.pop()
             recording.underway.pop()
-        recorded = Recorded(frame, inside)
+        recorded = Recorded(frame, inside, alone=self.alone)
         known: Recorded = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
         if known is recorded:
             recording.functions.append(recorded.function)
@@ -179,7 +180,7 @@ def _slots(value: Any) -> list[int]:
 class Recorded:
     """A subroutine as one program calls it: its function, and how to pass what it takes."""
 
-    def __init__(self, frame: Frame, inside: dict[str, Any]) -> None:
+    def __init__(self, frame: Frame, inside: dict[str, Any], *, alone: bool = False) -> None:
         returns: Returns = frame.returned
         body = frame.scopes[0].statements
         written = _written(frame)
@@ -189,6 +190,11 @@ class Recorded:
         inputs: list[IrValue | Variable] = []
         copies: list[Any] = []
         for name, value in inside.items():
+            if alone and isinstance(value, Array):
+                cure = "its elements as parameters of their own"
+                raise RecordError(
+                    f"{frame.name} is run by each element alone and takes no arrays", loc=here(), cure=cure
+                )
             for slot in _slots(value):
                 variable = frame.named(frame.variables[slot])
                 reference = slot in written or variable.length is not None
@@ -201,8 +207,8 @@ class Recorded:
                     inputs.append(incoming)
                     copies.append(Store(slot, incoming.id, None, None, frame.loc))
         body[:0] = copies
-        pure = is_straight(body) and len(returns.slots) == 1 and not any(self.by_reference)
-        self.function: Function = frame.finish(tuple(inputs), tuple(returns.slots), pure)
+        pure = is_straight(body) and len(returns.slots) == 1 and not any(self.by_reference) and not alone
+        self.function: Function = replace(frame.finish(tuple(inputs), tuple(returns.slots), pure), alone=alone)
 
     def content(self) -> tuple[Hashable, ...]:
         """Return all of it but the name: recordings of one content are one function."""

@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from shpy.ir.nodes import Call, Function, Module, Stmt, Store, Value
+from shpy.ir.nodes import Call, Function, Let, Module, Stmt, Store, Value
+from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import defined, rewrite, uses, walk
 from shpy.passes.dead import without_dead
 from shpy.passes.dead_stores import without_dead_stores
@@ -55,14 +56,16 @@ Make = Callable[[Function, frozenset[int], Value | None, "Callees"], tuple[Funct
 class Callees:
     """Makes the copies when they are first asked for, by `make`."""
 
-    def __init__(self, module: Module, make: Make) -> None:
+    def __init__(self, module: Module, make: Make, *, alone: bool = False) -> None:
+        """With `alone`, functions that are marked so stay as they are, and get the mask of the lanes that run them."""
         self.module = module
         self.make = make
         self.functions = {f.name: f for f in module.functions}
+        self.alone = {f.name: _with_mask(f) for f in module.functions if f.alone and alone}
         self.statuses = _statuses(module)
         self.taken = set(self.functions)
         self.made: dict[tuple[str, tuple[bool, ...], bool], LaneFunction] = {}
-        self.copies: dict[str, Function] = {}
+        self.copies: dict[str, Function] = dict(self.alone)
 
     def entry(self) -> LaneFunction:
         """The entry, whose inputs all vary."""
@@ -133,9 +136,19 @@ def _statuses(module: Module) -> dict[str, int]:
     return found
 
 
+def _with_mask(function: Function) -> Function:
+    """A function that each lane runs alone, with one more input: whether it does. It asks no other lane."""
+
+    def change(s: Stmt) -> Stmt:
+        return replace(s, op="and", args=s.args * 2) if isinstance(s, Let) and s.op in LANE_OPS else s
+
+    mask = Value(max((v.id for v in defined(function)), default=-1) + 1, BOOL, "active")
+    return replace(function, inputs=(*function.inputs, mask), body=rewrite(function.body, change))
+
+
 def _renamed(function: Function, names: Mapping[str, str]) -> Function:
     def change(s: Stmt) -> Stmt:
-        return replace(s, function=names[s.function]) if isinstance(s, Call) else s
+        return replace(s, function=names.get(s.function, s.function)) if isinstance(s, Call) else s
 
     return replace(function, name=names[function.name], body=rewrite(function.body, change))
 
@@ -150,6 +163,11 @@ class CallBuilder(ExitBuilder):
     def call(self, s: Call, here: Here) -> None:
         """A Call, of the copy that fits."""
         args = tuple(self.same.get(a, a) for a in s.args)
+        if s.function in self.callees.alone:
+            mask = here.mask if here.mask is not None else self.b.const(BOOL, [True]).id
+            self.b.append(Call(s.function, (*args, mask), s.results, s.loc))
+            self.varying |= {result.id for result in s.results}
+            return
         varying = tuple(a in self.varying for a in args)
         copy = self.callees.called(s.function, varying, masked=here.mask is not None)
         if copy.masked and here.mask is not None:

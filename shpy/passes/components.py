@@ -24,9 +24,9 @@ from dataclasses import replace
 from functools import reduce
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Stmt, Store, Value, Variable
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Return, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import rewrite, walk
 
 __all__ = ["COMPONENTS", "GEOMETRY", "SCALED", "take_apart"]
 
@@ -43,7 +43,12 @@ def take_apart(module: Module, *, throughout: bool = False) -> Module:
     """The module with every function on scalars; TypeError for what should have been lowered."""
     *others, entry = module.functions
     expressions = _expressions(others) if throughout else {f.name for f in others if f.pure}
-    functions = [_Apart(replace(f, pure=f.name in expressions), expressions, throughout).run() for f in others]
+    functions = [
+        _with_scalar_ports(f)
+        if f.alone and not throughout
+        else _Apart(replace(f, pure=f.name in expressions), expressions, throughout).run()
+        for f in others
+    ]
     ports = [
         Port(_named(port.name, slot.type.size, k) or port.name, port.kind)
         for port, slot in zip(module.outputs, entry.outputs, strict=False)
@@ -61,6 +66,48 @@ def _expressions(functions: Sequence[Function]) -> set[str]:
         if f.pure and f.outputs[0].type.size == 1 and called <= found:
             found.add(f.name)
     return found
+
+
+def _with_scalar_ports(function: Function) -> Function:
+    """A function that works on vectors, which takes and gives their components."""
+    b = Builder(function=function)
+    b.inputs, b.outputs = [], []
+    given: list[Stmt] = []
+    stored: list[Stmt] = []
+    for port in function.inputs:
+        assert isinstance(port, Value)
+        parts = [b.value(port.type.scalar, _named(port.name, port.type.size, k)) for k in range(port.type.size)]
+        b.inputs += parts if len(parts) > 1 else [port]
+        if len(parts) > 1:
+            given.append(Let(port, "construct", tuple(v.id for v in parts)))
+    for output in function.outputs:
+        if output.type.size == 1:
+            b.outputs.append(output)
+            continue
+        b.variables.append(output)
+        b.push()
+        for k in range(output.type.size):
+            part = b.output(output.type.scalar, _named(output.name, output.type.size, k))
+            b.store(part, b.swizzle(b.load(output), (k,)))
+        stored += b.pop()
+    b.extend(given)
+    b.extend(rewrite(function.body, lambda s: (*_fresh(b, stored), s) if isinstance(s, Return) else s))
+    b.extend(_fresh(b, stored))
+    return b.finish()
+
+
+def _fresh(b: Builder, statements: Sequence[Stmt]) -> tuple[Stmt, ...]:
+    """Copies of Lets and Stores with values of their own."""
+    same: dict[int, int] = {}
+    made: list[Stmt] = []
+    for s in statements:
+        if isinstance(s, Let):
+            value = b.value(s.value.type, s.value.name, s.value.loc)
+            made.append(replace(s, value=value, args=tuple(same[a] for a in s.args)))
+            same[s.value.id] = value.id
+        elif isinstance(s, Store):
+            made.append(replace(s, value=same[s.value]))
+    return tuple(made)
 
 
 def _named(name: str | None, size: int, component: int) -> str | None:

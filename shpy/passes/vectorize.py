@@ -78,8 +78,12 @@ class VectorModule:
         return self.facts[self.module.entry.name]
 
 
-def vectorize(module: Module, *, padded: bool = False) -> VectorModule:
-    """The module with an entry for many lanes. `padded`: some lanes hold no element (see the op `lane_mask`)."""
+def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> VectorModule:
+    """The module with an entry for many lanes. `padded`: some lanes hold no element (see the op `lane_mask`).
+
+    With `alone`, functions that each element is to run alone stay functions of one element. Their calls give them one
+    more argument, the mask of the lanes that run them.
+    """
 
     def make(
         function: Function, given: frozenset[int], mask: Value | None, callees: Callees
@@ -88,11 +92,13 @@ def vectorize(module: Module, *, padded: bool = False) -> VectorModule:
         made = work.run()
         return made, LaneFacts(frozenset(work.varying), frozenset(work.slots.varying), work.slots.live())
 
-    callees = Callees(module, make)
+    callees = Callees(module, make, alone=alone)
     named = callees.named(callees.entry())
     pure = (of_all_lanes(f) for f in module.functions if f.pure)
-    functions = (*pure, *(copy.function for copy in named.values()))
-    return VectorModule(replace(module, functions=functions), {name: copy.facts for name, copy in named.items()})
+    functions = (*pure, *callees.alone.values(), *(copy.function for copy in named.values()))
+    facts = {name: copy.facts for name, copy in named.items()}
+    facts |= dict.fromkeys(callees.alone, LaneFacts(frozenset(), frozenset()))
+    return VectorModule(replace(module, functions=functions), facts)
 
 
 class _Vectorizer(CallBuilder):

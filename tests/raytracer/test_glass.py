@@ -21,7 +21,6 @@ from raytracer import (
     render,
 )
 from raytracer.kernels import walk
-from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import box, floor, sphere, torus
 
 CLEAR = Material((0, 0, 0), specular=0, transmission=1.0)
@@ -166,7 +165,7 @@ def test_backends_and_accelerators_agree_to_the_last_bit(monkeypatch):
     same(first, render(scene, (48, 32), backend="numpy", bounces=5, accel="grid"))
     monkeypatch.setattr(walk, "MANY", 1)
     alone = Renderer(scene, backend="opencl", bounces=5)
-    assert isinstance(alone._tracer.intersector, WideIntersector)
+    assert isinstance(alone._tracer.intersector, walk.SplitWalk)
     same(first, alone.render((48, 32)))
 
 

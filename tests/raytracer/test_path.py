@@ -26,7 +26,6 @@ from raytracer import (
 from raytracer.kernels import walk
 from raytracer.kernels.chances import Chances, alias_table, probabilities_of
 from raytracer.kernels.path import PathTracer, power
-from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 WHITE = Material((1, 1, 1), diffuse=1, specular=0)
@@ -272,7 +271,7 @@ def test_backends_bands_and_parts_give_the_same_bits(monkeypatch, tmp_path):
         assert whole.samples == 3
     monkeypatch.setattr(walk, "MANY", 1)
     alone = Renderer(scene, backend="opencl", integrator="path", bounces=5, seed=7)
-    assert isinstance(alone._tracer.intersector, WideIntersector)
+    assert isinstance(alone._tracer.intersector, walk.SplitWalk)
     same(first, alone.render((12, 9), samples=3))
     other = Renderer(scene, backend="opencl", integrator="path", bounces=5, seed=8).render((12, 9), samples=3)
     assert (other.pixels != first.pixels).mean() > 0.5
@@ -282,16 +281,16 @@ def test_scattered_rays_walk_alone_among_many_triangles(monkeypatch):
     def walk_of(triangles, **options):
         monkeypatch.setattr(walk, "MANY", triangles)
         renderer = Renderer(sphere_under_a_lamp, **({"backend": "opencl", "integrator": "path"} | options))
-        return type(renderer._tracer.intersector).__name__, renderer._options.get("lanes")
+        return type(renderer._tracer.intersector).__name__
 
     sphere_under_a_lamp = Scene([sphere(0.5, WHITE, rings=6, segments=8), lamp(1, 2)])
     count = sphere_under_a_lamp.triangles
-    assert walk_of(count) == ("WideIntersector", 1)
-    assert walk_of(count + 1) == ("BvhIntersector", None)
-    assert walk_of(count, integrator="whitted") == ("BvhIntersector", None)
-    assert walk_of(count, backend="numpy") == ("BvhIntersector", None)
-    assert walk_of(count, backend="glsl") == ("BvhIntersector", None)
-    assert walk_of(count, accel="grid") == ("GridIntersector", None)
+    assert walk_of(count) == "SplitWalk"
+    assert walk_of(count + 1) == "BvhIntersector"
+    assert walk_of(count, integrator="whitted") == "BvhIntersector"
+    assert walk_of(count, backend="numpy") == "BvhIntersector"
+    assert walk_of(count, backend="glsl") == "BvhIntersector"
+    assert walk_of(count, accel="grid") == "GridIntersector"
 
 
 def test_lanes_give_the_same_bits():

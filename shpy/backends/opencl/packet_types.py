@@ -84,12 +84,13 @@ def widen(vector: VectorModule, lanes: int) -> Module:
     functions = vector.module.functions
     names = {f.name for f in functions}
     uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
+    alone = {f.name for f in functions if f.alone}
     made: list[Function] = []
     for f in functions:
         if f.pure:
             made.append(_Uniform(f, {}, uniform).run())
         facts = _everything_varies(f) if f.pure else vector.facts[f.name]
-        made.append(_Widener(f, facts, lanes, uniform).run())
+        made.append(_Widener(f, facts, lanes, uniform, alone).run())
     return remove_unused_functions(replace(vector.module, functions=tuple(made)))
 
 
@@ -120,12 +121,15 @@ def _everything_varies(function: Function) -> LaneFacts:
 class _Widener:
     """Gives the values of one function their types, and spreads uniform operands."""
 
-    def __init__(self, function: Function, facts: LaneFacts, lanes: int, uniform: dict[str, str]) -> None:
+    def __init__(
+        self, function: Function, facts: LaneFacts, lanes: int, uniform: dict[str, str], alone: set[str]
+    ) -> None:
         self.function = function
         self.varying = facts.varying
         self.varying_slots = facts.slots
         self.lanes = lanes
         self.uniform = uniform
+        self.alone = alone
         self.b = Builder(function=function)
         self.parts: dict[int, tuple[int, ...]] = {}
 
@@ -174,8 +178,11 @@ class _Widener:
                     self.b.append(If(condition, self.region(then), self.region(orelse), loc))
                 case Loop(body, continuing, until, turns, loc):
                     self.b.append(Loop(self.region(body), self.region(continuing), until, turns, loc))
-                case Call(_, _, results):
-                    self.b.append(replace(s, results=tuple(replace(r, type=self.type_of(r)) for r in results)))
+                case Call(name, args, results):
+                    args = tuple(map(self.spread, args)) if name in self.alone else args
+                    self.b.append(
+                        replace(s, args=args, results=tuple(replace(r, type=self.type_of(r)) for r in results))
+                    )
                 case _:
                     self.b.append(s)
 

@@ -19,18 +19,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 from shpy.backends.expressions import Expr
+from shpy.backends.opencl.packet_alone import each_lane, packet_of
 from shpy.backends.opencl.packet_halves import declare_wide
 from shpy.backends.opencl.packet_memory import QUAD, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packet_spelling import PacketSpelling
 from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of, rows_of, widen
 from shpy.backends.opencl.printer import Kernel, Needs, OpenCLPrinter, leaves_early
-from shpy.backends.opencl.prologue import spelled
-from shpy.ir.nodes import Function, Let, Module, Value, Variable
+from shpy.backends.opencl.prologue import NOINLINE, spelled
+from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
 from shpy.passes.hide import hide_derivable
+from shpy.passes.inline import inline_calls
 from shpy.passes.modes import Math
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import optimise
@@ -52,10 +54,13 @@ def print_packets(
 
     `hides_zeros`: the compiler takes `0 * x` for 0.
     """
+    called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
+    if called:
+        module = inline_calls(module, lambda f: f.name in called)  # what an element runs alone calls nothing else
     scalar = optimise(take_apart(module))
     # What hides a vector is arithmetic on it, which packets take apart too.
     whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
-    packets = widen(find_neighbours(vectorize(whole, padded=True)), lanes)
+    packets = widen(find_neighbours(vectorize(whole, padded=True, alone=True)), lanes)
     columns = lanes if _stay_together(packets) else QUAD
     return PacketPrinter(packets, module.entry, lanes, columns, abilities, math, hides_zeros=hides_zeros).print()
 
@@ -151,6 +156,32 @@ class PacketPrinter(PacketSpelling, OpenCLPrinter):
     def stands_apart(self, function: Function) -> bool:
         """Return whether the compiler is told not to inline the function."""
         return super().stands_apart(function) or _is_large(function)
+
+    def _function(self, function: Function, name: str) -> None:
+        """A function; one that each lane runs alone, and the loop over the lanes that do."""
+        if not function.alone:
+            super()._function(function, name)
+            return
+        one = self.globals.take(f"{name}_alone")
+        function = replace(function, inputs=function.inputs[:-1])  # the mask is for the loop
+        super()._function(function, one)
+        self.begin(function)
+        active = self.names.take("active")
+        inputs, outputs = (
+            [(self.names.take(port.name or "a"), spelled(port.type.scalar)) for port in ports]
+            for ports in (function.inputs, function.outputs)
+        )
+        single = len(outputs) == 1
+        parameters = [*(f"{packet_of(t, self.lanes)} {n}" for n, t in inputs), f"int{self.lanes} {active}"]
+        parameters += [] if single else [f"{packet_of(t, self.lanes)} *{n}" for n, t in outputs]
+        handed = self._handed(function)
+        self.emit("")
+        result = packet_of(outputs[0][1], self.lanes) if single else "void"
+        self._head(f"{NOINLINE} {result} {name}", [*parameters, *(text for text, _ in handed)], function.loc)
+        with self.block(scope=False):
+            for line in each_lane(one, active, inputs, outputs, [n for _, n in handed], self.lanes):
+                self.emit(line)
+        self.emit("}")
 
     def _kernel(self, entry: Function) -> None:
         name = self.function_names[entry.name]

@@ -1,0 +1,109 @@
+"""Subroutines that each lane of a packet runs alone: the same bits as where all lanes run them together."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_BREAK, SH_ELSE, SH_IF, SH_RETURN, SH_WHILE
+from shpy.ir.parser import parse
+from shpy.lang.subroutine import Subroutine
+
+TABLE = np.random.default_rng(0).random((64, 4)).astype(np.float32)
+
+
+class Found(NamedTuple):
+    place: sh.Attrib3f
+    steps: sh.Attrib1i
+    odd: sh.Attrib1b
+
+
+def program():
+    rows = sh.Table(TABLE, sh.Attrib4f)
+
+    def wander(start: sh.Attrib3f, limit: sh.Attrib1f, forward: sh.Attrib1b) -> Found:
+        place = sh.Attrib3f(start)
+        steps = sh.Attrib1i(0)
+        with SH_IF(limit < 0.1):
+            SH_RETURN(Found(-place, -1, forward))
+        with SH_WHILE(lambda: sh.length(place) < 40 * limit):
+            row = rows[steps]
+            place += row.xyz * row.w + sh.cond(forward, 0.5, 0.25)
+            steps += 1
+            with SH_IF(sh.any_lane(place.x > 30)):
+                SH_BREAK()
+        return Found(place, steps, (steps & 1) == 1)
+
+    alone = Subroutine(wander, alone=True)
+
+    @sh.program
+    def many(start: sh.Attrib3f, limit: sh.Attrib1f) -> Found:
+        place = sh.Attrib3f(1, 2, 3)
+        steps = sh.Attrib1i(-7)
+        odd = sh.Attrib1b(False)
+        with SH_IF(limit > 0.05):
+            found = alone(start, limit, start.x > 0.5)
+            place[:] = found.place
+            steps[:] = found.steps
+            with SH_IF(found.odd):
+                odd[:] = alone(place.zxy, 0.3, True).odd
+        with SH_ELSE():
+            place[:] = alone(start, 0.2, False).place
+        return Found(place, steps, odd)
+
+    return many
+
+
+@pytest.mark.parametrize("limit", [1000, None])
+def test_every_width_gives_the_same_bits(limit):
+    many = program()
+    random = np.random.default_rng(1)
+    given = random.random((137, 3)).astype(np.float32), random.random(137).astype(np.float32)
+    wanted = many.compile("numpy", loop_limit=limit)(*given)
+    assert len(np.unique(wanted.steps)) > 5
+    assert wanted.odd.any()
+    found = [many.compile("glsl", loop_limit=limit)(*given)]
+    kernels = [many.compile("opencl", lanes=lanes, loop_limit=limit) for lanes in (1, 4, 16, 32)]
+    assert "_alone(" in kernels[2].source
+    assert "_alone(" not in kernels[0].source
+    for given_back in [*found, *(kernel(*given) for kernel in kernels)]:
+        for one, other in zip(wanted, given_back, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_one_result_and_a_uniform_argument():
+    def root(x: sh.Attrib1f, steps: sh.Attrib1i) -> sh.Attrib1f:
+        guess = sh.Attrib1f(1)
+        with SH_WHILE(lambda: guess * guess < x * sh.Attrib1f(steps)):
+            guess += 0.125
+        return guess
+
+    alone = Subroutine(root, alone=True)
+
+    @sh.program
+    def roots(x: sh.Attrib1f) -> sh.Attrib1f:
+        return alone(x, 3)
+
+    x = np.linspace(0, 9, 50, dtype=np.float32)
+    np.testing.assert_array_equal(roots.compile("numpy")(x), roots.compile("opencl", lanes=8)(x))
+
+
+def test_the_text_says_that_a_function_is_run_alone():
+    module = program().ir
+    assert "alone function wander(" in str(module)
+    assert parse(str(module)) == module
+
+
+def test_arrays_are_refused():
+    def fill(values: sh.Array, at: sh.Attrib1i) -> sh.Attrib1f:
+        return values[at]
+
+    alone = Subroutine(fill, alone=True)
+
+    def reads(at: sh.Attrib1i) -> sh.Attrib1f:
+        values = sh.Array(sh.Attrib1f, 4)
+        return alone(values, at)
+
+    with pytest.raises(sh.ShpyError, match="fill is run by each element alone and takes no arrays"):
+        sh.program(reads)
