@@ -22,7 +22,6 @@ from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.layout import Layout
 from shpy import SH_ELSE, SH_IF
-from shpy.lang.subroutine import Subroutine
 
 Structure = Grid | Bvh | LayeredCube
 
@@ -75,11 +74,12 @@ class AloneWalk:
     def __init__(self, walk: WideIntersector) -> None:
         self.walk = walk
 
+        @sh.subroutine(alone=True)
         def find(ray: sh.Vector3f, eye: sh.Point3f, limit: sh.Attrib1f, any_hit: sh.Attrib1b) -> Found:
             hit = walk(ray, eye, 0.0, limit, any_hit)
             return Found(hit.l, hit.id, hit.uv)
 
-        self.find = Subroutine(find, alone=True)
+        self.find = find
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""

@@ -299,14 +299,19 @@ def _written(frame: Frame) -> set[int]:
     return found
 
 
-def subroutine(function: Callable[..., Any]) -> Subroutine:
+def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = False) -> Any:
     """Make a function of the language one that stays a function in the emitted text, its arguments by reference.
+
+    With `alone`, lanes of an OpenCL packet run it one after the other, each by itself: that is faster where they would
+    take quite different branches and read different tables. The results are the same; it takes no `sh.Array`.
 
     Raises RecordError for the classic mistakes that its source shows, ShpyTypeError for anything but a function.
     """
+    if function is None and alone:
+        return functools.partial(subroutine, alone=alone)
     if not callable(function):
         raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
     from shpy.lang.source_check import check_source  # here: importing shpy records nothing
 
     check_source(function, is_value=_is_symbolic)
-    return Subroutine(function)
+    return Subroutine(function, alone=alone)

@@ -79,11 +79,7 @@ class VectorModule:
 
 
 def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> VectorModule:
-    """The module with an entry for many lanes. `padded`: some lanes hold no element (see the op `lane_mask`).
-
-    With `alone`, functions that each element is to run alone stay functions of one element. Their calls give them one
-    more argument, the mask of the lanes that run them.
-    """
+    """The module for many lanes. `padded`: some hold no element (see `lane_mask`); `alone`: see `Callees`."""
 
     def make(
         function: Function, given: frozenset[int], mask: Value | None, callees: Callees
@@ -96,9 +92,8 @@ def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> V
     named = callees.named(callees.entry())
     pure = (of_all_lanes(f) for f in module.functions if f.pure)
     functions = (*pure, *callees.alone.values(), *(copy.function for copy in named.values()))
-    facts = {name: copy.facts for name, copy in named.items()}
-    facts |= dict.fromkeys(callees.alone, LaneFacts(frozenset(), frozenset()))
-    return VectorModule(replace(module, functions=functions), facts)
+    alike = dict.fromkeys(callees.alone, LaneFacts(frozenset(), frozenset()))
+    return VectorModule(replace(module, functions=functions), alike | {name: c.facts for name, c in named.items()})
 
 
 class _Vectorizer(CallBuilder):

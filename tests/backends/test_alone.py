@@ -8,7 +8,6 @@ import pytest
 import shpy as sh
 from shpy import SH_BREAK, SH_ELSE, SH_IF, SH_RETURN, SH_WHILE
 from shpy.ir.parser import parse
-from shpy.lang.subroutine import Subroutine
 
 TABLE = np.random.default_rng(0).random((64, 4)).astype(np.float32)
 
@@ -22,6 +21,7 @@ class Found(NamedTuple):
 def program():
     rows = sh.Table(TABLE, sh.Attrib4f)
 
+    @sh.subroutine(alone=True)
     def wander(start: sh.Attrib3f, limit: sh.Attrib1f, forward: sh.Attrib1b) -> Found:
         place = sh.Attrib3f(start)
         steps = sh.Attrib1i(0)
@@ -35,21 +35,19 @@ def program():
                 SH_BREAK()
         return Found(place, steps, (steps & 1) == 1)
 
-    alone = Subroutine(wander, alone=True)
-
     @sh.program
     def many(start: sh.Attrib3f, limit: sh.Attrib1f) -> Found:
         place = sh.Attrib3f(1, 2, 3)
         steps = sh.Attrib1i(-7)
         odd = sh.Attrib1b(False)
         with SH_IF(limit > 0.05):
-            found = alone(start, limit, start.x > 0.5)
+            found = wander(start, limit, start.x > 0.5)
             place[:] = found.place
             steps[:] = found.steps
             with SH_IF(found.odd):
-                odd[:] = alone(place.zxy, 0.3, True).odd
+                odd[:] = wander(place.zxy, 0.3, True).odd
         with SH_ELSE():
-            place[:] = alone(start, 0.2, False).place
+            place[:] = wander(start, 0.2, False).place
         return Found(place, steps, odd)
 
     return many
@@ -73,17 +71,16 @@ def test_every_width_gives_the_same_bits(limit):
 
 
 def test_one_result_and_a_uniform_argument():
+    @sh.subroutine(alone=True)
     def root(x: sh.Attrib1f, steps: sh.Attrib1i) -> sh.Attrib1f:
         guess = sh.Attrib1f(1)
         with SH_WHILE(lambda: guess * guess < x * sh.Attrib1f(steps)):
             guess += 0.125
         return guess
 
-    alone = Subroutine(root, alone=True)
-
     @sh.program
     def roots(x: sh.Attrib1f) -> sh.Attrib1f:
-        return alone(x, 3)
+        return root(x, 3)
 
     x = np.linspace(0, 9, 50, dtype=np.float32)
     np.testing.assert_array_equal(roots.compile("numpy")(x), roots.compile("opencl", lanes=8)(x))
@@ -96,14 +93,13 @@ def test_the_text_says_that_a_function_is_run_alone():
 
 
 def test_arrays_are_refused():
+    @sh.subroutine(alone=True)
     def fill(values: sh.Array, at: sh.Attrib1i) -> sh.Attrib1f:
         return values[at]
 
-    alone = Subroutine(fill, alone=True)
-
     def reads(at: sh.Attrib1i) -> sh.Attrib1f:
         values = sh.Array(sh.Attrib1f, 4)
-        return alone(values, at)
+        return fill(values, at)
 
     with pytest.raises(sh.ShpyError, match="fill is run by each element alone and takes no arrays"):
         sh.program(reads)
