@@ -3,6 +3,9 @@
 They are read by people, not only compared.
 """
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ from backends import snapshot_programs
 from backends.running import TARGETS
 
 import shpy as sh
+from benchmarks.record import glsl_text, numpy_text, opencl_text
 from shpy.backends.base import Options
 from shpy.backends.opencl.packet_prologue import Abilities
 from shpy.backends.opencl.packets import print_packets
@@ -40,3 +44,38 @@ def test_the_text_for_packets(name, snapshots):
     kernel = print_packets(prepare(PROGRAMS[name].ir, Options(), PACKET_TARGET).module, 8, Abilities())
     first = 0 if name == "mandelbrot" else next(at for at, loc in enumerate(kernel.lines) if loc)
     snapshots.check(f"programs/{name}.packets.cl", "\n".join(kernel.text.splitlines()[first:]) + "\n")
+
+
+PRINTING = """
+import hashlib, sys
+from backends.test_snapshots import PROGRAMS, texts
+for name in PROGRAMS:
+    print(name, *(hashlib.sha256(text.encode()).hexdigest() for text in texts(name)))
+"""
+
+
+def texts(name):
+    """The texts of a program for every target, OpenCL's at three widths."""
+    module = PROGRAMS[name].ir
+    yield numpy_text(module)
+    yield opencl_text(module)
+    yield glsl_text(module)
+    prepared = prepare(module, Options(), PACKET_TARGET).module
+    for lanes in (8, 64):
+        yield print_packets(prepared, lanes, Abilities()).text
+
+
+def test_every_process_prints_the_same_texts():
+    """Kernels are kept on disk under the hashes of their texts; the order of a set differs from process to process."""
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", PRINTING],
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.splitlines()
+        for seed in ("1", "4")
+    ]
+    assert len(found[0]) == len(PROGRAMS)
+    assert found[0] == found[1]

@@ -33,7 +33,7 @@ _FLOATS: Final = {"float": "int", "double": "long"}
 """The types that functions of floats take, and what their comparisons give."""
 _INTS: Final = ("int", "uint")
 
-_UNARY: Final = frozenset(
+_UNARY: Final = (
     "floor ceil trunc rint sqrt rsqrt fabs sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh "
     "asinh acosh atanh native_sqrt native_rsqrt native_exp native_exp2 native_log native_log2 native_log10 native_sin "
     "native_cos native_tan".split()
