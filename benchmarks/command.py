@@ -21,6 +21,7 @@ from typing import Any
 
 from benchmarks import (
     alike,
+    animation,
     chaining,
     cubes,
     equal_error,
@@ -65,6 +66,7 @@ STUDIES = (
         "functions": functions.functions,
         "modes": functions.modes,
         "widths": widths.widths,
+        "frames-auto": animation.frames_auto,
         "calls": calls.calls,
         "features": features.features,
         "hits": alike.hits,

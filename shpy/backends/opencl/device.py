@@ -227,16 +227,19 @@ class Machine:
 
     def _kept(self, text: str, math: Math) -> Any:
         """The program from an earlier process's binary; None where there is none that the driver takes."""
-        key = self._key(text, self.options(math))
-        binary = store.load(key)
+        binary = store.load(self._key(text, self.options(math)))
         if binary is None:
             return None
         try:
-            source = self.cl.Program(self.context, [self.device], [binary])
-            program = _built_silently(source, self.options(math))
+            return self.load(text, math, binary)
         except self.cl.Error as error:
             store.tell(f"{self.device.name.strip()} refuses the binary of an earlier process ({error})")
             return None
+
+    def load(self, text: str, math: Math, binary: bytes) -> Any:
+        """Return the program of a binary that another process made of this text; pyopencl's error if it is refused."""
+        program = _built_silently(self.cl.Program(self.context, [self.device], [binary]), self.options(math))
+        self._programs[text, math] = program
         self._on_disk.add(program)
         return program
 

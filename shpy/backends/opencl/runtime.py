@@ -24,6 +24,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
+from shpy.backends.opencl.beside import Beside, Compiled, Facts
 from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
 from shpy.backends.opencl.dispatch import Items, launch, starter
 from shpy.backends.opencl.memory import MEMORY, OpenCLMemory, OpenCLSpace
@@ -110,9 +111,30 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
     if measured and next_width(lanes, measured, machine.widths) is None:
         others = ", ".join(map(str, measured[1:]))
         return replace(first, remarks=(*first.remarks, f"{lanes} lanes: trials against {others} chose them"))
-    build = partial(_built, machine, module, options)
+    seconds = time.perf_counter() - start
     spread = _GROUPS * PACKETS * machine.device.max_compute_units
-    return Choosing(first, machine.widths, build, time.perf_counter() - start, key, machine.space, measured, spread)
+    builder = Beside(machine, partial(_compiled_elsewhere, first.prepared, options), partial(_loaded, first, options))
+    return Choosing(first, machine.widths, builder, seconds, key, machine.space, measured, spread)
+
+
+def _compiled_elsewhere(prepared: Prepared, options: Options, facts: Facts, lanes: int) -> Compiled:
+    """Compile for a width in a process of its own, which learns `facts` about the device."""
+    machine = machine_of(options.device)
+    vars(machine).update(facts)
+    start = time.process_time()
+    executable = _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
+    binary = executable.program.get_info(machine.cl.program_info.BINARIES)[0]
+    return Compiled(executable.kernel, bytes(binary), time.process_time() - start)
+
+
+def _loaded(first: OpenCLExecutable, options: Options, compiled: Compiled) -> OpenCLExecutable:
+    """Return the kernel of another width than that of `first`, from a binary."""
+    machine = first.machine
+    with machine.lock:
+        program = machine.load(compiled.kernel.text, options.math, compiled.binary)
+        executable = _compiled(machine, first.prepared, options, compiled.kernel)
+    assert executable.program is program
+    return executable
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
@@ -122,18 +144,24 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math == "strict":
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    return _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
+
+
+def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> Kernel:
     hides_zeros = options.math != "fast" and "zeros" in machine.wrong
-    if lanes == 1:
-        statements = (s for f in prepared.module.functions for s in walk(f.body))
-        rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
-        elementwise = rounds and machine.abilities.elementwise
-        kernel = print_kernel(prepared.module, options.math, elementwise=elementwise, hides_zeros=hides_zeros)
-    else:
-        kernel = print_packets(prepared.module, lanes, machine.abilities, options.math, hides_zeros=hides_zeros)
+    if lanes > 1:
+        return print_packets(prepared.module, lanes, machine.abilities, options.math, hides_zeros=hides_zeros)
+    statements = (s for f in prepared.module.functions for s in walk(f.body))
+    rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
+    elementwise = rounds and machine.abilities.elementwise
+    return print_kernel(prepared.module, options.math, elementwise=elementwise, hides_zeros=hides_zeros)
+
+
+def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Kernel) -> OpenCLExecutable:
     if kernel.doubles and not machine.doubles:
         raise CompileError(
             f"{machine.device.name.strip()} has no f64",
-            loc=module.entry.loc,
+            loc=prepared.module.entry.loc,
             cure='precision="f32", or backend="numpy"',
         )
     with machine.lock:

@@ -2,20 +2,25 @@
 
 Stage: run. No rule finds the fastest width: two registers a value hide the latency of one kernel and cost another its
 registers, and processors differ. So `lanes="auto"` begins with the width of the device's vectors. Once the kernel has
-run for as long as it took to compile, the next width is compiled and both run on a sample of that run's own data; the
-faster one stays, and the outcome is kept on disk. So it goes on, to wider packets first, until both neighbours of the
-width in use have been measured. A wider neighbour that is level hides what comes after it, so the next wider one is
-measured too. Strict mode gives the same bits at every width, so nothing else can be seen.
+run for as long as it took to compile, another process compiles the next width while runs go on (see `background`).
+Then both run on samples of the next runs' own data, a little after each run, so that no run takes much longer than the
+others; the faster one stays, and the outcome is kept on disk. So it goes on, to wider packets first, until both
+neighbours of the width in use have been measured. A wider neighbour that is level hides what comes after it, so the
+next wider one is measured too. Strict mode gives the same bits at every width, so nothing else can be seen.
 
-    build(8) ──run, run, …──▶ spent > compiling ──▶ build(16) ──run both─┬─▶ 16 is faster ──run, run, …──▶ build(32)
-                                                                         └─▶ 8 is faster ──run, run, …──▶ build(4)
+    build(8) ──run, run, …──▶ spent > compiling ──▶ begin(16) ──run, run, …──▶ 16 is compiled ──run both, run both, …─┐
+       ┌──────────────────────────────────────────────────────────────────────────────────────────────────────────────┘
+       └─┬─▶ 16 is faster ──run, run, …──▶ begin(32)
+         └─▶ 8 is faster ──run, run, …──▶ begin(4)
 """
 
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from shpy.backends import store
@@ -27,7 +32,7 @@ from shpy.ir.nodes import Loc
 if TYPE_CHECKING:
     from shpy.backends.opencl.memory import OpenCLSpace
 
-__all__ = ["Choosing", "measured_widths", "next_width"]
+__all__ = ["Builder", "Choosing", "Pending", "Sized", "measured_widths", "next_width"]
 
 _ENOUGH, _LONG_ENOUGH = 1 << 14, 1e-3
 """Elements of a run that says something about a width, and seconds of one with fewer: shorter runs are all overhead."""
@@ -44,6 +49,8 @@ _LEAST_ROUNDS, _MOST_ROUNDS = 5, 25
 
 Of a run that is too long for so many, a part is tried.
 """
+_SHARE: Final = 0.5
+"""The most of a run that is a sample: both widths then take as long as the run itself."""
 _FINE: Final = 1e-4
 """Seconds: a clock of CPU time that is coarser says nothing about a run."""
 _GAIN: Final = 0.97
@@ -60,6 +67,36 @@ class Sized(Executable, Protocol):
     @property
     def lanes(self) -> int:
         """Elements of a packet."""
+
+
+class Pending(Protocol):
+    """A width that is being compiled elsewhere."""
+
+    def done(self) -> bool:
+        """Return whether the compiler has ended."""
+
+    def result(self) -> tuple[Sized, float]:
+        """Return the kernel and the seconds of its compilation; raises CompileError."""
+
+
+class Builder(Protocol):
+    """Compiles other widths of a kernel while it runs."""
+
+    @property
+    def busy(self) -> bool:
+        """Return whether anything is being compiled, which may slow a run."""
+
+    def begin(self, lanes: int) -> Pending:
+        """Begin to compile for a width."""
+
+
+@dataclass(slots=True)
+class _Trial:
+    """The seconds that an element of a sample takes at the width in use and at another one, by width."""
+
+    other: Sized
+    times: dict[int, list[float]]
+    rounds: int = 0
 
 
 def measured_widths(key: str, widths: tuple[int, ...]) -> tuple[int, ...]:
@@ -90,21 +127,21 @@ class Choosing:
         self,
         first: Sized,
         widths: tuple[int, ...],
-        build: Callable[[int], Sized],
+        builder: Builder,
         seconds: float,
         key: str,
         space: OpenCLSpace,
         measured: tuple[int, ...] = (),
         spread: int = 0,
     ) -> None:
-        """Start with `first`, whose compilation took `seconds`; `build` compiles for one of the `widths`.
+        """Start with `first`, whose compilation took `seconds`; `builder` compiles for the others of the `widths`.
 
         The outcome of each trial is kept under `key`. `space`: where runs over streams are. `measured`: the widths that
         need no trial. `spread`: elements a lane with which all cores have work to the end of a run.
         """
         self._current = first
         self._widths = widths
-        self._build = build
+        self._builder = builder
         self._worth = min(max(seconds, _LEAST_SPENT), _MOST_SPENT)
         self._spent = 0.0
         self._key = key
@@ -116,7 +153,10 @@ class Choosing:
         self._measured = {first.lanes, *measured}
         self._level: set[int] = set()
         self._spread = spread
-        self._trying = False
+        self._step = threading.Lock()
+        """Held by the thread that goes on with the choice; others run at the width in use meanwhile."""
+        self._pending: Pending | None = None
+        self._trial: _Trial | None = None
         self._other = self._next()
         self._shares: list[str] = []
         self._refusal = ""
@@ -144,8 +184,10 @@ class Choosing:
     def _remark(self) -> str:
         shares = f", whose runs of this program take {' and '.join(self._shares)}" if self._shares else ""
         remark = f"{self._current.lanes} lanes{shares}{self._refusal}"
-        other = self._other
-        return f"{remark}; {other} are tried once runs have taken as long as compiling" if other else remark
+        if self._other is None:
+            return remark
+        when = "once another process has compiled them" if self._pending else "once runs have taken as long as compiling"
+        return f"{remark}; {self._other} are tried {'now' if self._trial else when}"
 
     @property
     def loops(self) -> tuple[Loc | None, ...]:
@@ -158,12 +200,12 @@ class Choosing:
         return self._current.writes_all
 
     def run(self, call: Call) -> Array | None:
-        """Run it; once enough time was spent, this call's data decide between two widths."""
-        if self._trying or self._other is None:
+        """Run it; once enough time was spent, the data of calls decide between two widths."""
+        if self._other is None:
             return self._current.run(call)
         start = time.perf_counter()
         status = self._current.run(call)
-        self._spend(call.count, time.perf_counter() - start, lambda share: sample_of(call, share))
+        self._go_on(call.count, time.perf_counter() - start, lambda share: sample_of(call, share))
         return status
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
@@ -179,21 +221,21 @@ class Choosing:
             if current is not self._current:
                 current = self._current
                 run = current.ready(call, once=once)
-            if self._trying or self._other is None:
+            if self._other is None:
                 run()
             else:
                 taken = self._start(run, count)
-                self._spend(count, taken, lambda share: sample_on_device(call, share, self._space))
+                self._go_on(count, taken, lambda share: sample_on_device(call, share, self._space))
 
         return start
 
     def _start(self, run: Callable[[], None], count: int) -> float:
         """Start a run over memory of the device; returns the seconds that it takes.
 
-        It is waited for only where they do not follow from those of an earlier run.
+        It is waited for only where they do not follow from those of an earlier run, and before a trial.
         """
         timed, taken = self._timed
-        if count <= _SIMILAR * timed:
+        if count <= _SIMILAR * timed and self._trial is None:
             run()
             return taken * count / timed
         self._space.finish()
@@ -204,24 +246,49 @@ class Choosing:
         self._timed = count, taken
         return taken
 
-    def _spend(self, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
-        """Count the seconds of a run; make a trial on a sample of it once they amount to those of compiling."""
-        other = self._other
-        if self._trying or other is None:
+    def _go_on(self, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
+        """Go on with the choice after a run of so many elements and seconds; `sample` gives a share of its data."""
+        if not self._step.acquire(blocking=False):
             return
-        if count < _ENOUGH:  # one that other programs delayed is not long
-            if len(self._least) >= _COUNTS:
-                self._least.clear()
-            taken = self._least[count] = min(taken, self._least.get(count, taken))
-            if taken < _LONG_ENOUGH:
+        try:
+            if self._other is None or self._says_nothing(count, taken):
                 return
-        self._spent += taken
-        if self._spent >= self._worth:
-            self._trying = True  # before the trial: another thread goes on with the first width
-            try:
-                self._try(other, sample, taken)
-            finally:
-                self._trying = False
+            if self._trial is None and self._pending is None:
+                self._spent += taken
+                if self._spent >= self._worth:
+                    self._pending = self._builder.begin(self._other)
+            if self._pending is not None and self._pending.done():
+                self._receive(self._pending, self._other)
+            if self._trial is not None and not self._builder.busy:
+                self._compare(self._trial, count, taken, sample)
+        except MemoryError:  # there is enough for the run itself
+            self._other = self._trial = self._pending = None
+            self._refusal = f"{self._refusal}, since there is no memory for trials"
+        finally:
+            self._step.release()
+
+    def _says_nothing(self, count: int, taken: float) -> bool:
+        """Return whether a run is too short to say anything about a width."""
+        if count >= _ENOUGH:
+            return False
+        if len(self._least) >= _COUNTS:
+            self._least.clear()
+        # One that other programs delayed is not long.
+        least = self._least[count] = min(taken, self._least.get(count, taken))
+        return least < _LONG_ENOUGH
+
+    def _receive(self, pending: Pending, width: int) -> None:
+        """Take the kernel of another width, or the reason why there is none."""
+        self._pending = None
+        self._measured.add(width)
+        try:
+            other, seconds = pending.result()
+        except CompileError as error:  # the first width stays, which is no slower than before: a note says so
+            self._other = self._next()
+            self._refusal = f", since {width} do not compile: {error.message}"
+            return
+        self._worth, self._spent = max(seconds, _LEAST_SPENT), 0.0
+        self._trial = _Trial(other, {self._current.lanes: [], width: []})
 
     def _clock(self, count: int, lanes: int) -> Callable[[], float]:
         """Return the clock of a trial: CPU time, which other programs hardly change, where no core can be idle."""
@@ -229,27 +296,31 @@ class Choosing:
             return time.process_time
         return time.perf_counter
 
-    def _try(self, width: int, sample: Callable[[float], Sample], taken: float) -> None:
-        first, start = self._current, time.perf_counter()
-        self._measured.add(width)
-        try:
-            other = self._build(width)
-        except CompileError as error:  # the first width stays, which is no slower than before: a note says so
-            self._other = self._next()
-            self._refusal = f", since {width} do not compile: {error.message}"
-            return
-        self._worth, self._spent = max(time.perf_counter() - start, _LEAST_SPENT), 0.0
-        longest = _TRIED / _LEAST_ROUNDS
-        part = sample(longest / taken if taken > longest else 1.0)
-        rounds = min(max(int(_TRIED / taken), _LEAST_ROUNDS), _MOST_ROUNDS)
-        clock = self._clock(part.count, max(first.lanes, other.lanes))
-        runs = {sized.lanes: part.prepare(sized) for sized in (first, other)}
-        runs[width]()  # the first run of a kernel is not like the others
-        times: dict[int, list[float]] = {lanes: [] for lanes in runs}
-        for _ in range(rounds):
-            for lanes, run in runs.items():
-                times[lanes].append(_seconds(run, clock))
-        mine, its = min(times[first.lanes]), min(times[other.lanes])
+    def _compare(self, trial: _Trial, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
+        """Run both widths on samples of a run, for about as long as the run took; decide after enough rounds."""
+        began, sized = time.perf_counter(), {s.lanes: s for s in (self._current, trial.other)}
+        share = min(max(_SHARE, _ENOUGH / count), _TRIED / _LEAST_ROUNDS / taken, 1.0) if taken else 1.0
+        part = sample(share)
+        rounds = min(max(int(_TRIED / (taken * share)), _LEAST_ROUNDS), _MOST_ROUNDS) if taken else _MOST_ROUNDS
+        clock = self._clock(part.count, max(sized))
+        runs = {lanes: part.prepare(executable) for lanes, executable in sized.items()}
+        if not trial.rounds:
+            runs[trial.other.lanes]()  # the first run of a kernel is not like the others
+        while trial.rounds < rounds:
+            # By turns one begins, which finds nothing of the sample in the cache.
+            for lanes in sorted(runs, reverse=trial.rounds % 2 == 1):
+                trial.times[lanes].append(_seconds(runs[lanes], clock) / part.count)
+            trial.rounds += 1
+            if time.perf_counter() - began >= taken:
+                break
+        if trial.rounds >= rounds:
+            self._decide(trial)
+
+    def _decide(self, trial: _Trial) -> None:
+        """Keep the faster width, and the outcome on disk."""
+        first, other = self._current, trial.other
+        width = other.lanes
+        mine, its = min(trial.times[first.lanes]), min(trial.times[width])
         if its < _GAIN * mine:
             self._current, self._shares = other, []
             self._level.clear()
@@ -257,6 +328,7 @@ class Choosing:
         elif its < _LEVEL * mine and width > first.lanes:
             self._level.add(width)
         self._shares.append(f"{mine / its:.2f} of the time of {width}")
+        self._trial = None
         self._other = self._next()
         # A process that ends before the width behind a level one is measured leaves both to the next process.
         open_ = self._level if self._other is not None else set()

@@ -1,0 +1,184 @@
+"""Work in a process of its own with low priority, so that runs go on while a driver compiles.
+
+Stage: compile. A driver's compiler takes seconds of a core, and may hold locks that runs need. So it works in another
+process, which starts with the first task, ends when it has had no task for a while, and never outlives this one. A
+thread waits for its answers. Neither is waited for at the end of the process.
+
+    future = background().submit(task)      # a picklable function without arguments
+    future.done()                           # False until the process has answered
+    future.result()                         # Refused with the reason where the task raised or the process ended
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from functools import cache
+from queue import Empty, SimpleQueue
+from typing import IO, Any, Final, TypeVar
+
+__all__ = ["Background", "Refused", "background", "serve"]
+
+T = TypeVar("T")
+
+_LINGER: Final = 10.0
+"""Seconds without a task after which the process ends: it holds memory, and starts again in half a second."""
+_NICENESS: Final = 10
+"""How much the process gives way to others, from 0 to 19. At 19 it would hardly go on while runs use all cores."""
+_CHECKED: Final = 0.5
+"""Seconds between looks whether the process that waits for answers is still there."""
+
+
+class Refused(Exception):
+    """A task has no result: the reason in words."""
+
+
+class Background:
+    """A process for tasks, one after the other, and the thread that waits for it.
+
+    A forked child has neither, and submits nothing: its parent's driver does not serve it.
+    """
+
+    def __init__(self) -> None:
+        self._owner = os.getpid()
+        self._tasks: SimpleQueue[tuple[Callable[[], Any], weakref.ref[Future[Any]]]] = SimpleQueue()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._working = False
+        threading.Thread(target=self._serve, name="shpy-background", daemon=True).start()
+        atexit.register(self._end)
+
+    @property
+    def busy(self) -> bool:
+        """Return whether the process has work, so that what is timed now may take longer than usual."""
+        return self._working or not self._tasks.empty()
+
+    def submit(self, task: Callable[[], T]) -> Future[T]:
+        """Run a task in the process, which skips it if nobody holds the future any longer."""
+        future: Future[T] = Future()
+        self._tasks.put((task, weakref.ref(future)))
+        return future
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                task, wanted = self._tasks.get(timeout=None if self._process is None else _LINGER)
+            except Empty:
+                self._stop()
+                continue
+            self._working = True
+            if wanted() is not None:
+                _answer(wanted, lambda task=task: self._ask(task))
+            self._working = False
+            del task, wanted
+
+    def _ask(self, task: Callable[[], Any]) -> Any:
+        """Send a task to the process and return its answer."""
+        try:
+            if self._process is None:
+                self._process = _started()
+            assert self._process.stdin is not None
+            assert self._process.stdout is not None
+            pickle.dump(task, self._process.stdin)
+            self._process.stdin.flush()
+            refusal, answer = pickle.load(self._process.stdout)
+        except Exception as error:
+            self._stop()
+            if isinstance(error, EOFError | OSError):
+                raise Refused("the process that compiles ended") from error
+            raise
+        if refusal is not None:
+            raise Refused(refusal)
+        return answer
+
+    def _stop(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            with suppress(OSError):  # a pipe whose reader is gone
+                process.communicate()
+
+    def _end(self) -> None:
+        """End the process with its parent."""
+        process = self._process
+        if process is not None and self._owner == os.getpid():
+            process.kill()
+
+
+def _answer(wanted: weakref.ref[Future[Any]], ask: Callable[[], Any]) -> None:
+    """Hand an answer, or why there is none, to a future, where somebody still holds it."""
+    answer, refusal = None, None
+    try:
+        answer = ask()
+    except Exception as error:
+        refusal = error if isinstance(error, Refused) else Refused(f"{type(error).__name__}: {error}")
+    future = wanted()
+    if future is None:
+        return
+    if refusal is not None:
+        future.set_exception(refusal)
+    else:
+        future.set_result(answer)
+
+
+@cache
+def background() -> Background:
+    """Return the one of this process."""
+    return Background()
+
+
+def _started() -> subprocess.Popen[bytes]:
+    """Start the process: where a program is frozen, there is no Python that could be started."""
+    if getattr(sys, "frozen", False) or not sys.executable:
+        raise Refused("there is no Python to compile in another process")
+    path = [str(p) for p in sys.path]
+    command = f"import sys; sys.path[:] = {path!r}; from shpy.backends.opencl.background import serve; serve()"
+    # In a group of its own it does not hear Ctrl-C, which is for this process. It stays in the session: Linux weighs
+    # priorities within a session only.
+    group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {}
+    return subprocess.Popen(
+        [sys.executable, "-c", command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        # PoCL's threads, which compile, take whatever core is idle.
+        env={**os.environ, "POCL_AFFINITY": "0"},
+        **group,
+    )
+
+
+def serve() -> None:
+    """Do what comes on standard input until it ends: what the process runs."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a driver may print
+    threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    with suppress(EOFError):
+        while True:
+            _do(pickle.load(sys.stdin.buffer), answers)
+    os._exit(0)  # at once: a driver may take its time
+
+
+def _do(task: Callable[[], Any], answers: IO[bytes]) -> None:
+    try:
+        answer = pickle.dumps((None, task()))
+    except Exception as error:
+        answer = pickle.dumps((getattr(error, "message", None) or f"{type(error).__name__}: {error}", None))
+    answers.write(answer)
+    answers.flush()
+
+
+def _follow(parent: int) -> None:
+    """End this process once its parent is gone, though a driver compiles and others hold the pipe open."""
+    while os.getppid() == parent:
+        time.sleep(_CHECKED)
+    os._exit(1)

@@ -1,0 +1,79 @@
+"""Other widths of a kernel, compiled in another process while the kernel runs: see `widths.Builder`.
+
+Stage: compile. The process gets what the kernel was printed from, and answers with the text for the other width and the
+driver's binary, which this process loads: that takes a hundredth of the time of compiling.
+
+    builder = Beside(machine, compile_elsewhere, load)
+    pending = builder.begin(16)
+    executable, seconds = pending.result()                 # once pending.done()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from shpy.backends.opencl.background import Refused, background
+from shpy.errors import CompileError
+
+if TYPE_CHECKING:
+    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.printer import Kernel
+    from shpy.backends.opencl.widths import Sized
+
+__all__ = ["Beside", "Compiled", "Facts"]
+
+Facts = dict[str, frozenset[str]]
+"""What trials of the device have found, by the names of attributes of its `Machine`."""
+_FACTS: Final = ("wrong", "_succeeded")
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """A kernel, the driver's binary, and the seconds of CPU time that they took."""
+
+    kernel: Kernel
+    binary: bytes
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Compiles for other widths: `task(facts, lanes)` does so elsewhere, and `load` takes what it gives."""
+
+    machine: Machine
+    task: Callable[[Facts, int], Compiled]
+    load: Callable[[Compiled], Sized]
+
+    @property
+    def busy(self) -> bool:
+        """Return whether anything is being compiled, which may slow a run."""
+        return background().busy
+
+    def begin(self, lanes: int) -> Waiting:
+        """Begin to compile for a width."""
+        facts = {name: getattr(self.machine, name) for name in _FACTS}
+        return Waiting(self, background().submit(partial(self.task, facts, lanes)))
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A width that is being compiled."""
+
+    beside: Beside
+    future: Future[Compiled]
+
+    def done(self) -> bool:
+        """Return whether the process has answered."""
+        return self.future.done()
+
+    def result(self) -> tuple[Sized, float]:
+        """Return the kernel and the seconds of its compilation; CompileError where there is none that can be loaded."""
+        try:
+            compiled = self.future.result()
+            return self.beside.load(compiled), compiled.seconds
+        except (Refused, self.beside.machine.cl.Error) as error:
+            raise CompileError(str(error)) from error
