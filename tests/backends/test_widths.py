@@ -11,7 +11,7 @@ import pytest
 
 import shpy as sh
 from shpy.backends.base import Call, DeviceCall
-from shpy.backends.opencl import widths
+from shpy.backends.opencl import runtime, widths
 from shpy.backends.opencl.device import machine_of
 from shpy.backends.opencl.widths import Choosing, measured_widths, next_width
 from shpy.errors import CompileError
@@ -121,6 +121,21 @@ class Space:
         return Memory(count)
 
 
+@dataclass
+class Compiler:
+    """A compiler beside the runs: it has ended unless it is `slow`, and gives what `kernels` does."""
+
+    kernels: object
+    slow: bool = False
+    busy: bool = False
+    asked: list[int] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def begin(self, lanes):
+        self.asked.append(lanes)
+        return SimpleNamespace(done=lambda: not self.slow, result=lambda: (self.kernels(lanes), self.seconds))
+
+
 @pytest.fixture
 def clock(monkeypatch, tmp_path):
     made = Clock()
@@ -143,15 +158,14 @@ def choosing(clock, paces, seconds=0.1, measured=(), spread=0):
     """A choice that begins with the width that was measured first, or 8; `paces` are those of 8, 16, 32, 64."""
     kernels = {lanes: Fake(lanes, pace, clock) for lanes, pace in zip((8, 16, 32, 64), paces, strict=False)}
     first = kernels[measured[0] if measured else 8]
-    return Choosing(
-        first, tuple(kernels), kernels.__getitem__, seconds, "0" * 64, Space(clock), measured, spread
-    ), kernels
+    compiler = Compiler(kernels.__getitem__)
+    return Choosing(first, tuple(kernels), compiler, seconds, "0" * 64, Space(clock), measured, spread), kernels
 
 
 @pytest.mark.parametrize(("paces", "chosen"), [((1e-6, 0.7e-6), 16), ((1e-6, 1.3e-6), 8), ((1e-6, 0.99e-6), 8)])
 def test_the_faster_width_stays_and_is_remembered(clock, paces, chosen):
     choice, _ = choosing(clock, paces)
-    for _ in range(9):
+    for _ in range(19):
         given = call(20_000)
         choice.run(given)
     assert (given.outputs[0] == chosen).all()
@@ -174,7 +188,7 @@ def test_the_faster_width_stays_and_is_remembered(clock, paces, chosen):
 )
 def test_wider_packets_are_tried_until_one_loses(clock, paces, chosen, tried):
     choice, kernels = choosing(clock, paces)
-    for _ in range(40):
+    for _ in range(60):
         choice.run(call(20_000))
     assert choice.source == f"float{chosen}"
     assert {lanes for lanes, kernel in kernels.items() if kernel.shapes} == tried
@@ -185,26 +199,21 @@ def test_wider_packets_are_tried_until_one_loses(clock, paces, chosen, tried):
 
 def test_each_trial_waits_until_runs_have_taken_as_long_as_compiling(clock):
     choice, kernels = choosing(clock, (1e-6, 5e-7, 2.5e-7))
-    build = kernels.__getitem__
-
-    def slowly(lanes):
-        clock.now += 1.0
-        return build(lanes)
-
-    choice._build = slowly
-    for _ in range(6):
+    choice._builder.seconds = 1.0
+    while choice.source == "float8":
         choice.run(call(20_000))
     assert choice.notes[-1].startswith("16 lanes, whose runs of this program take 0.50 of the time of 8; 32 are tried")
     for _ in range(99):
         choice.run(call(20_000))
     assert kernels[32].shapes == []
     choice.run(call(20_000))
+    choice.run(call(20_000))
     assert kernels[32].shapes != []
 
 
 def test_a_later_process_goes_on_with_what_was_measured(clock):
     choice, kernels = choosing(clock, (4e-6, 3e-6, 2e-6, 2e-6), measured=(16, 8))
-    for _ in range(40):
+    for _ in range(60):
         choice.run(call(20_000))
     assert kernels[8].shapes == []
     assert choice.notes[-1].startswith("32 lanes, whose runs of this program take 0.67 of the time of 16 and 1.00")
@@ -220,12 +229,12 @@ def test_the_wider_neighbour_is_measured_first(current, measured, wanted):
 
 def test_a_level_width_does_not_end_the_trials_of_a_later_process(clock):
     """The process ends after 32 lanes were found to be level with 16: the next one measures 32 and then 64."""
-    choice, kernels = choosing(clock, (4e-6, 3e-6, 3e-6, 1e-6), measured=(16, 8))
-    while not kernels[32].shapes:
+    choice, _ = choosing(clock, (4e-6, 3e-6, 3e-6, 1e-6), measured=(16, 8))
+    while "1.00 of the time of 32" not in choice.notes[-1]:
         choice.run(call(20_000))
     assert measured_widths("0" * 64, (8, 16, 32, 64)) == (16, 8)
     later, _ = choosing(clock, (4e-6, 3e-6, 3e-6, 1e-6), measured=(16, 8))
-    for _ in range(40):
+    for _ in range(60):
         later.run(call(20_000))
     assert later.source == "float64"
     assert measured_widths("0" * 64, (8, 16, 32, 64)) == (64, 8, 16, 32)
@@ -238,7 +247,56 @@ def test_nothing_is_tried_before_the_runs_have_taken_as_long_as_compiling(clock)
     assert kernels[16].shapes == []
     assert choice.notes == ("8 lanes; 16 are tried once runs have taken as long as compiling",)
     choice.run(call(20_000))
+    choice.run(call(20_000))
     assert kernels[16].shapes != []
+
+
+def test_no_run_waits_for_a_compiler(clock):
+    choice, _ = choosing(clock, (1e-6, 0.7e-6))
+    choice._builder.slow = True
+    for _ in range(500):
+        choice.run(call(20_000))
+    assert clock.now == pytest.approx(500 * 0.02)
+    assert choice._builder.asked == [16]
+    assert choice.notes == ("8 lanes; 16 are tried once another process has compiled them",)
+    choice._builder.slow = False
+    choice.run(call(20_000))
+    assert choice.notes == ("8 lanes; 16 are tried now",)
+
+
+def test_a_trial_adds_about_a_run_to_each_run(clock):
+    """The first sample of another width is run once more."""
+    choice, _ = choosing(clock, (6e-7, 0.7 * 6e-7), seconds=0.01)
+    taken = []
+    while choice.source == "float8":
+        begin = clock.now
+        choice.run(call(100, 1000))
+        taken.append(clock.now - begin)
+    assert taken[:2] == pytest.approx([0.06, 0.06 + 0.03 * (1 + 2 * 0.7)])
+    assert taken[2:] == pytest.approx([0.06 + 0.03 * (1 + 0.7)] * (len(taken) - 2))
+
+
+def test_nothing_is_tried_while_another_kernel_is_compiled(clock):
+    choice, kernels = choosing(clock, (1e-6, 0.7e-6))
+    choice._builder.busy = True
+    for _ in range(99):
+        choice.run(call(20_000))
+    assert kernels[16].shapes == []
+    choice._builder.busy = False
+    choice.run(call(20_000))
+    assert kernels[16].shapes != []
+
+
+def test_trials_end_where_there_is_no_memory_for_samples(clock):
+    choice, kernels = choosing(clock, (1e-6, 0.7e-6))
+
+    def refuse(given):
+        raise MemoryError
+
+    kernels[16].run = refuse
+    for _ in range(9):
+        choice.run(call(20_000))
+    assert choice.notes == ("8 lanes, since there is no memory for trials",)
 
 
 def test_short_runs_say_nothing_about_a_width(clock):
@@ -258,7 +316,7 @@ def test_short_runs_that_are_disturbed_say_nothing_either(clock):
 
 def test_long_runs_of_few_elements_do(clock):
     choice, _ = choosing(clock, (1e-5, 0.7e-5))
-    for _ in range(19):
+    for _ in range(40):
         choice.run(call(1000))
     assert choice.source == "float16"
 
@@ -273,6 +331,8 @@ def test_the_results_of_the_run_that_is_tried_stay(clock):
 def test_a_part_of_a_long_run_is_enough(clock):
     choice, kernels = choosing(clock, (1e-4, 1e-5))
     choice.run(call(100, 200))
+    kernels[8].shapes.clear()
+    choice.run(call(100, 200))
     assert set(kernels[16].shapes) == {(2, 200)}
     assert kernels[8].shapes == [(100, 200)] + 5 * [(2, 200)]
 
@@ -281,7 +341,7 @@ def test_a_disturbed_run_does_not_decide(clock):
     """Other programs slow most of the runs of the faster width."""
     choice, kernels = choosing(clock, (1e-6, 0.7e-6), seconds=0.02)
     disturb(kernels[16], clock, (0.02, 0.01, 0.03, 0.0, 0.02, 0.01, 0.04))
-    for _ in range(9):
+    for _ in range(19):
         choice.run(call(20_000))
     assert choice.source == "float16"
 
@@ -298,14 +358,14 @@ def disturb(kernel, clock, seconds):
 
 
 @pytest.mark.parametrize(
-    ("spread", "resolution", "chosen"), [(20_000 // 16, 1e-9, 16), (20_000, 1e-9, 8), (1, 1e-2, 8)]
+    ("spread", "resolution", "chosen"), [(16_000 // 16, 1e-9, 16), (20_000, 1e-9, 8), (1, 1e-2, 8)]
 )
 def test_cpu_time_decides_where_all_cores_have_work(clock, spread, resolution, chosen):
     """A run that leaves cores idle, or a clock that is too coarse, needs the time on the wall."""
     clock.resolution = resolution
     choice, kernels = choosing(clock, (1e-6, 0.7e-6), seconds=0.02, spread=spread)
     disturb(kernels[16], clock, (0.02, 0.01, 0.03))
-    for _ in range(9):
+    for _ in range(19):
         choice.run(call(20_000))
     assert choice.source == f"float{chosen}"
 
@@ -313,21 +373,22 @@ def test_cpu_time_decides_where_all_cores_have_work(clock, spread, resolution, c
 @pytest.mark.parametrize(("paces", "chosen"), [((1e-6, 0.7e-6), 16), ((1e-6, 1.3e-6), 8), ((1e-6, 0.99e-6), 8)])
 def test_runs_over_streams_are_tried_too(clock, paces, chosen):
     choice, _ = choosing(clock, paces)
-    calls = [device_call(20_000) for _ in range(9)]
+    calls = [device_call(20_000) for _ in range(19)]
     for given in calls:
         choice._space.start([choice.ready(given, once=True)])
     assert choice.source == f"float{chosen}"
     assert measured_widths("0" * 64, (8, 16)) == (chosen, 24 - chosen)
-    assert [given.outputs[0].writers for given in calls] == [[8]] * 5 + [[chosen]] * 4  # samples are written elsewhere
+    writers = [given.outputs[0].writers for given in calls]
+    assert writers == [[8]] * 17 + [[chosen]] * 2  # samples, 12 of them from the sixth run on, are written elsewhere
 
 
 def test_a_run_that_is_repeated_changes_its_width(clock):
     choice, _ = choosing(clock, (1e-6, 0.7e-6))
     given = device_call(20_000)
     run = choice.ready(given)
-    for _ in range(9):
+    for _ in range(19):
         run()
-    assert given.outputs[0].writers == [8] * 5 + [16] * 4
+    assert given.outputs[0].writers == [8] * 16 + [16] * 3
 
 
 def test_only_the_first_run_over_streams_is_waited_for(clock):
@@ -342,6 +403,8 @@ def test_only_the_first_run_over_streams_is_waited_for(clock):
 def test_the_middle_of_a_long_run_over_streams_is_enough(clock):
     choice, kernels = choosing(clock, (1e-4, 1e-5))
     choice.ready(device_call(100, 200))()
+    kernels[8].shapes.clear()
+    choice.ready(device_call(100, 200))()
     assert set(kernels[16].shapes) == {(2, 200)}
     assert kernels[8].shapes == [(100, 200)] + 5 * [(2, 200)]
     assert set(choice._space.parts) == {(49 * 200, 400)}  # the other input is one element for all
@@ -351,7 +414,7 @@ def test_a_width_that_does_not_compile_is_left_alone(clock):
     def refuse(lanes):
         raise CompileError("no float16 here")
 
-    choice = Choosing(Fake(8, 1e-4, clock), (8, 16), refuse, 0.1, "0" * 64, Space(clock))
+    choice = Choosing(Fake(8, 1e-4, clock), (8, 16), Compiler(refuse), 0.1, "0" * 64, Space(clock))
     choice.run(call(20_000))
     choice.run(call(20_000))
     assert choice.source == "float8"
@@ -370,10 +433,12 @@ def test_a_kernel_that_changes_its_width_gives_the_same_bits(monkeypatch, tmp_pa
 
     x = np.linspace(0, 9, 20_000, dtype=np.float32)
     limit = 12_345 + ord(where[0])  # a kernel that nobody has compiled yet
+    printed, print_ = [], runtime._printed
+    monkeypatch.setattr(runtime, "_printed", lambda *given: printed.append(given[-1]) or print_(*given))
     kernel, expected = wave.compile("opencl", loop_limit=limit), wave.compile("numpy")(x)["y"]
     machine, texts = machine_of(None), [kernel.source]
     stream = sh.Stream(x, sh.Attrib1f, "opencl")
-    for _ in range(4):
+    while "are tried" in kernel.notes[-1]:
         if where == "arrays":
             found = kernel(x)["y"]
         else:
@@ -384,3 +449,4 @@ def test_a_kernel_that_changes_its_width_gives_the_same_bits(monkeypatch, tmp_pa
     wider = [lanes for lanes in machine.widths if lanes > machine.lanes > 1]
     assert len(set(texts)) == 1 + len(wider)
     assert all(f"float{lanes} " in kernel.source for lanes in wider[-1:])
+    assert printed == [machine.lanes]  # the others were compiled elsewhere

@@ -22,7 +22,7 @@ import weakref
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from queue import Empty, SimpleQueue
 from typing import IO, Any, Final, TypeVar
 
@@ -32,8 +32,8 @@ T = TypeVar("T")
 
 _LINGER: Final = 10.0
 """Seconds without a task after which the process ends: it holds memory, and starts again in half a second."""
-_NICENESS: Final = 10
-"""How much the process gives way to others, from 0 to 19. At 19 it would hardly go on while runs use all cores."""
+_NICENESS: Final = 19
+"""How much the process gives way to others: as much as can be. Runs leave cores idle often enough for it to go on."""
 _CHECKED: Final = 0.5
 """Seconds between looks whether the process that waits for answers is still there."""
 
@@ -76,7 +76,7 @@ class Background:
                 continue
             self._working = True
             if wanted() is not None:
-                _answer(wanted, lambda task=task: self._ask(task))
+                _answer(wanted, partial(self._ask, task))
             self._working = False
             del task, wanted
 

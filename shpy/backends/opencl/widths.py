@@ -9,8 +9,8 @@ neighbours of the width in use have been measured. A wider neighbour that is lev
 next wider one is measured too. Strict mode gives the same bits at every width, so nothing else can be seen.
 
     build(8) ──run, run, …──▶ spent > compiling ──▶ begin(16) ──run, run, …──▶ 16 is compiled ──run both, run both, …─┐
-       ┌──────────────────────────────────────────────────────────────────────────────────────────────────────────────┘
-       └─┬─▶ 16 is faster ──run, run, …──▶ begin(32)
+         ┌────────────────────────────────────────────────────────────────────────────────────────────────────────────┘
+         ├─▶ 16 is faster ──run, run, …──▶ begin(32)
          └─▶ 8 is faster ──run, run, …──▶ begin(4)
 """
 
@@ -186,7 +186,9 @@ class Choosing:
         remark = f"{self._current.lanes} lanes{shares}{self._refusal}"
         if self._other is None:
             return remark
-        when = "once another process has compiled them" if self._pending else "once runs have taken as long as compiling"
+        when = (
+            "once another process has compiled them" if self._pending else "once runs have taken as long as compiling"
+        )
         return f"{remark}; {self._other} are tried {'now' if self._trial else when}"
 
     @property
@@ -259,7 +261,7 @@ class Choosing:
                     self._pending = self._builder.begin(self._other)
             if self._pending is not None and self._pending.done():
                 self._receive(self._pending, self._other)
-            if self._trial is not None and not self._builder.busy:
+            elif self._trial is not None and not self._builder.busy:
                 self._compare(self._trial, count, taken, sample)
         except MemoryError:  # there is enough for the run itself
             self._other = self._trial = self._pending = None
@@ -297,7 +299,7 @@ class Choosing:
         return time.perf_counter
 
     def _compare(self, trial: _Trial, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
-        """Run both widths on samples of a run, for about as long as the run took; decide after enough rounds."""
+        """Run both widths on samples of a run, once or for as long as the run took; decide after enough rounds."""
         began, sized = time.perf_counter(), {s.lanes: s for s in (self._current, trial.other)}
         share = min(max(_SHARE, _ENOUGH / count), _TRIED / _LEAST_ROUNDS / taken, 1.0) if taken else 1.0
         part = sample(share)
@@ -311,7 +313,7 @@ class Choosing:
             for lanes in sorted(runs, reverse=trial.rounds % 2 == 1):
                 trial.times[lanes].append(_seconds(runs[lanes], clock) / part.count)
             trial.rounds += 1
-            if time.perf_counter() - began >= taken:
+            if time.perf_counter() - began + 2 * share * taken > taken:
                 break
         if trial.rounds >= rounds:
             self._decide(trial)
