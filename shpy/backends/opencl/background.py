@@ -33,7 +33,7 @@ T = TypeVar("T")
 _LINGER: Final = 10.0
 """Seconds without a task after which the process ends: it holds memory, and starts again in half a second."""
 _NICENESS: Final = 19
-"""How much the process gives way to others: as much as can be. Runs leave cores idle often enough for it to go on."""
+"""How much the process gives way where there is no policy for idle time: as much as can be."""
 _CHECKED: Final = 0.5
 """Seconds between looks whether the process that waits for answers is still there."""
 
@@ -160,12 +160,19 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a driver may print
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
-    if hasattr(os, "nice"):
-        os.nice(_NICENESS)
+    _give_way()
     with suppress(EOFError):
         while True:
             _do(pickle.load(sys.stdin.buffer), answers)
     os._exit(0)  # at once: a driver may take its time
+
+
+def _give_way() -> None:
+    """Take only time of cores that nobody else wants. A nice process may still delay a thread that is woken."""
+    if hasattr(os, "SCHED_IDLE"):
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    elif hasattr(os, "nice"):
+        os.nice(_NICENESS)
 
 
 def _do(task: Callable[[], Any], answers: IO[bytes]) -> None:
