@@ -228,10 +228,8 @@ class Machine:
     def _kept(self, text: str, math: Math) -> Any:
         """The program from an earlier process's binary; None where there is none that the driver takes."""
         binary = store.load(self._key(text, self.options(math)))
-        if binary is None:
-            return None
         try:
-            return self.load(text, math, binary)
+            return None if binary is None else self.load(text, math, binary)
         except self.cl.Error as error:
             store.tell(f"{self.device.name.strip()} refuses the binary of an earlier process ({error})")
             return None
