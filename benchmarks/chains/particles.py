@@ -87,7 +87,7 @@ def ours(compiled, positions, velocities):
         for _ in range(STEPS):
             cells = locate(particles)
             counts = sh.histogram(cells, CELLS)
-            particles = advance(sh.gather(particles, sh.argsort(cells)), sh.Table(counts))
+            particles = advance(sh.gather(particles, sh.argsort(cells, below=CELLS)), sh.Table(counts))
         return particles.numpy().at
 
     return run

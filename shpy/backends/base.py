@@ -204,8 +204,8 @@ class Collectives:
     """put(values, index, target): write each value to its place; of several for a place the last one stays."""
     sort: Callable[[Any, bool], Any] | None = None
     """sort(keys, descending): the keys in order, equal ones in the order they had."""
-    order: Callable[[Any, bool], Any] | None = None
-    """order(keys, descending): the indices that sort them."""
+    order: Callable[[Any, bool, int | None], Any] | None = None
+    """order(keys, descending, below): the indices that sort them, ints clamped to [0, below) unless that is None."""
     tally: Callable[[Any, int], Any] | None = None
     """tally(numbers, bins): how often each number from 0 to bins - 1 occurs among ints, signed or not."""
     tree: Callable[[Module, NodeTypes, Precision], Tree | None] | None = None

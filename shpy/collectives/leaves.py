@@ -16,7 +16,7 @@ import numpy as np
 from shpy.backends.base import Collectives, Memory, overlap
 from shpy.collectives.programs import annotated
 from shpy.ir.types import Base
-from shpy.lang.builtins import bits_from_float, cond, grid_index, isnan
+from shpy.lang.builtins import bits_from_float, clamp, cond, grid_index, isnan
 from shpy.lang.builtins import max as largest
 from shpy.lang.builtins import min as least
 from shpy.lang.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
@@ -93,12 +93,15 @@ class Leaves:
         now, order = self._in_order(keys, descending)
         return _memory(now) if now.type.base is keys.type.base else self.take(keys, _memory(order))
 
-    def order(self, keys: Memory, descending: bool) -> Memory:
-        """The indices that bring the elements into order."""
+    def order(self, keys: Memory, descending: bool, below: int | None = None) -> Memory:
+        """The indices that bring the elements into order, ints being clamped to the range below `below`."""
         if not keys.count:
             return self._ints(0)
         if self._own.order is not None:
-            return self._own.order(keys, descending)  # type: ignore[no-any-return]
+            return self._own.order(keys, descending, below)  # type: ignore[no-any-return]
+        if below is not None:
+            clamped = self._run(_clamping(element_class(keys)), keys.count, key=self._stream(keys), last=below - 1)
+            keys = _memory(clamped)
         return _memory(self._in_order(keys, descending)[1])
 
     def tally(self, numbers: Memory, bins: int) -> Memory:
@@ -213,6 +216,11 @@ def _taking(element: Any, index: Any) -> Program:
 
     unsigned = index.base is Base.U
     return annotated(take, index=index, source=TableType(element, 1), out=element)
+
+
+@cache
+def _clamping(element: Any) -> Program:
+    return annotated(lambda key, last: clamp(key, 0, last), key=element, last=element, out=element)
 
 
 def is_mapped(place: Place, element: Any) -> bool:

@@ -46,15 +46,32 @@ def sort(stream: Stream, key: Program | None = None, descending: bool = False) -
 
 
 @in_ieee_arithmetic
-def argsort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:
+def argsort(
+    stream: Stream, key: Program | None = None, descending: bool = False, *, below: int | None = None
+) -> Stream:
     """Return the indices, ints of shape (n,), that bring the elements into the order of `sh.sort`.
 
     `sh.gather(stream, sh.argsort(stream))` is `sh.sort(stream)`; so several streams can be sorted by one of them.
-    Raises ShpyTypeError as `sh.sort` does.
+    `below` says that the keys are ints from 0 to `below` - 1, such as numbers of cells: a device that sorts by digits
+    takes fewer passes then. A key that is out of range counts as the nearest one in range. Raises ShpyTypeError as
+    `sh.sort` does, and for a `below` that is no int from 1 to 2**31 or beside keys that are no ints.
     """
     given, descending = check_stream(stream, "argsort"), checked_bool(descending, "descending")
-    order = Leaves(given.place).order(_keys(given, key, "argsort"), descending)
+    keys = _keys(given, key, "argsort")
+    order = Leaves(given.place).order(keys, descending, _checked_below(below, keys))
     return Stream.over(Attrib1i, (given.size,), given.place, [order])
+
+
+def _checked_below(below: int | None, keys: Memory) -> int | None:
+    if below is None:
+        return None
+    if isinstance(below, bool) or not isinstance(below, int) or not 1 <= below <= 1 << 31:
+        raise ShpyTypeError(f"below={below!r} is no int from 1 to 2**31", loc=here(), cure="below=number of keys")
+    if not keys.type.is_int:
+        raise ShpyTypeError(
+            f"below={below} is for keys that are ints, and these are {keys.dtype}", loc=here(), cure="leave below out"
+        )
+    return int(below)
 
 
 def _keys(stream: Stream, key: Program | None, name: str) -> Memory:

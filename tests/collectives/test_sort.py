@@ -88,6 +88,42 @@ def test_ints_and_bools(moved, cls, dtype):
             assert_same_bits(sh.sort(given, descending=descending), x[order])
 
 
+@pytest.mark.parametrize("below", [1, 2, 2048, 4096, 4097, 2**31])
+def test_keys_below_a_number(moved, below):
+    """Keys that are out of range count as the nearest one in range."""
+    rng = np.random.default_rng(below)
+    for n in (0, 1, 257, 5000):
+        for cls, dtype in ((sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32)):
+            x = rng.integers(0, below, n).astype(dtype)
+            extremes = np.array([0, 1, np.iinfo(dtype).min, np.iinfo(dtype).max])
+            x[::7] = rng.choice(extremes, len(x[::7]))
+            for descending in (False, True):
+                order = order_of(x.clip(0, below - 1), descending).astype(np.int32)
+                assert_same_bits(sh.argsort(stream(x, cls, moved), below=below, descending=descending), order)
+
+
+def test_below_takes_fewer_passes(monkeypatch):
+    passes = []
+    digits = opencl._OpenCLCollectives._digits
+    monkeypatch.setattr(opencl._OpenCLCollectives, "_digits", lambda self, *a: (passes.append(1), digits(self, *a))[1])
+    x = stream(np.arange(3000, dtype=np.int32) % 64, sh.Attrib1i, "opencl")
+    counts = []
+    for options in ({}, {"below": 64}):
+        passes.clear()
+        sh.argsort(x, **options)
+        counts.append(len(passes))
+    assert counts[0] > counts[1] == 1
+
+
+@pytest.mark.parametrize("below", [0, -1, 2**31 + 1, True, 2.0, "64"])
+def test_below_is_the_number_of_keys(below):
+    x = stream(np.zeros(3, np.int32), sh.Attrib1i, "numpy")
+    with pytest.raises(sh.ShpyTypeError, match=re.escape(f"below={below!r} is no int from 1 to 2**31")):
+        sh.argsort(x, below=below)
+    with pytest.raises(sh.ShpyTypeError, match="is for keys that are ints"):
+        sh.argsort(stream(np.zeros(3, np.float32), sh.Attrib1f, "numpy"), below=4)
+
+
 @pytest.mark.parametrize(("backend", "precision"), [("numpy", "f64"), ("opencl", "f64"), ("opencl", "f16")])
 def test_halves_and_doubles(backend, precision):
     rng = np.random.default_rng(5)

@@ -57,7 +57,9 @@ def _keys(keys: Any, descending: bool) -> Array:
     return ~found if descending else found
 
 
-def _order(keys: Any, descending: bool) -> NumpyMemory:
+def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
+    if below is not None:
+        keys = NumpyMemory(keys.array.clip(0, below - 1), keys.type)
     found = _keys(keys, descending)
     if found.itemsize != 4:
         return _indices(np.argsort(found, kind="stable"))

@@ -235,12 +235,12 @@ class _OpenCLCollectives:
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""
-        found: OpenCLMemory = self._sorted(keys, descending, indexed=False)[0]
+        found: OpenCLMemory = self._sorted(keys, descending, None, indexed=False)[0]
         return found
 
-    def order(self, keys: Any, descending: bool) -> OpenCLMemory:
+    def order(self, keys: Any, descending: bool, below: int | None) -> OpenCLMemory:
         """Return the indices that sort scalars."""
-        found: OpenCLMemory = self._sorted(keys, descending, indexed=True)[1]
+        found: OpenCLMemory = self._sorted(keys, descending, below, indexed=True)[1]
         return found
 
     def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
@@ -262,9 +262,9 @@ class _OpenCLCollectives:
         """Make the kernels that fold and scan with a program."""
         return tree_of(self._space, self._machine, module, types, precision)
 
-    def _sorted(self, keys: Any, descending: bool, *, indexed: bool) -> tuple[Any, Any]:
+    def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
         """Sort scalars digit by digit; gives them and, if `indexed`, the indices that they had."""
-        text, bits = self._ordering(keys, descending)
+        text, bits = self._ordering(keys, descending, below)
         chunks, chunk = self._chunks(keys.count)
         counts = self._allocate(chunks << self._digit, Base.U)
         given, indices = keys, None
@@ -284,13 +284,17 @@ class _OpenCLCollectives:
         self._run(text, "count_digits", chunks, given, given.count, chunk, shift, counts)
         self._run(text, "sum_before", 1, counts, chunks << self._digit)
 
-    def _ordering(self, keys: Any, descending: bool) -> tuple[str, int]:
+    def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
         """The text that sorts such keys, and the bits of a key."""
         kept = held(keys.type, keys.dtype)
         word = WORDS[kept.itemsize]
-        key = f"({word})~({_KEYS[kept.str[1:]]})" if descending else _KEYS[kept.str[1:]]
+        key = _KEYS[kept.str[1:]]
+        if below is not None:
+            key = f"(uint)clamp((int)x, 0, {below - 1})" if keys.type.base is Base.I else f"min(x, {below - 1}u)"
+        if descending:
+            key = f"({word})~({key})"
         text = _ORDER.replace("KEY", key).replace("RADIX", str(1 << self._digit)).replace("WORD", word)
-        return text, 8 * kept.itemsize
+        return text, 8 * kept.itemsize if below is None else max(1, (below - 1).bit_length())
 
     def _moving(self, moved: Any, index: Any) -> str:
         text = _MOVE.replace("WORD", WORDS[held(moved.type, moved.dtype).itemsize])
