@@ -1,6 +1,7 @@
 """Histograms: how many elements of a stream lie in each bin.
 
-Stage: run. Each element searches its bin among the edges, so no arithmetic rounds.
+Stage: run. Each element searches its bin among the edges, so no arithmetic rounds. Where bins have equal widths,
+arithmetic guesses the bin, and the search begins with the edges beside the guess: most often it ends there.
 
     counts = sh.histogram(image, 256, range=(0, 1))
     counts = sh.histogram(ages, [0, 18, 65, 120])
@@ -22,7 +23,7 @@ from shpy.collectives.trees import retyped
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
-from shpy.lang.builtins import cond
+from shpy.lang.builtins import clamp, cond
 from shpy.lang.builtins import min as least
 from shpy.lang.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.data import TableType
@@ -77,10 +78,11 @@ def _histogram(given: Stream, base: Base, bins: Any, range: Any) -> Stream:
             keys = mapping().compile("numpy")
             lower, last, edge = keys(lower), keys(last), Attrib1u
         table = Stream(lower, edge, *_at(given))
-        located = _locating(line.type, edge)
-        numbers = _entry(
-            run_over(given.place, located, line.size, x=line, edges=table, last=last, bins=np.array([count], np.int32))
-        )
+        inputs = {"x": line, "edges": table, "last": last, "bins": np.array([count], np.int32)}
+        equal = isinstance(bins, int | np.integer) and base is Base.F
+        if equal:
+            inputs |= _spacing(edges)
+        numbers = _entry(run_over(given.place, _locating(line.type, edge, equal), line.size, **inputs))
     return Stream.over(Attrib1i, (count,), given.place, [leaves.tally(numbers, count)])
 
 
@@ -150,13 +152,31 @@ def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDA
     return np.maximum(kept, bounds.min).astype(dtype), np.minimum(down, bounds.max).astype(dtype)
 
 
-@cache
-def _locating(element: Any, edge: Any) -> Program:
-    """The number of the bin in which an element lies, or -1."""
+def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the first of equally spaced edges, and the bins in a unit: they serve a guess, so they may be rounded."""
+    with np.errstate(all="ignore"):
+        each = (len(edges) - 1) / (edges[-1] - edges[0])
+        return {"begin": edges[:1].astype(np.float32), "each": np.float32([np.nan_to_num(np.float32(each))])}
 
-    def locate(x: Any, edges: Any, last: Any, bins: Any) -> Any:
+
+@cache
+def _locating(element: Any, edge: Any, equal: bool) -> Program:
+    """The number of the bin in which an element lies, or -1; `equal` if bins have equal widths."""
+
+    def among(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
         key = x if x.base is edge.base else mapped(x)
-        low, high = Attrib1i(0), Attrib1i(edges.shape[0])
+        count = Attrib1i(edges.shape[0])
+        low, high = Attrib1i(0), count.copy()
+        if equal:
+            guess = clamp(Attrib1i((x - begin) * each), 0, count - 1)
+            with SH_IF(edges[guess] <= key):
+                low[:] = guess + 1
+                with SH_IF((low < count) & (edges[low] > key)):
+                    high[:] = low
+            with SH_ELSE():
+                high[:] = guess
+                with SH_IF((guess > 0) & (edges[guess - 1] <= key)):
+                    low[:] = guess
         with SH_FOR(0, 32):
             SH_BREAK(low >= high)
             half = (low + high) >> 1
@@ -167,4 +187,13 @@ def _locating(element: Any, edge: Any) -> Program:
         # A NaN is not at most the last edge.
         return cond(key <= last, least(low, bins) - 1, -1)
 
-    return annotated(locate, x=element, edges=TableType(edge, 1), last=edge, bins=Attrib1i, out=Attrib1i)
+    def guess(x: Any, edges: Any, last: Any, bins: Any, begin: Any, each: Any) -> Any:
+        return among(x, edges, last, bins, begin, each)
+
+    def locate(x: Any, edges: Any, last: Any, bins: Any) -> Any:
+        return among(x, edges, last, bins)
+
+    types = {"x": element, "edges": TableType(edge, 1), "last": edge, "bins": Attrib1i}
+    if equal:
+        return annotated(guess, **types, begin=element, each=element, out=Attrib1i)
+    return annotated(locate, **types, out=Attrib1i)

@@ -42,6 +42,20 @@ def test_bins_are_those_of_numpy_at_length(computed):
     check(computed, 10_000, 3)
 
 
+@pytest.mark.parametrize("span", [(0, 1), (-2, 1.7), (1, 1 + 2**-10), (0, 1e-40), (-3e38, 3e38), (1e30, 2e30), (5, 5)])
+def test_bins_of_equal_width_are_those_of_their_edges(computed, span):
+    """The guess of a bin may be wrong by any number: the edges decide."""
+    rng = np.random.default_rng(8)
+    for bins in (1, 2, 3, 100, 4096):
+        edges = np.histogram_bin_edges(np.float32([]), bins, span)
+        near = rng.choice(edges, 300).astype(np.float32)
+        x = np.concatenate([
+            near, np.nextafter(near, np.float32(np.inf)), np.nextafter(near, np.float32(-np.inf)), floats(rng, 50),
+            rng.uniform(*span, 500).astype(np.float32), np.float32([np.inf, -np.inf, np.nan, 0, -0.0]),
+        ])  # fmt: skip
+        assert_same_bits(sh.histogram(stream(x, sh.Attrib1f, computed), bins, range=span), counted(x, edges))
+
+
 def test_numbers_are_counted(moved):
     for n, rng in generated(50, 4, sizes=(0, 1, 2, 61, 4097)):
         x, bins = rng.integers(-3, 20, n).astype(np.int32), int(rng.integers(1, 25))
