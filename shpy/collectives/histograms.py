@@ -156,7 +156,7 @@ def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Return the first of equally spaced edges, and the bins in a unit: they serve a guess, so they may be rounded."""
     with np.errstate(all="ignore"):
         each = (len(edges) - 1) / (edges[-1] - edges[0])
-        return {"begin": edges[:1].astype(np.float32), "each": np.float32([np.nan_to_num(np.float32(each))])}
+        return {"begin": edges[:1].astype(np.float32), "each": np.array([np.nan_to_num(np.float32(each))], np.float32)}
 
 
 @cache
