@@ -103,7 +103,7 @@ def _ratio(values: Any) -> str:
 
 
 class Rounds:
-    """What the rounds of one contender gave: an array of seconds, of CPU seconds, and of variances of a pixel."""
+    """The results of the rounds of one contender: seconds, CPU seconds and variances of a pixel, an array of each."""
 
     def __init__(self, found: Sequence[tuple[float, float, np.ndarray]]) -> None:
         seconds, cpu, pictures = zip(*found, strict=True)

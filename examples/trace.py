@@ -25,7 +25,7 @@ def cube_root(a: sh.Attrib1f, start: sh.Attrib1f) -> sh.Attrib1f:
 
 @sh.program
 def slow(a: sh.Attrib1f) -> sh.Attrib1i:
-    """How many iterations each start takes: the element's place in the grid is its start."""
+    """Count the iterations that each start takes; the start is the element's place in the grid."""
     x = sh.Attrib1f(sh.grid_index(1) + 1) / sh.Attrib1f(sh.grid_shape(1))
     count = sh.Attrib1i(0)
     with SH_FOR(0, 60):

@@ -206,12 +206,12 @@ class Tradeoff:
         )
 
     def _meanings(self) -> dict[str, str]:
-        """What the columns of errors mean."""
+        """Explain the columns of errors."""
         flip = any("flip" in c.error for c in self.candidates)
         return {name: meaning for name, meaning in _ERRORS.items() if flip or name != "flip"}
 
     def _names(self) -> dict[str, str]:
-        """What the short names of the variants mean."""
+        """Explain the short names of the variants."""
         variants = [c.variant for c in self.candidates]
         names: dict[str, str] = sh.accuracy.pareto.names_of(w for v in variants for w in (v.precision, v.math))
         return names | {accel: _accelerator(accel) for accel in dict.fromkeys(v.accel for v in variants)}

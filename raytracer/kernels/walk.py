@@ -61,7 +61,7 @@ class SplitWalk:
 
 
 class Found(NamedTuple):
-    """What a ray meets, by the names of a `Hit`."""
+    """The surface that a ray meets, by the names of a `Hit`."""
 
     l: sh.Attrib1f  # noqa: E741 - as in Hit
     id: sh.Attrib1i

@@ -127,7 +127,7 @@ class Mesh:
 
     @property
     def has_area(self) -> bool:
-        """Whether any triangle has an area above 0."""
+        """Return True if any triangle has an area above 0."""
         parts = (self.faces[start : start + _AT_ONCE] for start in range(0, len(self), _AT_ONCE))
         return any(normals_of(self.vertices[part]).any() for part in parts)
 

@@ -163,7 +163,7 @@ class Comparison:
         return "\n".join([self.title, *columns(rows, left=(0, 1, 2)), *missing, "", *self._legend()])
 
     def _legend(self) -> Iterator[str]:
-        """What the marks, the columns and the short names mean."""
+        """Explain the marks, the columns and the short names."""
         said = {}
         if self.picked is not None:
             said[PICK] = f"the pick: of the variants {self.budget} that are as fast as the fastest of them, the closest"

@@ -184,7 +184,7 @@ class Tradeoff:
         return Point(str(c), label, c.variant.backend, mode, c.ns, c.spread, c.error, (str(c.code), kept))
 
     def _meanings(self) -> dict[str, str]:
-        """What the columns and the short names of the table mean."""
+        """Explain the columns and the short names of the table."""
         words = " ".join(str(c.variant) for c in self.candidates).split()
         choices = ", choices of yours" if any(c.picks for c in self.candidates) else ""
         off = "in units in the last place of the output's type at f32" if self.budget.unit == "ulp" else "relative"
