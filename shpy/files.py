@@ -50,7 +50,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def check_writable(path: Path) -> None:
     """Raise OSError, with a sentence, where no file can be made at `path`: call it before what takes long."""
-    _target(path)
+    _check_name(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {path.parent}")
     if path.is_dir():
@@ -64,14 +64,19 @@ def check_writable(path: Path) -> None:
         raise type(error)(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def _target(path: Path) -> Path:
-    """Return the path of the file itself, links followed; OSError for a name that no file can have."""
+def _check_name(path: Path) -> None:
+    """Raise OSError for a name that no file can have."""
     try:
         impossible = b"\0" in os.fsencode(path)
     except UnicodeEncodeError:
         impossible = True
     if impossible:
         raise OSError(errno.EINVAL, f"no file can have the name {str(path)!r}")
+
+
+def _target(path: Path) -> Path:
+    """Return the path of the file itself, links followed; OSError for a name that no file can have."""
+    _check_name(path)
     if not path.is_symlink():
         return path
     # A system may refuse to follow links that others planted in a shared folder. Reading them by hand would not.

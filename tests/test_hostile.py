@@ -179,7 +179,7 @@ LIES = {
         ports="input x: Attrib1f\ninput x: Attrib1f\noutput y: Attrib1f\n", sig="%x.0: f, %1: f"
     ),
     "expected 'module', found the end of the text": "",
-    "expected 'function', 'pure' or the end of the text": text() + "}",
+    "expected 'alone', 'function', 'pure' or the end of the text": text() + "}",
 }
 
 
