@@ -180,7 +180,7 @@ _transcendental("tanh", np.tanh, 1.5, 5, 1)
 _transcendental("asinh", np.arcsinh, 1.5, 4, 1)
 _transcendental("acosh", np.arccosh, 1.5, 4, 1)
 _transcendental("atanh", np.arctanh, 1.5, 5, 1)
-_transcendental("pow", m.power, 1.5, 16, 1, arity=2)
+_transcendental("pow", m.power, 1, 16, 1, arity=2)
 _transcendental("atan2", np.arctan2, 1, 6, 1, arity=2)
 
 TRANSCENDENTALS: Final = frozenset(name for name, op in OPS.items() if op.relaxed.ulp)

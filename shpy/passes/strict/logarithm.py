@@ -19,6 +19,8 @@ from shpy.passes.strict.coefficients import (
     LOG,
     LOG2_ABOVE,
     LOG2_BELOW,
+    LOG2_NEAR_ABOVE,
+    LOG2_NEAR_BELOW,
     LOG10_2,
     POWER_LOG,
     POWER_LOG_TAIL,
@@ -185,19 +187,38 @@ def atanh(x: Term) -> Term:
     return where(a < 0.5, x + x * (z * polynomial(z, ATANH)), where(x < 0, -far, far))
 
 
+_Centre = tuple[float, float, Numbers]
+_CENTRES: Final[dict[Base, tuple[tuple[_Centre, ...], tuple[_Centre, ...]]]] = {
+    Base.F: (
+        ((0.84375, 0.796875, LOG2_BELOW), (0.9453125, 0.890625, LOG2_NEAR_BELOW)),
+        ((1.1875, 1.25, LOG2_ABOVE), (1.0625, 1.125, LOG2_NEAR_ABOVE)),
+    ),
+    Base.D: (((0.890625, 0.796875, LOG2_BELOW),), ((1.125, 1.25, LOG2_ABOVE),)),
+}
+"""The edges below and above which a mantissa is compared with a number other than 1, and that number's logarithm.
+
+In binary32 s has to be below 1/30 where the logarithm is small: its cube is rounded once.
+"""
+
+
 def _log2_in_two(a: Term) -> Pair:
     """The binary logarithm of a positive finite a in two parts.
 
-    The mantissa m is compared with the nearest c of three: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in two
-    parts and so small that what follows it need not be.
+    The mantissa m is compared with the nearest c of `_CENTRES`: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in
+    two parts and so small that what follows it need not be.
     """
     f, k = _parted(a)
     m = (f + 1).named("m")
-    below, above = (m < 0.890625).named("below"), (m > 1.125).named("above")
-    (below_2, below_low), (above_2, above_low) = constants(a, LOG2_BELOW), constants(a, LOG2_ABOVE)
-    c = where(below, m.constant(0.796875), where(above, m.constant(1.25), 1.0)).named("c")
-    whole = (k + where(below, k.constant(below_2), where(above, k.constant(above_2), 0.0))).named("whole")
-    fraction = where(below, k.constant(below_low), where(above, k.constant(above_low), 0.0))
+    c, whole, fraction = m.constant(1.0), k.constant(0.0), k.constant(0.0)
+    below, above = _CENTRES[a.type.base]
+    near = [((m < edge).named("below"), *rest) for edge, *rest in below]
+    near += [((m > edge).named("above"), *rest) for edge, *rest in above]
+    for holds, centre, logarithm in reversed(near):
+        high, low = constants(a, logarithm)
+        c = where(holds, m.constant(centre), c)
+        whole = where(holds, k.constant(high), whole)
+        fraction = where(holds, k.constant(low), fraction)
+    c, whole = c.named("c"), (k + whole).named("whole")
     n = (m - c).named("n")
     d, d_low = two_sum(m, c)
     s = (n / d).named("s")
