@@ -69,7 +69,7 @@ def test_the_digits_of_devices_with_small_caches(monkeypatch):
     own = opencl.collectives(given.place.space, given.leaf_entries()[0].memory.machine)
     memory = given.leaf_entries()[0].memory
     assert_same_bits(own.sort(memory, False).read(), np.sort(bits))
-    assert_same_bits(own.order(memory, True).read(), order_of(bits, True).astype(np.int32))
+    assert_same_bits(own.order(memory, True, None).read(), order_of(bits, True).astype(np.int32))
 
 
 @pytest.mark.parametrize(("cls", "dtype"), [(sh.Attrib1i, np.int32), (sh.Attrib1u, np.uint32), (sh.Attrib1b, np.bool_)])

@@ -13,7 +13,7 @@ import os, signal, sys
 import numpy as np
 import shpy as sh
 from stress.mode import stressed
-from stress.test_interrupts import Calls
+from stress.test_ctrl_c import Calls
 
 seed, times, *backends = sys.argv[1:]
 random = np.random.default_rng(int(seed))
