@@ -211,13 +211,13 @@ def _log2_in_two(a: Term) -> Pair:
     m = (f + 1).named("m")
     c, whole, fraction = m.constant(1.0), k.constant(0.0), k.constant(0.0)
     below, above = _CENTRES[a.type.base]
-    near = [((m < edge).named("below"), *rest) for edge, *rest in below]
-    near += [((m > edge).named("above"), *rest) for edge, *rest in above]
+    near = [((m < edge).named("below"), centre, logarithm) for edge, centre, logarithm in below]
+    near += [((m > edge).named("above"), centre, logarithm) for edge, centre, logarithm in above]
     for holds, centre, logarithm in reversed(near):
-        high, low = constants(a, logarithm)
+        of_centre, rest_of_it = constants(a, logarithm)
         c = where(holds, m.constant(centre), c)
-        whole = where(holds, k.constant(high), whole)
-        fraction = where(holds, k.constant(low), fraction)
+        whole = where(holds, k.constant(of_centre), whole)
+        fraction = where(holds, k.constant(rest_of_it), fraction)
     c, whole = c.named("c"), (k + whole).named("whole")
     n = (m - c).named("n")
     d, d_low = two_sum(m, c)
