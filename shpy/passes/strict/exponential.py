@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.coefficients import EXP, EXP2, INVERSE_LN2, LN2, LN2_ROUNDED, SINH, TANH
+from shpy.passes.strict.coefficients import EXP, EXP2, INVERSE_LN2, LN2, LN2_HALVES, LN2_ROUNDED, SINH, TANH
 from shpy.passes.strict.parts import (
     MAGIC,
     TINY,
@@ -17,6 +17,7 @@ from shpy.passes.strict.parts import (
     fast_two_sum,
     polynomial,
     scaled_by,
+    split,
     two_sum,
     whole_and_shifted,
 )
@@ -62,11 +63,20 @@ def exp2(x: Term) -> Term:
 
 
 def two_to_the(r: Term, low: Term | None, shifted: Term) -> Term:
-    """2 to the k + r + low, for k + MAGIC; |r| at most 1/2 and low far smaller."""
+    """2 to the k + r + low, for k + MAGIC; |r| at most 1/2 and low far smaller.
+
+    In binary32 the rounding of r * ln 2 costs a quarter of a unit in the last place. A power needs that quarter for the
+    roundings of its logarithm, so the product is in two parts where `low` is given.
+    """
     ln2, ln2_low = constants(r, LN2_ROUNDED)
-    linear = (r * ln2).named("linear")
+    if low is not None and r.type.base is Base.F:
+        ln2_upper, ln2_lower = constants(r, LN2_HALVES)
+        upper, lower = split(r)
+        linear, linear_low = (upper * ln2_upper).named("linear"), upper * ln2_lower + lower * ln2
+    else:
+        linear, linear_low = (r * ln2).named("linear"), r * ln2_low
     high, lost = fast_two_sum(linear.constant(1), linear)
-    rest = (lost + (r * r * polynomial(r, EXP2) + r * ln2_low)).named("rest")
+    rest = (lost + (r * r * polynomial(r, EXP2) + linear_low)).named("rest")
     if low is not None:
         rest = rest + low * ln2 * (high + rest)
     return scaled_by(high + rest, shifted)

@@ -29,6 +29,7 @@ __all__ = [
     "polynomial",
     "scaled_by",
     "sign_bit",
+    "split",
     "two_product",
     "two_sum",
     "whole_and_shifted",
@@ -86,7 +87,7 @@ def fast_two_sum(a: Term | float, b: Term) -> Pair:
     return total, (b - (total - a)).named("sum_low")
 
 
-def _split(a: Term) -> Pair:
+def split(a: Term) -> Pair:
     """Two parts with half the bits each (Veltkamp 1968)."""
     spread = a * _SPLITTER[a.type.base]
     high = (spread - (spread - a)).named("upper")
@@ -96,7 +97,7 @@ def _split(a: Term) -> Pair:
 def two_product(a: Term, b: Term) -> Pair:
     """The rounded product and what rounding lost (Dekker 1971); neither factor near the ends of the range."""
     product = (a * b).named("product")
-    (a_high, a_low), (b_high, b_low) = _split(a), _split(b)
+    (a_high, a_low), (b_high, b_low) = split(a), split(b)
     rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
     return product, rest.named("product_low")
 
