@@ -19,9 +19,9 @@ from benchmarks import frames, peers
 from benchmarks.rays import primary_rays, secondary_rays
 from benchmarks.studies import Table, backend
 from raytracer import Intersector, Mesh, Scene
+from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.teapot import teapot
-from raytracer.renderer import Renderer
 
 _AT_ONCE = 1 << 20
 """Pairs of a ray and a triangle that are held at once."""

@@ -29,7 +29,7 @@ from benchmarks.studies import Table
 from benchmarks.widths import lanes_of
 from benchmarks.work import Run
 from raytracer import Mesh, Scene
-from raytracer.renderer import Renderer
+from raytracer.integrators.renderer import Renderer
 
 CHILD = "import sys; from benchmarks.animation import child; child(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))"
 FRAMES = 200

@@ -22,8 +22,8 @@ import shpy as sh
 from benchmarks.record import TEXTS
 from benchmarks.studies import Table, in_turns
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
+from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import floor
-from raytracer.renderer import Renderer
 from shpy.passes.size import count_ops
 
 MATT = Material((0.5, 0.5, 0.5), diffuse=1.0, specular=0.0)

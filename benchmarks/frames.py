@@ -22,8 +22,8 @@ import numpy as np
 from benchmarks.rays import mitsuba_eye_rays, mitsuba_mesh
 from benchmarks.work import Work
 from raytracer import Camera, Material, Mesh, PointLight, Scene
+from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import floor
-from raytracer.renderer import Renderer
 
 NAMES = ("frame-256", "frame-1024")
 MATT = Material(color=(0.5, 0.5, 0.5), diffuse=1.0, specular=0.0)

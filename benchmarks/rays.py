@@ -23,7 +23,7 @@ from raytracer.accel.choice import build
 from raytracer.intersector import alike
 from raytracer.kernels.walk import walk_through
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import triangle_rows
+from raytracer.scene.layout import triangle_rows
 
 NAMES = ("primary", "primary-any", "secondary", "secondary-any")
 EDGES = "Rays that graze an edge may miss it."

@@ -17,10 +17,10 @@ from typing import Any
 
 import shpy as sh
 from raytracer import Scene
+from raytracer.integrators.renderer import eye_rays
 from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.tracer import Tracer
-from raytracer.layout import Layout
-from raytracer.renderer import eye_rays
+from raytracer.scene.layout import Layout
 from shpy import SH_FOR, SH_IF
 from shpy.backends.base import Options
 from shpy.backends.glsl import TARGET as GLSL

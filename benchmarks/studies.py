@@ -21,8 +21,8 @@ from benchmarks import frames, peers, rays
 from benchmarks.rounds import PAUSE, once
 from raytracer import Intersector, Mesh, Scene
 from raytracer.accel.choice import build
+from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
-from raytracer.renderer import Renderer
 
 
 @dataclass(frozen=True)

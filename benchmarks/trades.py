@@ -19,8 +19,9 @@ import shpy as sh
 from benchmarks.frames import scene_of
 from benchmarks.rounds import once
 from benchmarks.studies import Table, backend
-from raytracer import Mesh, Scene, trade
-from raytracer.renderer import Renderer
+from raytracer import Mesh, Scene
+from raytracer.integrators.renderer import Renderer
+from raytracer.studies import tradeoff as trade
 
 ROUNDS = 15
 SEED = 4711

@@ -8,19 +8,19 @@ import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m
 
 # isort: split
 
-from raytracer.camera import Camera
+from raytracer.appearance.materials import Material
+from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.image import Image
+from raytracer.integrators.renderer import Renderer, render
 from raytracer.intersector import AllHits, Closest, Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
 from raytracer.layered.cube import LayeredCube
-from raytracer.lights import DirectionalLight, EnvironmentLight, PointLight
-from raytracer.materials import Material
 from raytracer.meshes import Instance, Mesh
-from raytracer.renderer import Renderer, render
-from raytracer.scene import Scene
-from raytracer.textures import Texture
-from raytracer.trade import tradeoff
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
+from raytracer.scene.scene import Scene
+from raytracer.studies.tradeoff import tradeoff
 
 __all__ = [
     "AllHits",

@@ -23,13 +23,13 @@ from raytracer.accel.choice import check
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
+from raytracer.integrators.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRACERS, Progress, Renderer, render
 from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
 from raytracer.meshes.folder import shown
-from raytracer.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRACERS, Progress, Renderer, render
-from raytracer.scene import Scene
-from raytracer.scenes import SCENES
-from raytracer.trade import new_figure, tradeoff
+from raytracer.scene.builtin import SCENES
+from raytracer.scene.scene import Scene
+from raytracer.studies.tradeoff import new_figure, tradeoff
 
 _SAVING = 10.0
 """Seconds after which a picture that takes long is written, though it is not finished."""
@@ -266,12 +266,12 @@ def _study(options: argparse.Namespace) -> int:
 def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, progress: Progress) -> Any:
     """The study of a paper; few commands need their modules."""
     if paper == "layered":
-        from raytracer.layered.study import study as study_cubes
+        from raytracer.studies.layered import study as study_cubes
 
         return study_cubes(backends, progress=progress, **given, **layered)
     if any(layered.values()):
         raise SceneError("--mesh, --size and --quick are for `raytracer study layered`")
-    from raytracer.christen import study
+    from raytracer.studies.christen import study
 
     return study(backends, progress=progress, **given)
 

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from raytracer.errors import SceneError
 from raytracer.image import Image, writer
-from raytracer.renderer import render
-from raytracer.scene import Scene
-from raytracer.scenes import SCENES
+from raytracer.integrators.renderer import render
+from raytracer.scene.builtin import SCENES
+from raytracer.scene.scene import Scene
 
 __all__ = ["SIZE", "gallery"]
 

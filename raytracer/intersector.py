@@ -27,10 +27,10 @@ from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import Structure, Walk, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
-from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
 from raytracer.rays import Frame, Pose, Rays, triples
-from raytracer.scene import Scene
+from raytracer.scene.layout import origin_of, rounded, scale_of, triangle_rows
+from raytracer.scene.scene import Scene
 
 _NEIGHBOURS, _GROUPS = 16, 64
 START = 16.0

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from math import pi
 
 import shpy as sh
+from raytracer.appearance.materials import Triple
 from raytracer.kernels.shaders import Hit, Surface
-from raytracer.materials import Triple
 
 __all__ = ["bumps", "checker", "cook_torrance", "marble", "oren_nayar", "spots", "toon", "wood"]
 

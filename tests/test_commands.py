@@ -13,7 +13,7 @@ import pytest
 import shpy as sh
 import shpy_start
 from raytracer import cli as rays
-from raytracer import trade
+from raytracer.studies import tradeoff as trade
 from shpy import cli
 from shpy.command import run, whole
 from shpy.packages import install
@@ -146,7 +146,9 @@ shpy_start.{command}()
 """
 
 
-@pytest.mark.parametrize(("name", "imported"), [("shpy", "shpy"), ("shpy", "numpy"), ("raytracer", "raytracer.trade")])
+@pytest.mark.parametrize(
+    ("name", "imported"), [("shpy", "shpy"), ("shpy", "numpy"), ("raytracer", "raytracer.studies.tradeoff")]
+)
 def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
     words = [sys.executable, "-c", INTERRUPTED.format(command=name), imported]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)
@@ -156,7 +158,7 @@ def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
 @pytest.mark.parametrize("options", [["-m", "{}"], ["-m{}"], ["-W", "ignore", "-Bm", "{}"]])
 @pytest.mark.parametrize(
     ("name", "imported"),
-    [("shpy", "shpy.errors"), ("shpy", "numpy"), ("raytracer", "numpy"), ("raytracer", "raytracer.trade")],
+    [("shpy", "shpy.errors"), ("shpy", "numpy"), ("raytracer", "numpy"), ("raytracer", "raytracer.studies.tradeoff")],
 )
 def test_ctrl_c_while_python_m_imports_is_one_line_and_130(name, imported, options, tmp_path):
     site = INTERRUPTED.partition("import shpy_start")[0].replace("sys.argv[1]", repr(imported))

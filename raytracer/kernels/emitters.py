@@ -19,8 +19,8 @@ from raytracer.kernels.lobes import around
 from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables, barylerp
 from raytracer.kernels.triangle import FAR, Candidate, Hit
-from raytracer.layout import Layout
-from raytracer.lights import EnvironmentLight
+from raytracer.scene.layout import Layout
+from raytracer.scene.lights import EnvironmentLight
 from shpy import SH_IF
 
 NEARER = 1 - 2.0**-13

@@ -10,7 +10,7 @@ from math import pi
 from typing import Any
 
 import shpy as sh
-from raytracer.camera import Camera
+from raytracer.scene.camera import Camera
 
 __all__ = ["EyeRays", "eye_rays_of"]
 

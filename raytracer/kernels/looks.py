@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from raytracer.appearance.materials import PICTURED
 from raytracer.errors import SceneError, place_of
 from raytracer.kernels.shaders import (
     Hit,
@@ -23,8 +24,7 @@ from raytracer.kernels.shaders import (
     examine_surface,
 )
 from raytracer.kernels.textures import Atlas
-from raytracer.layout import Layout
-from raytracer.materials import PICTURED
+from raytracer.scene.layout import Layout
 from shpy import SH_IF
 
 Program = Callable[..., Any]

@@ -24,8 +24,8 @@ from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import FAR, Hit
 from raytracer.kernels.walk import TOGETHER, meet, scene_walk
-from raytracer.layout import Layout
-from raytracer.scene import Scene
+from raytracer.scene.layout import Layout
+from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 ROULETTE = 4

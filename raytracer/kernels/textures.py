@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from raytracer.textures import WRAPS, Texture
+from raytracer.appearance.textures import WRAPS, Texture
 from shpy import SH_IF
 
 LINEAR = 4

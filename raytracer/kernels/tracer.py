@@ -21,7 +21,7 @@ from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit
 from raytracer.kernels.walk import meet, scene_walk
-from raytracer.layout import Layout
+from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 

@@ -20,7 +20,7 @@ from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
-from raytracer.layout import Layout
+from raytracer.scene.layout import Layout
 from shpy import SH_ELSE, SH_IF
 
 Structure = Grid | Bvh | LayeredCube

@@ -23,9 +23,9 @@ from raytracer.accel.grid import far_larger
 from raytracer.errors import SceneError
 from raytracer.kernels import layered_raster as raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
-from raytracer.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.meshes import Mesh
-from raytracer.scene import Scene
+from raytracer.scene.layout import origin_of, rounded, scale_of, triangle_rows
+from raytracer.scene.scene import Scene
 
 HITS = ("sample", "plane", "triangle")
 MAX_RESOLUTION = 8192

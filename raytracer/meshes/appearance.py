@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from raytracer.materials import CUTOFF, Material, Triple
+from raytracer.appearance.materials import CUTOFF, Material, Triple
+from raytracer.appearance.textures import Texture
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.pictures import Picture, channel
-from raytracer.textures import Texture
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 """What a mesh of a file is made of that has neither material nor colours: friendlier than white."""

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.appearance.materials import PLAIN, Material
+from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
-from raytracer.materials import PLAIN, Material
 from raytracer.meshes.appearance import MetallicRoughness, alpha_of, height_of, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
 from raytracer.meshes.pictures import Picture, Pictures
-from raytracer.textures import decoded
 
 _GREY = (102, 102, 102)
 """The colour of trimesh for what has none."""

@@ -15,13 +15,13 @@ from dataclasses import replace
 from io import BytesIO
 from typing import Any, Final
 
+from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.textures import Filter, Wrap
 from raytracer.errors import SceneError
-from raytracer.materials import Material, Triple
 from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.pictures import Picture, Pictures
-from raytracer.textures import Filter, Wrap
 
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST: Final = 9728

@@ -16,10 +16,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.camera import Camera
+from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.errors import SceneError
-from raytracer.lights import DirectionalLight, PlacedLight, PointLight
-from raytracer.materials import PLAIN, Material, Triple
 from raytracer.memory import check_triangles
 from raytracer.meshes.appearance import CLAY
 from raytracer.meshes.folder import Notices, shown
@@ -27,6 +25,8 @@ from raytracer.meshes.gltf import Document
 from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 
 Matrix = NDArray[np.float64]
 _LIGHTS: Final = "KHR_lights_punctual"

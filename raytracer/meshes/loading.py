@@ -20,10 +20,9 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from raytracer.camera import Camera
+from raytracer.appearance.materials import PLAIN, Material
+from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
-from raytracer.lights import Light
-from raytracer.materials import PLAIN, Material
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.contents import READABLE, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
@@ -34,7 +33,8 @@ from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh, joined
 from raytracer.meshes.obj import Words, picture_words, read_mtl, read_obj
 from raytracer.meshes.pictures import Picture, Pictures
-from raytracer.textures import Wrap
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import Light
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 """trimesh logs tracebacks of faults that it passes over; without a handler Python prints them."""

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.errors import SceneError
-from raytracer.materials import PLAIN, Material, Triple
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,9 +20,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import Mesh
-from raytracer.textures import decoded
 
 Words = dict[str, list[str]]
 """The statements of a material, by their names in lower case: what follows the name."""

@@ -18,10 +18,10 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.appearance.materials import CUTOFF, Triple
+from raytracer.appearance.textures import Filter, Texture, Wrap, alpha_of, decoded, opened, pixels_of
 from raytracer.errors import SceneError
-from raytracer.materials import CUTOFF, Triple
 from raytracer.meshes.folder import Notices, shown
-from raytracer.textures import Filter, Texture, Wrap, alpha_of, decoded, opened, pixels_of
 
 MOST: Final = 1 << 26
 """Pixels of all pictures of a file."""

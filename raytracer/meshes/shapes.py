@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.materials import PLAIN, Material, Triple
+from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.meshes.mesh import Mesh, normals_of
 
 Floats = NDArray[np.float64]

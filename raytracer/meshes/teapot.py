@@ -16,8 +16,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from raytracer.appearance.materials import PLAIN, Material
 from raytracer.errors import SceneError
-from raytracer.materials import PLAIN, Material
 from raytracer.meshes.mesh import Mesh, joined
 from raytracer.meshes.shapes import Floats, lattice, unwrapped
 

@@ -11,9 +11,9 @@ from raytracer.intersector import alike
 from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import triangle_rows
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
+from raytracer.scene.layout import triangle_rows
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_surfaces import BACKENDS, same
 
-import raytracer.renderer
+import raytracer.integrators.renderer
 from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene, SceneError, Surface, render
 from raytracer.meshes.shapes import box, floor, sphere
 
@@ -132,7 +132,7 @@ def test_backends_bands_and_tracers_agree_to_the_last_bit(name, monkeypatch):
     for backend in BACKENDS[1:]:
         same(first, render(scene, (32, 20), backend=backend, samples=4))
     same(first, render(scene, (32, 20), backend="numpy", samples=4, tracer="staged"))
-    monkeypatch.setattr(raytracer.renderer, "_BAND", 300)
+    monkeypatch.setattr(raytracer.integrators.renderer, "_BAND", 300)
     same(first, render(scene, (32, 20), backend="numpy", samples=4))
 
 

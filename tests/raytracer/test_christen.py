@@ -6,8 +6,9 @@ import json
 import pytest
 
 import shpy as sh
-from raytracer import SceneError, christen
+from raytracer import SceneError
 from raytracer.cli import main
+from raytracer.studies import christen
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from raytracer.kernels.cells import CellBox, CellWalk
 from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
-from raytracer.layout import Layout, triangle_rows
 from raytracer.meshes.shapes import box, icosahedron, sphere
+from raytracer.scene.layout import Layout, triangle_rows
 from shpy import SH_WHILE
 
 BACKENDS = ["numpy", "opencl", "glsl"]

@@ -10,9 +10,9 @@ from gltf_files import CORNERS, SQUARE, File, png, textured
 
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Mesh, PointLight, Scene, SceneError, Texture, render
+from raytracer.appearance.textures import decoded
 from raytracer.meshes import pictures
 from raytracer.meshes.appearance import CLAY, MetallicRoughness, metallic_roughness
-from raytracer.textures import decoded
 
 AHEAD = Camera((0, 0, 4), (0, 0, 0), fov=45)
 

@@ -9,12 +9,14 @@ import time
 import numpy as np
 import pytest
 
-from raytracer import Image, Renderer, Scene, cli, progressive
+from raytracer import Image, Renderer, Scene, cli
+from raytracer.integrators import progressive
 
 LINE = ["render", "cornell", "--integrator", "path", "--size", "6x5", "--bounces", "2", "--backend", "numpy"]
 ENDLESS = """
 import sys
-from raytracer import cli, progressive
+from raytracer import cli
+from raytracer.integrators import progressive
 progressive.SAMPLES_AT_ONCE = 2
 cli._SAVING = cli._SHARE = 0
 sys.exit(cli.main(sys.argv[1:]))

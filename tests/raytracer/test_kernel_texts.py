@@ -10,10 +10,10 @@ import re
 import pytest
 
 from raytracer import Scene
+from raytracer.integrators.renderer import eye_rays
 from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.tracer import Tracer
-from raytracer.layout import Layout
-from raytracer.renderer import eye_rays
+from raytracer.scene.layout import Layout
 from shpy.passes.forget import forget_data
 
 DIGESTS = {

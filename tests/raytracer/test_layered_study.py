@@ -9,10 +9,10 @@ import pytest
 
 from raytracer import SceneError
 from raytracer.cli import main
-from raytracer.layered import measuring
-from raytracer.layered import study as studying
-from raytracer.layered.measuring import Model, bumpy, models, unit
 from raytracer.meshes.shapes import sphere
+from raytracer.studies import layered as studying
+from raytracer.studies import layered_measuring as measuring
+from raytracer.studies.layered_measuring import Model, bumpy, models, unit
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from effort import calls
 
-from raytracer import Material, Mesh, Scene, SceneError, Texture, progressive
+from raytracer import Material, Mesh, Scene, SceneError, Texture
+from raytracer.integrators import progressive
 from raytracer.kernels.looks import Looks
 from raytracer.kernels.path import PathTracer
-from raytracer.layout import Layout
 from raytracer.meshes.obj import read_obj
 from raytracer.meshes.shapes import floor
+from raytracer.scene.layout import Layout
 
 
 def scene_of(materials):

@@ -15,8 +15,8 @@ from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
 from raytracer.kernels.triangle import FAR
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import Layout, triangle_rows
 from raytracer.meshes.shapes import knot
+from raytracer.scene.layout import Layout, triangle_rows
 
 MODELS = Path(__file__).resolve().parents[3] / "shared" / "models"
 TRIANGLES = {"stanford-bunny": 69_451, "teapot": 6_320, "spot": 5_856}

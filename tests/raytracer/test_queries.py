@@ -11,9 +11,9 @@ from raytracer.kernels.queries import FEW, MANY, intersect, list_hits
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import walk_with
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.layout import triangle_rows
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
+from raytracer.scene.layout import triangle_rows
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SOUP = Mesh(np.random.default_rng(5).normal(size=(600, 3)), np.arange(600).reshape(-1, 3))

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Scene, SceneError, cli, gallery, memory, renderer
-from raytracer.scenes import SCENES
+from raytracer import Scene, SceneError, cli, gallery, memory
+from raytracer.integrators import renderer
+from raytracer.scene.builtin import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 

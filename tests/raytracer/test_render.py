@@ -9,7 +9,7 @@ from oracle import Picture
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
-from raytracer.scenes import SCENES
+from raytracer.scene.builtin import SCENES
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SPOTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
@@ -190,7 +190,7 @@ def test_an_empty_scene_is_background():
 
 
 def test_progress_counts_rows(monkeypatch):
-    monkeypatch.setattr("raytracer.renderer._BAND", 64)
+    monkeypatch.setattr("raytracer.integrators.renderer._BAND", 64)
     seen = []
     whole = render(small(), (16, 10), backend="numpy", progress=lambda *rows: seen.append(rows))
     assert seen == [(4, 10), (8, 10), (10, 10)]

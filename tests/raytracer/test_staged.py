@@ -31,7 +31,8 @@ def assert_same(image, other):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend, monkeypatch):
-    monkeypatch.setattr("raytracer.staged.LEAST", 16)  # a small picture, too, copies its last rays to other streams
+    # A small picture, too, copies its last rays to other streams.
+    monkeypatch.setattr("raytracer.integrators.staged.LEAST", 16)
     scene = small()
     unified = render(scene, (24, 16), backend=backend, bounces=1, accel="grid")
     staged = Renderer(scene, backend=backend, bounces=1, tracer="staged")
@@ -96,7 +97,7 @@ def test_another_camera_and_size_need_no_new_kernels():
 def test_bands_of_rows_make_the_same_picture(monkeypatch):
     renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
     whole = renderer.render((16, 12))
-    monkeypatch.setattr("raytracer.renderer._STAGED_BAND", 16 * 5)
+    monkeypatch.setattr("raytracer.integrators.renderer._STAGED_BAND", 16 * 5)
     assert_same(renderer.render((16, 12)), whole)
 
 
@@ -117,7 +118,7 @@ def test_the_threshold_decides_how_often_the_intersector_runs():
 
 
 def test_rays_that_are_few_run_alone_or_with_all_others(monkeypatch):
-    monkeypatch.setattr("raytracer.staged.LEAST", 16)
+    monkeypatch.setattr("raytracer.integrators.staged.LEAST", 16)
     renderer = Renderer(small(), backend="numpy", bounces=2, tracer="staged")
     alone = renderer.render((24, 16))
     renderer.staged.compacts = False

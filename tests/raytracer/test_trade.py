@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Material, PointLight, Scene, SceneError, render, trade, tradeoff
+from raytracer import Material, PointLight, Scene, SceneError, render, tradeoff
 from raytracer.cli import main
+from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import box, floor, sphere
-from raytracer.renderer import Renderer
-from raytracer.trade import Candidate, Tradeoff, Variant, beside, errors
+from raytracer.studies import tradeoff as trade
+from raytracer.studies.tradeoff import Candidate, Tradeoff, Variant, beside, errors
 
 LIGHT = PointLight((2, 4, 3))
 

@@ -15,8 +15,8 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.appearance.materials import Triple
 from raytracer.errors import SceneError
-from raytracer.materials import Triple
 
 Vector = NDArray[np.float64]
 Projection = Literal["perspective", "orthographic", "panorama"]

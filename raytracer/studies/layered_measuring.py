@@ -20,17 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.choice import build
-from raytracer.camera import Camera
+from raytracer.appearance.materials import Material
 from raytracer.image import Image
+from raytracer.integrators.renderer import Renderer
 from raytracer.intersector import Intersector
 from raytracer.layered.cube import LayeredCube
-from raytracer.lights import PointLight
-from raytracer.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import floor, knot, sphere, torus
-from raytracer.renderer import Renderer
-from raytracer.scene import Scene
-from raytracer.trade import errors
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import PointLight
+from raytracer.scene.scene import Scene
+from raytracer.studies.tradeoff import errors
 
 Clock = Callable[[], float]
 Vectors = NDArray[np.float64]

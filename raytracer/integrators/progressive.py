@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from raytracer.camera import Camera
+from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.kernels.path import PathTracer
-from raytracer.layout import Layout
-from raytracer.scene import Scene
-from raytracer.textures import Texture
+from raytracer.scene.camera import Camera
+from raytracer.scene.layout import Layout
+from raytracer.scene.scene import Scene
 
 SAMPLES_AT_ONCE = 16
 """Samples of a pixel in a pass, at most."""

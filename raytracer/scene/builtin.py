@@ -15,16 +15,16 @@ import numpy as np
 
 import shpy as sh
 from raytracer import shaders
-from raytracer.camera import Camera
+from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.textures import Texture
 from raytracer.kernels.shaders import Hit, Surface
-from raytracer.lights import DirectionalLight, PointLight
-from raytracer.materials import Material, Triple
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.meshes.teapot import teapot as newells_teapot
-from raytracer.scene import Scene
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import DirectionalLight, PointLight
+from raytracer.scene.scene import Scene
 from raytracer.shaders import checker
-from raytracer.textures import Texture
 
 
 def boxes() -> Scene:

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
-from raytracer.textures import Texture
 
 Triple = tuple[float, float, float]
 

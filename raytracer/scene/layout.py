@@ -3,7 +3,7 @@
 Stage: layout. Takes a `Scene`, gives a `Layout` in f64, which tables round to a kernel's working precision. What no
 mesh needs is not there, and `kernels.tracer` records no code for it.
 
->>> from raytracer.scene import Scene
+>>> from raytracer import Scene
 >>> Layout.of(Scene.builtin("boxes")).triangles.shape
 (108, 4)
 """
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import WORKING, build
 from raytracer.accel.grid import Grid
-from raytracer.lights import PlacedLight, PointLight
-from raytracer.materials import Material
+from raytracer.appearance.materials import Material
 from raytracer.meshes import Mesh
 from raytracer.meshes.mesh import normals_of
-from raytracer.scene import Scene
+from raytracer.scene.lights import PlacedLight, PointLight
+from raytracer.scene.scene import Scene
 
 if TYPE_CHECKING:
     from raytracer.layered.cube import LayeredCube

@@ -24,10 +24,10 @@ from typing import Any
 
 import shpy as sh
 from raytracer.errors import SceneError
+from raytracer.integrators.renderer import THRESHOLD, Renderer
 from raytracer.kernels import stages
-from raytracer.renderer import THRESHOLD, Renderer
-from raytracer.scene import Scene
-from raytracer.trade import new_figure
+from raytracer.scene.scene import Scene
+from raytracer.studies.tradeoff import new_figure
 
 __all__ = ["Case", "Measured", "Study", "study"]
 

@@ -18,9 +18,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from raytracer.appearance.materials import Triple
+from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
-from raytracer.materials import Triple
-from raytracer.textures import Texture
 
 Falloff = Literal["none", "square"]
 

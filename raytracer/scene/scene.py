@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.camera import Camera, radius_of
+from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
-from raytracer.lights import EnvironmentLight, Light, PlacedLight, PointLight
-from raytracer.materials import Material, Triple
 from raytracer.meshes.folder import shown
 from raytracer.meshes.instance import placed
 from raytracer.meshes.loading import load_contents
 from raytracer.meshes.shapes import floor
+from raytracer.scene.camera import Camera, radius_of
+from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight, PointLight
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)
@@ -145,7 +145,7 @@ class Scene:
     @classmethod
     def builtin(cls, name: str) -> Scene:
         """One of the scenes that the package makes itself; SceneError names them all when `name` is none of them."""
-        from raytracer.scenes import SCENES
+        from raytracer.scene.builtin import SCENES
 
         if name not in SCENES:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(SCENES)}")

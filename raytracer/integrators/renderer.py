@@ -20,19 +20,19 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.choice import check
 from raytracer.accel.grid import MAX_PER_SIDE
-from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
+from raytracer.integrators.progressive import MOST_SAMPLES, origin_of, passes, resumed
+from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
-from raytracer.layout import Layout
 from raytracer.memory import check_fits
-from raytracer.progressive import MOST_SAMPLES, origin_of, passes, resumed
-from raytracer.scene import Scene
-from raytracer.staged import Log, StagedTracer
+from raytracer.scene.camera import Camera
+from raytracer.scene.layout import Layout
+from raytracer.scene.scene import Scene
 
 Progress = Callable[[int, int], None]
 """Called with the rows that are done and all rows, after each band."""
@@ -358,7 +358,7 @@ def _render_fastest(
     progress: Progress | None,
 ) -> Image:
     """The picture by the fastest variant that keeps an error."""
-    from raytracer.trade import fastest  # here: it needs this module
+    from raytracer.studies.tradeoff import fastest  # here: it needs this module
 
     variant, renderer = fastest(scene, max_error, backend, BOUNCES["whitted"] if bounces is None else bounces)
     image = renderer.render(size, samples=samples, progress=progress)

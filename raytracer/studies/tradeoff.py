@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
-from raytracer.camera import Camera
 from raytracer.errors import SceneError
 from raytracer.image import Image, encoded
-from raytracer.renderer import Renderer
-from raytracer.scene import Scene
+from raytracer.integrators.renderer import Renderer
+from raytracer.scene.camera import Camera
+from raytracer.scene.scene import Scene
 
 __all__ = ["Candidate", "Tradeoff", "Variant", "errors", "new_figure", "reference", "tradeoff"]
 

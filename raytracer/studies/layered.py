@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import shpy as sh
-from raytracer.christen import Told, counted_on, devices_of, machine, table
 from raytracer.errors import SceneError
 from raytracer.layered.cube import HITS
-from raytracer.layered.measuring import KINDS, SMALLER, Bench, Case, Measured, Model, models, unit
 from raytracer.meshes import Mesh
-from raytracer.trade import new_figure
+from raytracer.studies.christen import Told, counted_on, devices_of, machine, table
+from raytracer.studies.layered_measuring import KINDS, SMALLER, Bench, Case, Measured, Model, models, unit
+from raytracer.studies.tradeoff import new_figure
 
 __all__ = ["FULL", "QUICK", "Plan", "Study", "cases", "study"]
 

@@ -1,0 +1,1 @@
+"""How surfaces look: materials and their textures."""

@@ -1,0 +1,1 @@
+"""Measurements: the trade-off of time and error, and the repeated studies of two papers."""
