@@ -34,11 +34,31 @@ from shpy.errors import (
     VerifyError,
 )
 from shpy.kernel import Kernel, Result
-from shpy.lang.array import Array
-from shpy.lang.builtins import (
+from shpy.lang.data.array import Array
+from shpy.lang.data.params import Param
+from shpy.lang.data.tables import Table, Texture2D
+from shpy.lang.library import hash as hash
+from shpy.lang.library import noise, unit_float
+from shpy.lang.mistakes.foreign import module_cure
+from shpy.lang.programs.control import (
+    SH_BREAK,
+    SH_CONTINUE,
+    SH_DISCARD,
+    SH_DO,
+    SH_ELIF,
+    SH_ELSE,
+    SH_FOR,
+    SH_IF,
+    SH_RETURN,
+    SH_UNTIL,
+    SH_WHILE,
+)
+from shpy.lang.programs.subroutine import subroutine
+from shpy.lang.recording.location import here
+from shpy.lang.values.builtins import (
     abs as abs,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     acos,
     acosh,
     all_lanes,
@@ -98,48 +118,28 @@ from shpy.lang.builtins import (
     trunc,
     uintBitsToFloat,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     all as all,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     any as any,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     max as max,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     min as min,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     pow as pow,
 )
-from shpy.lang.builtins import (
+from shpy.lang.values.builtins import (
     round as round,
 )
-from shpy.lang.control import (
-    SH_BREAK,
-    SH_CONTINUE,
-    SH_DISCARD,
-    SH_DO,
-    SH_ELIF,
-    SH_ELSE,
-    SH_FOR,
-    SH_IF,
-    SH_RETURN,
-    SH_UNTIL,
-    SH_WHILE,
-)
-from shpy.lang.data import Table, Texture2D
-from shpy.lang.derivatives import dFdx, dFdy
-from shpy.lang.foreign import module_cure
-from shpy.lang.library import hash as hash
-from shpy.lang.library import noise, unit_float
-from shpy.lang.location import here
-from shpy.lang.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
-from shpy.lang.params import Param
-from shpy.lang.structure import struct
-from shpy.lang.subroutine import subroutine
-from shpy.lang.types import (
+from shpy.lang.values.derivatives import dFdx, dFdy
+from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
+from shpy.lang.values.structure import struct
+from shpy.lang.values.types import (
     Attrib1b,
     Attrib1d,
     Attrib1f,

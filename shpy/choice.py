@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from shpy.errors import ShpyTypeError
-from shpy.lang.location import here
+from shpy.lang.recording.location import here
 from shpy.program import Program
 from shpy.program import program as record_program
 

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
-from shpy.lang.coerce import sequence
-from shpy.lang.compound import fits
-from shpy.lang.data import Table, TableArgument, TableType, Texture2D, TextureType
-from shpy.lang.hostdata import as_base, working
-from shpy.lang.location import here
-from shpy.lang.record import InputType, Recorded
-from shpy.lang.structure import Group, Layout, entries_of, flatten, leaves
-from shpy.lang.values import Value
+from shpy.lang.data.compound import fits
+from shpy.lang.data.hostdata import as_base, working
+from shpy.lang.data.tables import Table, TableArgument, TableType, Texture2D, TextureType
+from shpy.lang.programs.record import InputType, Recorded
+from shpy.lang.recording.location import here
+from shpy.lang.values.coerce import sequence
+from shpy.lang.values.structure import Group, Layout, entries_of, flatten, leaves
+from shpy.lang.values.value import Value
 
 Shape = tuple[int, ...]
 _MAX_RANK = 31

@@ -27,12 +27,12 @@ from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Status
 from shpy.ir.text import print_module
 from shpy.ir.traverse import grid_rank
-from shpy.lang.data import Table, Texture2D, TextureType
-from shpy.lang.guarded import guarded
-from shpy.lang.location import here
-from shpy.lang.pickling import OfOneProcess
-from shpy.lang.record import Recorded
-from shpy.lang.structure import Leaf, build_arrays
+from shpy.lang.data.tables import Table, Texture2D, TextureType
+from shpy.lang.programs.guarded import guarded
+from shpy.lang.programs.record import Recorded
+from shpy.lang.recording.location import here
+from shpy.lang.recording.pickling import OfOneProcess
+from shpy.lang.values.structure import Leaf, build_arrays
 from shpy.passes.forget import forget_data
 from shpy.plans import KEPT, Plan, plan_of, signature
 from shpy.streams.running import (

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from shpy.backends.base import Call, TableData
 from shpy.ir.types import Base
-from shpy.lang.record import Recorded
-from shpy.lang.structure import Layout, Leaf, build_arrays, leaves
+from shpy.lang.programs.record import Recorded
+from shpy.lang.values.structure import Layout, Leaf, build_arrays, leaves
 
 __all__ = ["KEPT", "Plan", "plan_of", "signature"]
 

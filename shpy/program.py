@@ -30,17 +30,17 @@ from shpy.host import bind
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
 from shpy.kernel import Kernel
-from shpy.lang.claims import checked
-from shpy.lang.compound import listed_tables
-from shpy.lang.dependent import evaluate_with
-from shpy.lang.inline import call_recorded
-from shpy.lang.location import here
-from shpy.lang.method import PerInstance, is_method
-from shpy.lang.params import listed
-from shpy.lang.pickling import OfOneProcess
-from shpy.lang.record import InputType, Recorded, record
-from shpy.lang.recorder import current_frame
-from shpy.lang.structure import Leaf, Rows, leaves
+from shpy.lang.data.compound import listed_tables
+from shpy.lang.data.params import listed
+from shpy.lang.programs.claims import checked
+from shpy.lang.programs.inline import call_recorded
+from shpy.lang.programs.method import PerInstance, is_method
+from shpy.lang.programs.record import InputType, Recorded, record
+from shpy.lang.recording.location import here
+from shpy.lang.recording.pickling import OfOneProcess
+from shpy.lang.recording.recorder import current_frame
+from shpy.lang.values.dependent import evaluate_with
+from shpy.lang.values.structure import Leaf, Rows, leaves
 from shpy.streams.stream import Place, Stream, streams_in
 from shpy.tracing import Step, trace
 from shpy.uniforms import evaluate

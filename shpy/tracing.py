@@ -21,10 +21,10 @@ from shpy.errors import ShpyTypeError
 from shpy.host import Shape, bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.ir.nodes import Function, Loc, Loop, Module, Store
 from shpy.ir.traverse import grid_rank, walk
-from shpy.lang.coerce import sequence
-from shpy.lang.data import TableType, TextureType
-from shpy.lang.location import here
-from shpy.lang.record import Recorded
+from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.programs.record import Recorded
+from shpy.lang.recording.location import here
+from shpy.lang.values.coerce import sequence
 from shpy.streams.stream import Stream
 
 __all__ = ["Step", "trace"]

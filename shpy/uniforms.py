@@ -15,14 +15,14 @@ from shpy.backends.base import Options
 from shpy.backends.registry import backend
 from shpy.ir.collector import uncollected
 from shpy.kernel import Kernel
-from shpy.lang import arithmetic
-from shpy.lang.data import Table
-from shpy.lang.dependent import Dependent, record_expression
-from shpy.lang.emit import FrameEmitter
-from shpy.lang.record import Recorded, record_body
-from shpy.lang.recorder import need_frame, recording
-from shpy.lang.structure import Leaf
-from shpy.lang.values import CLASSES
+from shpy.lang.data.tables import Table
+from shpy.lang.programs.record import Recorded, record_body
+from shpy.lang.recording.emit import FrameEmitter
+from shpy.lang.recording.recorder import need_frame, recording
+from shpy.lang.values import arithmetic
+from shpy.lang.values.dependent import Dependent, record_expression
+from shpy.lang.values.structure import Leaf
+from shpy.lang.values.value import CLASSES
 
 
 @dataclass(slots=True)

@@ -25,8 +25,8 @@ from shpy.choice import Choice, combinations
 from shpy.command import MOST, progress_lines, whole
 from shpy.errors import ShpyError
 from shpy.ir.types import Base
-from shpy.lang.data import TableType, TextureType
-from shpy.lang.structure import leaves
+from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.values.structure import leaves
 from shpy.program import Program
 
 __all__ = ["add_commands", "load", "parse_domain"]

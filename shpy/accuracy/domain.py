@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyTypeError
 from shpy.host import dtypes_at
 from shpy.ir.types import Base, Type
-from shpy.lang.data import TableType, TextureType
-from shpy.lang.location import here
-from shpy.lang.structure import build_arrays, leaves
+from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import build_arrays, leaves
 from shpy.program import Program
 
 __all__ = ["Domain", "Samples", "draw", "special_values"]

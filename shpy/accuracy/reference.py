@@ -29,7 +29,7 @@ from shpy.ir.nodes import Function, Let, Module, Status, Value
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import defined
 from shpy.ir.types import FLOATS, Type
-from shpy.lang.location import here
+from shpy.lang.recording.location import here
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
 

@@ -27,7 +27,7 @@ from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError
 from shpy.kernel import Kernel
-from shpy.lang.location import here
+from shpy.lang.recording.location import here
 from shpy.program import Program
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting

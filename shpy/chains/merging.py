@@ -12,11 +12,11 @@ from typing import Any
 
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base
-from shpy.lang.builtins import cond
-from shpy.lang.record import InputType, record_body
-from shpy.lang.recorder import recording
-from shpy.lang.structure import Leaf
-from shpy.lang.values import CLASSES, Value
+from shpy.lang.programs.record import InputType, record_body
+from shpy.lang.recording.recorder import recording
+from shpy.lang.values.builtins import cond
+from shpy.lang.values.structure import Leaf
+from shpy.lang.values.value import CLASSES, Value
 from shpy.program import Program
 
 __all__ = ["COUNT", "merge_of"]

@@ -24,9 +24,9 @@ from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
 from shpy.errors import ShpyTypeError
 from shpy.kernel import Kernel
-from shpy.lang.data import Table, TableType, Texture2D
-from shpy.lang.location import here
-from shpy.lang.structure import Layout, Leaf, leaves
+from shpy.lang.data.tables import Table, TableType, Texture2D
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Layout, Leaf, leaves
 from shpy.streams.running import check_places
 from shpy.streams.stream import Place, Stream, _place, streams_in
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from shpy.backends.base import Memory
 from shpy.errors import ShpyTypeError
-from shpy.lang.location import here
-from shpy.lang.types import Attrib1b, Attrib1i
+from shpy.lang.recording.location import here
+from shpy.lang.values.types import Attrib1b, Attrib1i
 from shpy.streams.stream import Place, Stream
 
 __all__ = ["check_place", "check_stream", "indices_at", "mask_at", "shaped"]

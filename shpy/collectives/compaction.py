@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from shpy.collectives.arguments import check_stream, mask_at, shaped
 from shpy.collectives.leaves import Leaves
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.types import Attrib1i
+from shpy.lang.values.types import Attrib1i
 from shpy.streams.stream import Stream
 
 __all__ = ["Compacted", "compact"]

@@ -23,13 +23,13 @@ from shpy.collectives.trees import retyped
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
-from shpy.lang.builtins import clamp, cond
-from shpy.lang.builtins import min as least
-from shpy.lang.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
-from shpy.lang.data import TableType
-from shpy.lang.location import here
-from shpy.lang.types import Attrib1i, Attrib1u
-from shpy.lang.values import CLASSES
+from shpy.lang.data.tables import TableType
+from shpy.lang.programs.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
+from shpy.lang.recording.location import here
+from shpy.lang.values.builtins import clamp, cond
+from shpy.lang.values.builtins import min as least
+from shpy.lang.values.types import Attrib1i, Attrib1u
+from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Stream
 

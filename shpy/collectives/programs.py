@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 from shpy.ir.traverse import is_straight, walk
 from shpy.ir.types import FLOATS, Base
-from shpy.lang.array import Array
-from shpy.lang.builtins import bits_from_float, cond, grid_index, isinf, isnan
-from shpy.lang.builtins import max as larger
-from shpy.lang.control import SH_ELSE, SH_FOR, SH_IF
-from shpy.lang.data import TableType
-from shpy.lang.structure import Group, build_values, layout_from, layout_of, leaves, leaves_of, struct
-from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
-from shpy.lang.values import CLASSES
+from shpy.lang.data.array import Array
+from shpy.lang.data.tables import TableType
+from shpy.lang.programs.control import SH_ELSE, SH_FOR, SH_IF
+from shpy.lang.values.builtins import bits_from_float, cond, grid_index, isinf, isnan
+from shpy.lang.values.builtins import max as larger
+from shpy.lang.values.structure import Group, build_values, layout_from, layout_of, leaves, leaves_of, struct
+from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
+from shpy.lang.values.value import CLASSES
 from shpy.program import Program, program
 
 __all__ = [

@@ -34,11 +34,11 @@ from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import FLOATS, Base
-from shpy.lang.data import Table
-from shpy.lang.location import here
-from shpy.lang.structure import Leaf, layout_of
-from shpy.lang.types import Attrib1f
-from shpy.lang.values import CLASSES
+from shpy.lang.data.tables import Table
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Leaf, layout_of
+from shpy.lang.values.types import Attrib1f
+from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Stream

@@ -30,8 +30,8 @@ from shpy.collectives.trees import (
     run_pairs,
 )
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data import Table
-from shpy.lang.hostdata import checked_bool
+from shpy.lang.data.hostdata import checked_bool
+from shpy.lang.data.tables import Table
 from shpy.program import Program
 from shpy.streams.stream import Stream
 

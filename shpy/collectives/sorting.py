@@ -16,10 +16,10 @@ from shpy.collectives.leaves import Leaves
 from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data import TableType, TextureType
-from shpy.lang.hostdata import checked_bool
-from shpy.lang.location import here
-from shpy.lang.types import Attrib1i
+from shpy.lang.data.hostdata import checked_bool
+from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.recording.location import here
+from shpy.lang.values.types import Attrib1i
 from shpy.program import Program
 from shpy.streams.stream import Stream
 

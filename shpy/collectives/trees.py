@@ -19,11 +19,11 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard, Let
 from shpy.ir.traverse import walk
 from shpy.ir.types import vec
-from shpy.lang.data import Table, TableType, TextureType
-from shpy.lang.location import here
-from shpy.lang.structure import Leaf, layout_of, leaves
-from shpy.lang.types import Attrib1i
-from shpy.lang.values import CLASSES
+from shpy.lang.data.tables import Table, TableType, TextureType
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Leaf, layout_of, leaves
+from shpy.lang.values.types import Attrib1i
+from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Place, Stream
 

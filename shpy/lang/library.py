@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
-from shpy.lang import arithmetic
-from shpy.lang.builtins import clamp, cond, dot, floor, fract, min, mix
-from shpy.lang.location import here
-from shpy.lang.subroutine import Subroutine
-from shpy.lang.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib3f
-from shpy.lang.values import CLASSES, Value
+from shpy.lang.programs.subroutine import Subroutine
+from shpy.lang.recording.location import here
+from shpy.lang.values import arithmetic
+from shpy.lang.values.builtins import clamp, cond, dot, floor, fract, min, mix
+from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib3f
+from shpy.lang.values.value import CLASSES, Value
 
 if TYPE_CHECKING:
-    from shpy.lang.data import Texture
+    from shpy.lang.data.tables import Texture
 
 
 _STEP = 747796405

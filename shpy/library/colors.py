@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-from shpy.lang.builtins import abs, clamp, cond, dot, max, min, pow, sign
-from shpy.lang.values import CLASSES, Value
+from shpy.lang.values.builtins import abs, clamp, cond, dot, max, min, pow, sign
+from shpy.lang.values.value import CLASSES, Value
 from shpy.library.operands import vector
 
 __all__ = [

@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import Any
 
 from shpy.errors import ShpyTypeError
-from shpy.lang.arithmetic import operand
-from shpy.lang.builtins import cond, isinf, isnan, length, log10, mix
-from shpy.lang.coerce import common_kind, common_size
-from shpy.lang.location import here
-from shpy.lang.matrix import MATRICES
-from shpy.lang.values import CLASSES, Value
+from shpy.lang.recording.location import here
+from shpy.lang.values.arithmetic import operand
+from shpy.lang.values.builtins import cond, isinf, isnan, length, log10, mix
+from shpy.lang.values.coerce import common_kind, common_size
+from shpy.lang.values.matrix import MATRICES
+from shpy.lang.values.value import CLASSES, Value
 from shpy.library.operands import float_base, vector
 
 __all__ = ["hypot", "isfinite", "lerp", "log10", "outer"]

@@ -12,9 +12,9 @@ from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import INTS, Base
-from shpy.lang import arithmetic
-from shpy.lang.location import here
-from shpy.lang.values import CLASSES, Value
+from shpy.lang.recording.location import here
+from shpy.lang.values import arithmetic
+from shpy.lang.values.value import CLASSES, Value
 
 __all__ = ["float_base", "vector"]
 

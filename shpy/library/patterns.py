@@ -14,13 +14,13 @@ from typing import Any, Final
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, vec
-from shpy.lang.builtins import abs, any, cond, floor, isnan, length, max, min
-from shpy.lang.control import SH_BREAK, SH_FOR, SH_IF
 from shpy.lang.library import hash, noise, pcg, unit_float
-from shpy.lang.location import here
-from shpy.lang.subroutine import Subroutine
-from shpy.lang.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f
-from shpy.lang.values import CLASSES
+from shpy.lang.programs.control import SH_BREAK, SH_FOR, SH_IF
+from shpy.lang.programs.subroutine import Subroutine
+from shpy.lang.recording.location import here
+from shpy.lang.values.builtins import abs, any, cond, floor, isnan, length, max, min
+from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f
+from shpy.lang.values.value import CLASSES
 from shpy.library.operands import vector
 
 __all__ = ["cellnoise", "fbm", "turbulence", "worley"]

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
-from shpy.lang.builtins import clamp, cond, floor, length, log2, max, min, mix
-from shpy.lang.data import Table, Texture, WrapName, checked_pixels
+from shpy.lang.data.tables import Table, Texture, WrapName, checked_pixels
 from shpy.lang.library import WRAPS, filtered
-from shpy.lang.location import here
-from shpy.lang.names import assigned_name
-from shpy.lang.subroutine import Subroutine
-from shpy.lang.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f, Attrib3i, TexCoord2f
-from shpy.lang.values import CLASSES
+from shpy.lang.programs.subroutine import Subroutine
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import assigned_name
+from shpy.lang.values.builtins import clamp, cond, floor, length, log2, max, min, mix
+from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f, Attrib3i, TexCoord2f
+from shpy.lang.values.value import CLASSES
 from shpy.library.operands import vector
 
 __all__ = ["Mipmap", "Texture3D", "TextureCube", "cubemap"]

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from shpy.lang.builtins import cos, cross, dot, normalize, sin, tan
-from shpy.lang.matrix import MATRICES, Matrix3f, Matrix4f
-from shpy.lang.types import Attrib1f, Attrib3f
+from shpy.lang.values.builtins import cos, cross, dot, normalize, sin, tan
+from shpy.lang.values.matrix import MATRICES, Matrix3f, Matrix4f
+from shpy.lang.values.types import Attrib1f, Attrib3f
 from shpy.library.mathematics import outer
 from shpy.library.operands import vector
 

@@ -19,11 +19,11 @@ from shpy import host
 from shpy.backends.base import Array, Counts, DeviceCall, Executable, Memory, TableData, TableMemory, overlap
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, vec
-from shpy.lang.data import Table
-from shpy.lang.location import here
-from shpy.lang.record import Recorded
-from shpy.lang.structure import Group, Layout, build_group, leaves
-from shpy.lang.types import Attrib1b
+from shpy.lang.data.tables import Table
+from shpy.lang.programs.record import Recorded
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Group, Layout, build_group, leaves
+from shpy.lang.values.types import Attrib1b
 from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
 
 __all__ = [

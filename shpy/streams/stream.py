@@ -24,11 +24,11 @@ from shpy.backends.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.tabledata import TableData
-from shpy.lang.compound import CompoundTable, fits_type
-from shpy.lang.data import Table, Texture2D
-from shpy.lang.location import here
-from shpy.lang.names import assigned_name
-from shpy.lang.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
+from shpy.lang.data.compound import CompoundTable, fits_type
+from shpy.lang.data.tables import Table, Texture2D
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import assigned_name
+from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
 

@@ -12,9 +12,9 @@ from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
-from shpy.lang.location import here
-from shpy.lang.structure import Leaf, layout_of
-from shpy.lang.values import CLASSES
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Leaf, layout_of
+from shpy.lang.values.value import CLASSES
 
 __all__ = ["extents_of", "owner_of"]
 

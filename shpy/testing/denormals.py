@@ -23,8 +23,8 @@ from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Port, Regi
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.traverse import map_regions, rewrite
 from shpy.ir.types import Base, vec
-from shpy.lang.structure import Group, Leaf
-from shpy.lang.values import CLASSES
+from shpy.lang.values.structure import Group, Leaf
+from shpy.lang.values.value import CLASSES
 from shpy.passes.exits import make_exits_explicit
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower

@@ -22,7 +22,7 @@ import numpy as np
 from shpy.accuracy.units import steps
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Loc
-from shpy.lang.location import here
+from shpy.lang.recording.location import here
 from shpy.program import Program
 from shpy.testing.arrays import EXACT, Bound, is_denormal
 from shpy.testing.denormals import Denormal, find_denormals

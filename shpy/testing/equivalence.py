@@ -18,7 +18,7 @@ import numpy as np
 
 from shpy.accuracy.units import steps
 from shpy.errors import ShpyTypeError
-from shpy.lang.location import here
+from shpy.lang.recording.location import here
 from shpy.program import Program
 from shpy.testing import defaults
 from shpy.testing.arrays import Array, Bound

@@ -22,8 +22,8 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
 from shpy.kernel import Kernel
-from shpy.lang.structure import Group, Leaf
-from shpy.lang.values import CLASSES
+from shpy.lang.values.structure import Group, Leaf
+from shpy.lang.values.value import CLASSES
 from shpy.passes.promote import promote
 from shpy.program import Program
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel

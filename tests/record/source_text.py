@@ -15,9 +15,9 @@ import pytest
 
 import shpy as sh
 from shpy.errors import RecordError
-from shpy.lang import control
-from shpy.lang.record import is_value
-from shpy.lang.source_check import check_source
+from shpy.lang.mistakes.check import check_source
+from shpy.lang.programs import control
+from shpy.lang.programs.record import is_value
 
 BLOCKS = {k: v for k, v in vars(control).items() if k.startswith("SH_")}
 _count = itertools.count()

@@ -5,7 +5,7 @@ import pytest
 
 import shpy as sh
 import shpy_start
-from shpy.lang import location
+from shpy.lang.recording import location
 
 LARGEST = np.finfo(np.float32).max
 
@@ -127,4 +127,4 @@ def test_a_call_with_an_option_of_compile_names_compile():
 def test_an_error_of_the_command_line_names_no_line_of_its_own_start(monkeypatch):
     monkeypatch.setattr(location, "main", location.here, raising=False)
     assert location.here().file == __file__
-    assert shpy_start.start("shpy", "shpy.lang.location") is None
+    assert shpy_start.start("shpy", "shpy.lang.recording.location") is None

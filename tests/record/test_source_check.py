@@ -11,8 +11,8 @@ import pytest
 from source_text import BLOCKS, check, is_value, made, sh
 
 from shpy.errors import RecordError, ShpyWarning
-from shpy.lang import control
-from shpy.lang.source_check import check_source
+from shpy.lang.mistakes.check import check_source
+from shpy.lang.programs import control
 
 
 def test_an_attribute_of_a_python_object() -> None:

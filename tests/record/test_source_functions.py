@@ -10,7 +10,7 @@ import pytest
 from source_text import blame, check
 
 import shpy as sh
-from shpy.lang.source.kinds import functions, gives_value
+from shpy.lang.mistakes.kinds import functions, gives_value
 
 OTHERS = {
     "argsort", "backends", "choice", "compact", "cubemap", "default_backend", "gather", "histogram", "loop", "parse",

@@ -6,7 +6,7 @@ import linecache
 
 from source_text import made
 
-from shpy.lang.names import for_name, name_for
+from shpy.lang.recording.names import for_name, name_for
 
 
 def named(text: str) -> tuple[list[str | None], list[str | None]]:

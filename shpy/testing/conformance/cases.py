@@ -23,9 +23,9 @@ from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import Tolerance
 from shpy.ir.types import Base
-from shpy.lang.data import TableType, TextureType
-from shpy.lang.record import InputType
-from shpy.lang.structure import leaves as leaves_of
+from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.programs.record import InputType
+from shpy.lang.values.structure import leaves as leaves_of
 from shpy.testing.arrays import flat_leaves
 from shpy.testing.conformance.running import DenormalWatch, differs, flushes_denormals, kernel
 

@@ -12,9 +12,9 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base, Type
-from shpy.lang.data import TableType, TextureType
-from shpy.lang.location import here
-from shpy.lang.structure import build_arrays, layout_of, leaves
+from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import build_arrays, layout_of, leaves
 from shpy.program import Program
 from shpy.testing.generated.syntax import F3, F, I, U, Variable
 

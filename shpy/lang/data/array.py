@@ -1,0 +1,128 @@
+"""Arrays: one element's own random-access storage.
+
+Stage: record. Reads out of range give the nearest element, writes out of range are dropped.
+
+    stack = sh.Array(sh.Attrib1i, 8)
+    stack[n] = node
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from shpy.errors import ShpyIndexError, ShpyTypeError
+from shpy.ir.nodes import MAX_ARRAY
+from shpy.ir.types import Base, vec
+from shpy.lang.recording.emit import FrameEmitter
+from shpy.lang.recording.location import here
+from shpy.lang.recording.recorder import Frame, need_frame
+from shpy.lang.values import arithmetic
+from shpy.lang.values.coerce import Literal
+from shpy.lang.values.structure import Layout, build_values, flatten, layout_of, leaves
+from shpy.lang.values.value import Value
+
+
+class Array:
+    """`Array(type, n)`: n elements, zero at first; `Array(type, values)`: these elements.
+
+    Elements are values, matrices or structs. `a[i]` reads a copy, `a[i] = v` stores, `len(a)` is n.
+    Raises RecordError outside of a program, ShpyTypeError for a length below 1 or an index that is not an int.
+    """
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, type_: Any, length: int | Sequence[Any]) -> None:
+        frame = need_frame("sh.Array")
+        values = None if isinstance(length, int) else list(length)
+        count = len(values) if values is not None else length
+        if not isinstance(count, int) or count < 1:
+            raise ShpyTypeError("an Array holds one element or more", loc=here(), cure="sh.Array(sh.Attrib1f, 8)")
+        if count > MAX_ARRAY:
+            raise ShpyTypeError(
+                f"an Array is each element's own and holds at most {MAX_ARRAY}, not {count}",
+                loc=here(),
+                cure="an sh.Table, for data that all elements share",
+            )
+        self._frame = frame
+        self._length: int = count
+        self._layout: Layout = layout_of(type_, "element")
+        self._classes = [cls for _, _, cls in leaves(self._layout, "")]
+        self._variables = [frame.variable(cls.type, count) for cls in self._classes]
+        for i, value in enumerate(values or ()):
+            self[i] = value
+        if values is None and frame.scope.loops:
+            self._clear()
+        suffixes = [suffix for suffix, _, _ in leaves(self._layout, "")]
+        frame.name_parts(dict(zip(suffixes, self._variables, strict=True)))
+
+    @classmethod
+    def _of(cls, frame: Frame, layout: Layout, length: int, variables: list[int]) -> Array:
+        made = object.__new__(cls)
+        made._frame, made._layout, made._length, made._variables = frame, layout, length, variables
+        made._classes = [leaf for _, _, leaf in leaves(layout, "")]
+        return made
+
+    def _clear(self) -> None:
+        """Zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
+        from shpy.lang.programs.control import SH_FOR
+
+        with SH_FOR(self._length) as i:
+            index = int(i._read(FrameEmitter(self._frame)))
+            for variable, cls in zip(self._variables, self._classes, strict=True):
+                zero = FrameEmitter(self._frame).const(cls.type, (0,) * cls.size)
+                self._frame.store(variable, zero, None, index)
+
+    def copy(self) -> Array:
+        """An array with the same elements that is this one's own no longer."""
+        from shpy.lang.programs.control import SH_FOR
+
+        slots = [self._frame.variable(cls.type, self._length) for cls in self._classes]
+        made = Array._of(self._frame, self._layout, self._length, slots)
+        with SH_FOR(self._length) as i:
+            made[i] = self[i]
+        return made
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[i] for i in range(self._length))
+
+    def _index(self, i: Any) -> int:
+        frame = need_frame("an Array")
+        probe = object.__new__(Value)
+        object.__setattr__(probe, "_frame", self._frame)
+        object.__setattr__(probe, "_variable", self._variables[0])
+        object.__setattr__(probe, "_loc", None)
+        probe._check(frame)
+        operand = arithmetic.operand(i, "an index")
+        if isinstance(operand, Literal):
+            if operand.weak != "int" or operand.size != 1:
+                raise ShpyTypeError("an index is one int", loc=here(), cure="a[0]")
+            k = operand.components[0]
+            if not -self._length <= k < self._length:
+                raise ShpyIndexError(
+                    f"element {k} of an Array of {self._length}", loc=here(), cure=f"0 to {self._length - 1}"
+                )
+            return int(FrameEmitter(frame).const(vec(Base.I), (k % self._length,)))
+        if operand.size != 1 or not operand.type.is_int:
+            raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
+        return int(arithmetic.index(FrameEmitter(frame), operand))
+
+    def __getitem__(self, i: Any) -> Any:
+        index = self._index(i)
+        emitter = FrameEmitter(self._frame)
+        parts = []
+        for variable, cls in zip(self._variables, self._classes, strict=True):
+            part = arithmetic.made(cls.kind, cls.type, emitter, emitter.let("load", (index,), cls.type, variable))
+            object.__setattr__(part, "_part", f"{self._frame.names[self._variables[0]] or 'a'}[i]")
+            parts.append(part)
+        return build_values(self._layout, iter(parts))
+
+    def __setitem__(self, i: Any, value: Any) -> None:
+        index = self._index(i)
+        entries = flatten(self._layout, value, "an element")
+        for variable, cls, entry in zip(self._variables, self._classes, entries, strict=True):
+            handle = arithmetic.convert(self._frame, entry, cls.type, "a store into an Array")
+            self._frame.store(variable, handle, None, index)

@@ -1,0 +1,111 @@
+"""Host data on its way in: what arrays, lists and numbers are accepted for a base.
+
+Stage: record and run. float64 goes to f, integers to f or to i and u when in range, bools only to b.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import DTYPES
+from shpy.ir.types import FLOATS, Base
+from shpy.lang.recording.location import here
+
+_SPOKEN = {
+    Base.F: "floats",
+    Base.D: "floats",
+    Base.H: "floats",
+    Base.I: "ints",
+    Base.U: "unsigned ints",
+    Base.B: "bools",
+}
+
+
+def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
+    """`data` as an array for `base`: floats keep the width they have, ints and bools get theirs.
+
+    Raises ShpyTypeError naming `what` for complex numbers, objects, floats for ints, bools for numbers, ragged lists,
+    and integers out of range.
+    """
+    try:
+        array = np.asarray(data)
+    except (ValueError, TypeError) as error:
+        raise ShpyTypeError(
+            f"{what} is not an array: {error}", loc=here(), cure="np.asarray(rows), all of one length"
+        ) from error
+    if isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
+        raise ShpyTypeError(
+            f"{what} is a masked array, and a kernel runs over every element",
+            loc=here(),
+            cure=f"{what}.filled(0), and the mask as an input of its own",
+        )
+    kind = array.dtype.kind
+    if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):
+        return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
+    wanted = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
+    if kind not in wanted:
+        raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=_cure(kind, base))
+    if base in FLOATS:
+        return array if kind == "f" and array.dtype.itemsize <= 8 else in_range(array, np.dtype(np.float64), what)
+    if base is not Base.B and array.size:
+        limits = np.iinfo(DTYPES[base])
+        low, high = array.min(), array.max()
+        if low < limits.min or high > limits.max:
+            bad = low if low < limits.min else high
+            raise ShpyTypeError(
+                f"{what} holds {bad}, out of the range of {_SPOKEN[base]} of 32 bits",
+                loc=here(),
+                cure="np.clip(x, low, high), or floats",
+            )
+    return array.astype(DTYPES[base])
+
+
+def _cure(kind: str, base: Base) -> str:
+    """Return how numbers of another kind become what `base` takes; each works for arrays, lists and numbers."""
+    if kind not in "biuf":
+        return "an array of bools" if base is Base.B else "an array of numbers"
+    if base is Base.B:
+        return "np.asarray(x) != 0"
+    dtype = "float32" if base in FLOATS else np.dtype(DTYPES[base]).name
+    return f"np.rint(x).astype(np.{dtype})" if kind == "f" else f"np.asarray(x, np.{dtype})"
+
+
+def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[Any]:
+    """Convert numbers to a dtype of floats, rounded; ShpyTypeError naming `what` for a number that none of them holds.
+
+    The copy is skipped where the dtype is the array's own.
+    """
+    try:
+        with np.errstate(all="ignore", over="raise"):
+            return array.astype(dtype, copy=False)
+    except FloatingPointError:
+        with np.errstate(all="ignore"):
+            converted = array.astype(dtype)
+        lost = array[np.isinf(converted) & ~np.isinf(array)]
+        raise ShpyTypeError(
+            f"{what} holds {lost[0]}, out of the range of floats of {8 * dtype.itemsize} bits",
+            loc=here(),
+            cure="np.clip(x, low, high), np.inf if infinity is meant, or a wider precision",
+        ) from None
+
+
+def working(array: NDArray[Any], base: Base, dtype: np.dtype[Any], what: str) -> NDArray[Any]:
+    """Convert floats to the dtype that a kernel has for a base; ShpyTypeError for a number that the base does not hold.
+
+    The working float holds what 32 bits hold. A kernel at f16 rounds it as its results, large numbers to infinity.
+    """
+    if base is Base.F and dtype == np.float16:
+        with np.errstate(over="ignore"):
+            return in_range(array, np.dtype(np.float32), what).astype(np.float16)
+    return in_range(array, dtype, what)
+
+
+def checked_bool(value: Any, what: str) -> bool:
+    """Return an option that is a bool of Python or numpy; ShpyTypeError naming `what` for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise ShpyTypeError(f"{what}={value!r} is neither True nor False", loc=here(), cure=f"{what}=True")
+    return bool(value)

@@ -1,0 +1,377 @@
+"""Uniforms: Param, a value that is the same for all elements and may change between runs.
+
+Stage: record. Used by closure. What operators make of Params outside a program is a uniform too: see `dependent.py`.
+
+    sky = sh.Param(sh.Color3f, (0.2, 0.4, 1), name="sky")
+    sky.value = (1, 1, 1)      # between runs
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shpy.errors import RecordError, ShpyError, ShpyTypeError
+from shpy.ir.constants import decode, to_array
+from shpy.ir.types import Base
+from shpy.lang.data.hostdata import as_base
+from shpy.lang.recording.emit import DEFERRED, Emitter, Handle
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import assigned_name
+from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.values import arithmetic, coerce
+from shpy.lang.values.dependent import Dependent
+from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_arrays, entries_of, layout_of, leaves
+from shpy.lang.values.value import CLASSES, Value
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """Metadata of a Param for pages and viewers; `range` also bounds its value."""
+
+    range: tuple[float, float] | None = None
+    step: float | None = None
+    title: str | None = None
+    description: str | None = None
+
+
+class Param:
+    """`Param(type, value, name=None)`: a uniform, used like a value of `type`; set `.value` between runs.
+
+    The type may be a matrix or a struct. The name defaults to the Python name that it is assigned to. `range=(low,
+    high)` bounds each component, ends included; `step`, `title` and `description` are for pages and viewers.
+    Raises ShpyTypeError, naming the Param, for a value that does not fit the type or lies outside the range.
+    """
+
+    named: bool
+    _name: str | None
+    _about: About
+
+    def __new__(
+        cls,
+        type_: Any,
+        value: Any,
+        name: str | None = None,
+        *,
+        range: tuple[float, float] | None = None,
+        step: float | None = None,
+        title: str | None = None,
+        description: str | None = None,
+    ) -> Any:
+        """Make an object that is both a Param and a value, matrix or struct of `type_`."""
+        known = name if name is not None else assigned_name()
+        layout = _layout(type_)
+        about = _checked_about(layout, About(range, step, title, description), _called(known))
+        if isinstance(layout, Leaf):
+            return _param(layout.cls, value, known, name is not None, about)
+        entries = _leaf_entries(layout, value, _called(known))
+        parts = [
+            _param(leaf, entry, path, name is not None, About())
+            for (path, _, leaf), entry in zip(leaves(layout, known or "param"), entries, strict=True)
+        ]
+        whole = _compound(layout, iter(parts), known or "param", about)
+        for part in parts:
+            object.__setattr__(part, "_owner", whole)
+        return whole
+
+    @property
+    def name(self) -> str | None:
+        """The name, or None where none is known before the program is recorded."""
+        return self._name
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """The least and the greatest value of a component, or None."""
+        return self._about.range
+
+    @property
+    def step(self) -> float | None:
+        """How far apart the values lie that a viewer offers, or None."""
+        return self._about.step
+
+    @property
+    def title(self) -> str | None:
+        """The title in a viewer, or None."""
+        return self._about.title
+
+    @property
+    def description(self) -> str | None:
+        """The description in a viewer, or None."""
+        return self._about.description
+
+
+def _called(name: str | None) -> str:
+    return f"the Param {name}" if name else "a Param"
+
+
+def _layout(type_: Any) -> Layout:
+    """The layout of a Param's type: a scalar, vector, matrix or struct."""
+    try:
+        layout = layout_of(type_, "a Param")
+    except ShpyTypeError:
+        layout = None
+    if layout is None or (isinstance(layout, Group) and layout.form != "struct"):
+        raise ShpyTypeError(
+            f"a Param cannot be a {type_!r}",
+            loc=here(),
+            cure="sh.Param(sh.Color3f, (1, 1, 1)), a matrix or a @sh.struct",
+        )
+    if isinstance(layout, Group) and "value" in layout.names:
+        raise ShpyTypeError(
+            f"{type_.__name__} has a field named value, which is what a Param's value is set by",
+            loc=here(),
+            cure="another name for the field",
+        )
+    return layout
+
+
+def _checked_about(layout: Layout, about: About, what: str) -> About:
+    """Return the metadata; ShpyTypeError for a malformed range or step."""
+    if about.range is None and about.step is None:
+        return about
+    if not isinstance(layout, Leaf) or layout.cls.type.is_bool:
+        raise ShpyTypeError(
+            f"{what}: a range or step is for numbers and vectors of numbers",
+            loc=here(),
+            cure="a Param of its own for the number that is bounded",
+        )
+    bounds = about.range
+    if bounds is not None:
+        pair = isinstance(bounds, tuple | list) and len(bounds) == 2 and all(map(_is_number, bounds))
+        if not pair or bounds[0] > bounds[1]:
+            raise ShpyTypeError(
+                f"{what}: range={bounds!r} is no pair of numbers, the lower first", loc=here(), cure="range=(0, 1)"
+            )
+    if about.step is not None and not (_is_number(about.step) and 0 < about.step < math.inf):
+        raise ShpyTypeError(f"{what}: step={about.step!r} is no positive number", loc=here(), cure="step=0.1")
+    return About(None if bounds is None else (bounds[0], bounds[1]), about.step, about.title, about.description)
+
+
+def _is_number(x: Any) -> bool:
+    known = coerce.literal(x)
+    return known is not None and known.weak != "bool" and known.components[0] == known.components[0]
+
+
+def _param(type_: type[Value], value: Any, name: str | None, named: bool, about: About) -> Any:
+    made: Any = object.__new__(type(type_.__name__, (_ValueParam, type_), {}))
+    slots = {"_frame": None, "_variable": -1, "_part": None, "_loc": here(), "_name": name, "named": named}
+    for slot, start in {**slots, "_about": about, "_owner": None}.items():
+        object.__setattr__(made, slot, start)
+    made.value = value
+    return made
+
+
+class _ValueParam(Param):
+    """A Param of a scalar or vector type."""
+
+    _uniform = True
+    _owner: Any
+
+    def __new__(cls, *args: Any, **named: Any) -> Any:
+        raise RecordError("a Param is made by sh.Param", loc=here())
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        pass
+
+    @property
+    def exact(self) -> Any:
+        """The present value as binary64, a float or a tuple of floats: a kernel rounds it to its own precision."""
+        numbers = decode(self.type, self._const)  # type: ignore[attr-defined]
+        return numbers if len(numbers) > 1 else numbers[0]
+
+    def at(self, precision: str, math: str) -> Any:
+        """Return the exact value for a kernel: it is the same for all precisions and modes."""
+        return self.exact
+
+    @property
+    def value(self) -> Any:
+        """The present value: a numpy scalar or array of shape (size,)."""
+        held = to_array(self.type, self._const)  # type: ignore[attr-defined]
+        return held[()] if held.ndim == 0 else held
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        object.__setattr__(self, "_const", self._constant(value))
+
+    def _constant(self, value: Any) -> tuple[int, ...]:
+        """The value as a constant; ShpyTypeError, naming the Param, where an input would refuse it as well."""
+        cls = CLASSES[self.kind, self.size, self.base]  # type: ignore[attr-defined]
+        constant = constant_of(cls, value, _called(self._name))
+        low, high = self._about.range or (None, None)
+        for number in decode(cls.type, constant):
+            if low is not None and high is not None and not low <= number <= high:
+                raise ShpyTypeError(
+                    f"{_called(self._name)}: {number} is outside of its range, {low} to {high}",
+                    loc=here(),
+                    cure="a value in range, or a Param with another range=(low, high)",
+                )
+        return constant
+
+    def _read(self, emitter: Emitter) -> Handle:
+        frame = current_frame()
+        if frame is None:
+            assert emitter is DEFERRED
+            return emitter.let("param", (), self.type, self)  # type: ignore[attr-defined]
+        name = frame.recording.use("param", frame.recording.params, self)
+        return emitter.let("param", (), self.type, name)  # type: ignore[attr-defined]
+
+    def _called(self) -> str:
+        return self._name or "a Param"
+
+    def _storable(self, spelled: str) -> Frame:
+        raise RecordError(
+            f"{self._called()} is a Param: the same for all elements, and not stored into by a program",
+            loc=here(),
+            cure=f"{self._name or 'p'}.value = … between runs, or a copy, y = x.copy()",
+        )
+
+
+def constant_of(cls: type[Value], value: Any, what: str) -> tuple[int, ...]:
+    """A host value as a constant of `cls`; ShpyTypeError, naming `what`, where an input would refuse it."""
+    try:
+        parts = arithmetic.parts(cls, value)
+        if any(isinstance(p, Value) and p._frame is not None for p in parts):
+            raise RecordError("its value is set between runs", loc=here(), cure="a number")
+        flat = [p if isinstance(p, coerce.Literal) else _literal_of(p) for p in parts]
+        for part in flat:
+            coerce.check_base(part, cls.base)
+        return arithmetic.constant(cls.type, flat, cls)
+    except ShpyError as error:
+        raise type(error)(f"{what}: {error.message}", loc=error.loc, cure=error.cure) from error
+
+
+def _literal_of(value: Value) -> coerce.Literal:
+    weak = "float" if value.type.is_float else "bool" if value.type.is_bool else "int"
+    return coerce.Literal(weak, tuple(np.atleast_1d(value._now()).tolist()))
+
+
+# Matrices and structs
+
+
+class _CompoundParam(Param):
+    """A Param of a matrix or struct: one Param a leaf."""
+
+    _layout: Layout
+    _leaves: tuple[_ValueParam, ...]
+
+    def __new__(cls, *args: Any, **named: Any) -> Any:
+        raise RecordError("a Param is made by sh.Param", loc=here())
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        pass
+
+    @property
+    def value(self) -> Any:
+        """The present value: an array (N, N), or a named tuple of the fields' values."""
+        return build_arrays(self._layout, (leaf.value for leaf in self._leaves))
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        entries = _leaf_entries(self._layout, value, _called(self._name))
+        constants = [leaf._constant(entry) for leaf, entry in zip(self._leaves, entries, strict=True)]
+        for leaf, constant in zip(self._leaves, constants, strict=True):  # only when all of them fit
+            object.__setattr__(leaf, "_const", constant)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "value":
+            object.__setattr__(self, name, value)
+        else:
+            super().__setattr__(name, value)
+
+
+def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = About()) -> Any:
+    """The Param of a matrix or struct whose leaves are these; a leaf itself."""
+    if isinstance(layout, Leaf):
+        return next(parts)
+    fields: dict[str, Any]
+    if isinstance(layout, Rows):
+        rows = tuple(next(parts) for _ in range(layout.cls.size))
+        found, fields = list(rows), {"rows": rows}
+    else:
+        inner = zip(layout.names, layout.parts, strict=True)
+        fields = {n: _compound(part, parts, f"{name}.{n}") for n, part in inner}
+        found = [leaf for field in fields.values() for leaf in getattr(field, "_leaves", (field,))]
+    # A field called `range`, say, comes before what a Param has of that name.
+    hidden = {n: property(_reader(n)) for n in fields if hasattr(Param, n)}
+    made: Any = object.__new__(type(layout.cls.__name__, (_CompoundParam, layout.cls), hidden))
+    for attribute, held in (("_name", name), ("_about", about), ("_layout", layout), ("_leaves", tuple(found))):
+        object.__setattr__(made, attribute, held)
+    for attribute, held in fields.items():
+        if attribute in hidden:
+            vars(made)[attribute] = held
+        else:
+            object.__setattr__(made, attribute, held)
+    return made
+
+
+def _reader(name: str) -> Callable[[Any], Any]:
+    return lambda self: vars(self)[name]
+
+
+def _leaf_entries(layout: Layout, value: Any, what: str) -> list[Any]:
+    """A Param's value taken apart: structs by fields, matrices by rows."""
+    match layout:
+        case Leaf():
+            return [value]
+        case Rows(cls):
+            return list(_matrix_rows(cls, value, what))
+        case Group(form, names, parts):
+            entries = zip(names, parts, entries_of(value, form, names, what), strict=True)
+            return [leaf for n, part, entry in entries for leaf in _leaf_entries(part, entry, f"{what}.{n}")]
+
+
+def _matrix_rows(cls: Any, value: Any, what: str) -> Sequence[Any]:
+    """The rows of a matrix Param's value: of a matrix, or of an array (N, N)."""
+    if isinstance(value, Matrix) and value.size == cls.size:
+        return value.rows
+    array = as_base(value, Base.F, what)
+    if array.shape != (cls.size, cls.size):
+        raise ShpyTypeError(
+            f"{what} is a {cls.__name__} and takes an array ({cls.size}, {cls.size}), not {array.shape}",
+            loc=here(),
+            cure=f"sh.{cls.__name__}(row0, row1, …), or an array of {cls.size} rows",
+        )
+    return list(array)
+
+
+# What a program has
+
+
+def listed(params: Mapping[str, Any]) -> dict[str, Any]:
+    """A program's uniforms as the user made them: matrices and structs whole, and what dependent uniforms follow."""
+    found: dict[str, Any] = {}
+
+    def enter(name: str, uniform: Any) -> None:
+        owner = getattr(uniform, "_owner", None)
+        if owner is not None:
+            path = (uniform.name or "").removeprefix(owner._name)
+            name, uniform = name.removesuffix(path), owner
+        if any(uniform is other for other in found.values()):
+            return
+        free, count = name, 2
+        while free in found:
+            free, count = f"{name}_{count}", count + 1
+        found[free] = uniform
+
+    for name, uniform in params.items():
+        enter(name, uniform)
+    for uniform in params.values():
+        for source in uniform.sources if isinstance(uniform, Dependent) else ():
+            if isinstance(source, Param):
+                enter(source.name or "param", source)
+    return found
+
+
+def constants_for(name: str, uniform: Any, value: Any) -> dict[int, tuple[int, ...]]:
+    """The constants that fix a uniform of a program, by the identity of each leaf."""
+    if isinstance(uniform, _CompoundParam):
+        entries = _leaf_entries(uniform._layout, value, name)
+        return {id(leaf): leaf._constant(entry) for leaf, entry in zip(uniform._leaves, entries, strict=True)}
+    if isinstance(uniform, _ValueParam):
+        return {id(uniform): uniform._constant(value)}
+    return {id(uniform): constant_of(CLASSES[uniform.kind, uniform.size, uniform.base], value, name)}

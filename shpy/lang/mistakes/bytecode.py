@@ -1,0 +1,259 @@
+"""Names that a block rebinds, found without the text of the function: by its frame and its bytecode.
+
+Stage: record, while blocks open and close. Where there is text, `source_check` finds the mistake before anything runs;
+in a REPL, under `exec` and `python -c` there is none. There the local names of the user's frames are compared at the
+exit of each block with those at its entry, and the bytecode tells which of them is read afterwards.
+
+    with SH_IF(x > 1):
+        x = x - 1           # x is another object now, and `return x` reads it: RecordError
+    return x
+
+A name that is first bound inside the block, or bound anew before it is read again, is innocent. Of what a name holds,
+the items of lists and dicts and the attributes of objects are compared too, one level deep.
+"""
+
+from __future__ import annotations
+
+import dis
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from types import CodeType, FrameType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from shpy.errors import RecordError
+from shpy.ir.nodes import Loc
+from shpy.lang.data.array import Array
+from shpy.lang.recording.location import called_frames, loc_in
+from shpy.lang.recording.tree import definition
+from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.structure import leaves_of
+from shpy.lang.values.value import Value
+
+_ENDS = frozenset({"RETURN_VALUE", "RETURN_CONST", "RERAISE", "RAISE_VARARGS"})
+_NAMES = re.compile(r"(LOAD|STORE|DELETE)_(?:FAST|DEREF|CLOSURE)(?!_AND_CLEAR)")
+_NUMBERS = (int, float, complex, np.number, np.bool_)
+_GONE = object()
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A local name, or an item (its key, and the length of a list) or attribute of what the name holds."""
+
+    name: str
+    key: tuple[Any, int | None] | None = None
+    attribute: str | None = None
+
+    def __str__(self) -> str:
+        if self.attribute is not None:
+            return f"{self.name}.{self.attribute}"
+        return self.name if self.key is None else f"{self.name}[{self.key[0]!r}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A frame at the entry of a block: where it was, and what its places held."""
+
+    frame: FrameType
+    offset: int
+    held: dict[Place, Any]
+
+
+def entered() -> list[Entry]:
+    """The frames of the user's functions that have no text, innermost first, as a block opens."""
+    frames = [f for f in called_frames() if not _has_text(f.f_code, f.f_code.co_filename)]
+    return [Entry(f, f.f_lasti, {p: x for p, x in _places(f) if _matters(x)}) for f in frames]
+
+
+def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, test: Callable[[], Any] | None) -> None:
+    """Raise RecordError where a block rebound what is read after it, or in the next iteration of its loop.
+
+    `test` is the callable that a loop evaluates in every iteration.
+    """
+    frames = called_frames()
+    written = f"{what}()" if what in ("SH_DO", "SH_ELSE") else f"{what}(…)"
+    for entry in entries:
+        if all(frame is not entry.frame for frame in frames):
+            continue
+        code, leaving = entry.frame.f_code, entry.frame.f_lasti
+        if entry.frame is frames[0] and _returns(code, leaving):
+            raise RecordError(
+                f"Python's `return` inside `with {written}` happens while recording, whatever the block's condition is",
+                loc=loc,
+                cure="SH_RETURN(…)",
+            )
+        now = dict(_places(entry.frame))
+        for place, old in entry.held.items():
+            new = now.get(place, _GONE)
+            if not _rebound(old, new):
+                continue
+            use, when = _first_read(code, leaving, place), "used after it"
+            if loop and old is not None:
+                again = _first_read(code, entry.offset, place)
+                if again is not None and again[0] <= leaving:
+                    use, when = again, "used in its next iteration"
+                elif test is not None and place.name in getattr(getattr(test, "__code__", None), "co_freevars", ()):
+                    use, when = (0, test.__code__.co_firstlineno), "used in its next iteration"
+            if use is not None:
+                where = loc_in(code.co_filename, _line_of_store(code, entry.offset, leaving, place))
+                raise RecordError(
+                    f"`{place}` is rebound inside `with {written}` and {when} (line {use[1]}): Python rebinds the name "
+                    "once, while recording, whatever happens at run time",
+                    loc=where,
+                    cure=_store_instead(place, old, new),
+                )
+
+
+def _store_instead(place: Place, old: Any, new: Any) -> str:
+    """Return the cure: a store, and a declaration before the block where there is nothing to store into."""
+    if old is None:
+        return f"make `{place}` a value before the block, `{place}[:] = …` inside it"
+    if not isinstance(old, _NUMBERS):
+        return f"{place}[:] = …"
+    kind = "b" if isinstance(old, bool | np.bool_) else "i" if isinstance(old, int | np.integer) else "f"
+    if isinstance(new, float | np.floating):
+        kind = "f"
+    made = f"sh.{type(new).__name__}" if isinstance(new, Value) else f"sh.Attrib1{kind}"
+    local = place.attribute or str(place)  # what is stored into an object would outlive the recording
+    return f"`{local} = {made}({old})` before the block, `{local}[:] = …` inside it"
+
+
+# What a frame holds
+
+
+@lru_cache(maxsize=1024)
+def _has_text(code: CodeType, file: str) -> bool:
+    """Return whether the check of the source has seen the function; code alone does not tell one file from another."""
+    return definition(code) is not None
+
+
+def _places(frame: FrameType) -> Iterator[tuple[Place, Any]]:
+    for name, thing in dict(frame.f_locals).items():
+        yield Place(name), thing
+        if type(thing) is list:
+            # Another length is a list that Python fills or empties, not items that are stored.
+            yield from ((Place(name, (k, len(thing))), x) for k, x in enumerate(thing))
+        elif type(thing) is dict:
+            yield from ((Place(name, (k, None)), x) for k, x in thing.items())
+        elif hasattr(thing, "__dict__") and not _is_value(thing):
+            if not isinstance(thing, ModuleType | FunctionType | type):
+                yield from ((Place(name, None, k), x) for k, x in vars(thing).items())
+
+
+def _is_value(x: Any) -> bool:
+    return isinstance(x, Value | Matrix | Array) or hasattr(type(x), "_shpy_fields")
+
+
+def _matters(x: Any) -> bool:
+    """Return whether what a place holds as a block opens can be mistaken for what it holds afterwards.
+
+    A value of a block that is closed cannot: to use it is an error in any case.
+    """
+    if isinstance(x, Array):
+        return True
+    if _is_value(x):
+        return all(v._frame is None or not v._frame.homes[v._variable].closed for v in leaves_of(x))
+    return x is None or isinstance(x, _NUMBERS)
+
+
+def _rebound(old: Any, new: Any) -> bool:
+    if new is old or new is _GONE:
+        return False
+    if _is_value(old) or _is_value(new):
+        return True
+    return old is not None and isinstance(new, _NUMBERS) and bool(new != old)
+
+
+# What the bytecode reads
+
+
+@lru_cache(maxsize=256)
+def _instructions(code: CodeType) -> tuple[dis.Instruction, ...]:
+    return tuple(dis.get_instructions(code))
+
+
+def _after(instructions: tuple[dis.Instruction, ...], offset: int) -> int:
+    return next((k for k, i in enumerate(instructions) if i.offset > offset), len(instructions))
+
+
+def _effects(instruction: dis.Instruction, place: Place) -> Iterator[str]:
+    """LOAD and STORE, in order, where the instruction reads or binds the place."""
+    if place.attribute is not None:
+        if instruction.argval == place.attribute and instruction.opname in ("LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR"):
+            yield instruction.opname.partition("_")[0]
+        return
+    names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+    kinds = _NAMES.findall(instruction.opname)
+    for kind, name in zip(kinds, names, strict=False):
+        if name == place.name:
+            yield kind
+
+
+def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | None:
+    """Where, after `offset`, the place may be read before it is bound: offset and line of the first, or None."""
+    instructions = _instructions(code)
+    index = {i.offset: k for k, i in enumerate(instructions)}
+    waiting, seen = [_after(instructions, offset)], set[int]()
+    found: list[int] = []
+    while waiting:
+        k = waiting.pop()
+        while k < len(instructions) and k not in seen:
+            seen.add(k)
+            instruction = instructions[k]
+            effect = next(_effects(instruction, place), None)
+            if effect == "LOAD":
+                found.append(k)
+            if effect is not None or instruction.opname in _ENDS:
+                break
+            if instruction.opcode in dis.hasjrel or instruction.opcode in dis.hasjabs:
+                waiting += _targets(instructions, k, index, place)
+                if re.match("JUMP_(?!IF)", instruction.opname):
+                    break
+            k += 1
+    if not found:
+        return None
+    first = instructions[min(found)]
+    return first.offset, _line(first, code)
+
+
+def _targets(instructions: tuple[dis.Instruction, ...], k: int, index: dict[int, int], place: Place) -> Iterator[int]:
+    """Where the jump at `k` may lead, next to its successor.
+
+    Python's own loops are taken to run once at least, and the body of an `if` that binds the place to be run: they
+    are decided while recording, and conditions that go together must not look like a mistake.
+    """
+    target = index[instructions[k].argval]
+    if instructions[k].opname == "FOR_ITER":
+        return
+    if instructions[target].opname == "FOR_ITER" and target < k:
+        yield from (target + 1, index[instructions[target].argval])
+        return
+    body = instructions[k + 1 : target]
+    if body and body[-1].opname != "JUMP_FORWARD" and any("STORE" in _effects(i, place) for i in body):
+        return
+    yield target
+
+
+def _line(instruction: dis.Instruction, code: CodeType) -> int:
+    positions = instruction.positions
+    return (positions.lineno if positions is not None else None) or code.co_firstlineno
+
+
+def _line_of_store(code: CodeType, start: int, end: int, place: Place) -> int:
+    """The line on which a block, from offset to offset, binds the place; of an item, the first that stores one."""
+    inside = [i for i in _instructions(code) if start < i.offset <= end]
+    if place.key is not None:
+        stores = [i for i in inside if i.opname == "STORE_SUBSCR"]
+    else:
+        stores = [i for i in inside if "STORE" in _effects(i, place)]
+    return next((_line(i, code) for i in (*stores, *inside)), code.co_firstlineno)
+
+
+def _returns(code: CodeType, offset: int) -> bool:
+    """Return whether the block is left by Python's `return`: what it gives back is on the stack already."""
+    names = [i.opname for i in _instructions(code)[_after(_instructions(code), offset) :]]
+    text = " ".join(names[:64])
+    return re.match(r"POP_TOP (SWAP |(LOAD_CONST ){3}(PRECALL )?CALL POP_TOP )*RETURN_VALUE", text) is not None

@@ -1,0 +1,65 @@
+"""A look at the text of the user's function before it is run, for mistakes that running it could not show.
+
+Stage: record, first of all. Takes the function that `sh.program` decorates; raises `RecordError` with the line and the
+cure, or says nothing. Recording runs Python once: a name that a block rebinds keeps the block's value, whether or not
+the block will run, and `y = x` gives one value two names. Both are visible in the text alone.
+
+    def wrong(x: sh.Attrib1f):
+        with SH_IF(x > 1):
+            x = x - 1           # RecordError: … write instead: x[:] = x - 1
+        return x
+
+Without text (a REPL, `exec`) nothing is said here: `rebinding` then compares names while the function runs. What is
+legitimate in some program is not reported: the check knows only what is certain, and the recorder finds the rest by
+scope.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from types import CodeType
+
+from shpy.errors import ShpyWarning
+from shpy.ir.nodes import Loc
+from shpy.lang.mistakes.explain import explain_bool, explain_conversion
+from shpy.lang.mistakes.flow import Flow
+from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
+from shpy.lang.recording.tree import definition
+
+__all__ = ["check_source", "explain_bool", "explain_conversion"]
+
+
+def check_source(function: object, *, is_value: Callable[[object], bool]) -> None:
+    """Raise `RecordError` for the first classic mistake in the function's text, or in that of one it calls.
+
+    `function` may be a function, method, lambda, partial or callable object; `is_value` tells the language's values
+    from other objects.
+    """
+    waiting: list[object] = [function]
+    seen: set[CodeType] = set()
+    while waiting:
+        found = unwrapped(waiting.pop(0))
+        if found is None:
+            continue
+        plain, given = found
+        is_program = not seen
+        if plain.__code__ in seen or not (is_program or uses_shpy(plain)):
+            continue
+        seen.add(plain.__code__)
+        node = definition(plain.__code__)
+        if node is None:
+            continue
+        flow = Flow(node, scope_of(plain, node, given, is_value), is_program=is_program)
+        try:
+            flow.check()
+        except RecursionError:
+            loc = Loc(plain.__code__.co_filename, plain.__code__.co_firstlineno)
+            warnings.warn(
+                f"{loc}: {plain.__name__} holds an expression that is nested too deep for shpy's check of names that "
+                "Python binds anew in a block; write it in several lines",
+                ShpyWarning,
+                stacklevel=2,
+            )
+            continue
+        waiting.extend(flow.called)

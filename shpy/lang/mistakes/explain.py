@@ -1,0 +1,387 @@
+"""What a line of the user's code asked of a value that Python cannot have: an `if`, a `min`, an index of a list.
+
+Stage: record. The value's `__bool__` knows only that Python wants to know whether it is true; the text says for which
+construct, and so which cure fits. Takes the line that runs; gives the sentence and what to write, or None.
+
+    if 0 < x < 1:       # explain_bool(loc) → ("Python's `0 < x < 1` …", "with SH_IF((0 < x) & (x < 1)):")
+    n = int(x)          # explain_conversion(loc, "int") → ("`int(x)` …", "sh.Attrib1i(x)")
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import FrameType
+from typing import TypeAlias
+
+from shpy.ir.nodes import Loc
+from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library
+from shpy.lang.mistakes.rewrite import rewritten
+from shpy.lang.recording.location import user_frame
+from shpy.lang.recording.tree import parsed, quoted
+
+Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
+_Span: TypeAlias = tuple[int, int, int, int]
+
+_TESTING = frozenset({"bool", "min", "max", "any", "all", "sorted"})
+_SAME = frozenset(
+    "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 log10 pow sin cos tan asin acos atan atan2 "
+    "sinh cosh tanh asinh acosh atanh fma ldexp radians degrees dot cross transpose any all isnan isinf".split()
+)
+_JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
+_CASTING = {
+    "float32": "Attrib1f", "float64": "Attrib1d", "float16": "Attrib1h", "int32": "Attrib1i", "int64": "Attrib1i",
+    "uint32": "Attrib1u", "bool_": "Attrib1b",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Site:
+    """A place where Python asks: the construct, what it tests, and the outermost construct that must be rewritten."""
+
+    node: ast.AST
+    tested: ast.expr
+    whole: ast.AST
+
+
+def explain_bool(loc: Loc | None, frame: FrameType | None = None) -> Hint | None:
+    """Why Python wanted to know whether a value is true on this line; `frame` is the user's, where known."""
+    if loc is None:
+        return None
+    try:
+        roots, spelling = _statements(loc), _Spelling.of(loc.file)
+        sites = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
+        site = _chosen(sites, loc, frame) or _in_a_call(roots, loc, frame)
+        return None if site is None else _bool_hint(site, spelling)
+    except RecursionError:  # an expression deeper than Python's stack: the error comes without this hint
+        return None
+
+
+def explain_conversion(loc: Loc | None, kind: str, frame: FrameType | None = None) -> Hint | None:
+    """Why Python wanted a number on this line; `kind` is what it asked: int, float, index, round or math."""
+    if loc is None:
+        return None
+    try:
+        asking = [
+            (n, root)
+            for root in _statements(loc)
+            for n in _in_order(root)
+            if isinstance(n, ast.expr) and _asks(n, kind)
+        ]
+        asking.sort(key=lambda found: isinstance(found[0], ast.Call) and isinstance(found[0].func, ast.Attribute))
+        site = _chosen([_Site(n, n, root) for n, root in asking], loc, frame)
+        if site is None:
+            return None
+        index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
+        return _conversion_hint(site.tested, _Spelling.of(loc.file), index.id if isinstance(index, ast.Name) else "i")
+    except RecursionError:  # as above
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Spelling:
+    """How the file writes shpy's names."""
+
+    file: str
+    prefix: str
+    imported: frozenset[str]
+
+    @classmethod
+    def of(cls, file: str) -> _Spelling:
+        """Read from the file's imports."""
+        prefix, imported = "sh.", set[str]()
+        tree = parsed(file)
+        for node in tree.body if tree is not None else []:
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    if alias.name == "shpy":
+                        prefix = f"{alias.asname or alias.name}."
+            elif isinstance(node, ast.ImportFrom) and node.module == "shpy":
+                imported |= {alias.name for alias in node.names}
+        return cls(file, prefix, frozenset(imported))
+
+    def quoted(self, node: ast.AST) -> str:
+        """The code as it stands in the file."""
+        return quoted(self.file, node)
+
+    def control(self, name: str) -> str:
+        """`SH_IF`, or `sh.SH_IF` where the file has no other way to it."""
+        plain = not self.imported or name in self.imported or "*" in self.imported or self.prefix == ""
+        return name if plain else f"{self.prefix}{name}"
+
+
+# Finding the place.
+
+
+def _statements(loc: Loc) -> list[ast.stmt]:
+    """The statements on the line; of a compound one, the line must be in its head."""
+    tree = parsed(loc.file)
+    found: list[ast.stmt] = []
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, ast.stmt) and node.lineno <= loc.line:
+            ends = [getattr(part, "end_lineno", None) or node.lineno for part in ast.walk(_head(node))]
+            if loc.line <= max(ends):
+                found.append(node)
+    return found
+
+
+def _head(node: ast.stmt) -> ast.AST:
+    """The statement without those under it."""
+    return ast.Tuple([part for part in _parts(node) if isinstance(part, ast.expr)], ast.Load())
+
+
+def _parts(root: ast.AST) -> Iterator[ast.AST]:
+    """The children that belong to the line itself, not to the statements under it."""
+    for child in ast.iter_child_nodes(root):
+        if not isinstance(child, ast.stmt | ast.ExceptHandler | ast.match_case):
+            yield child
+
+
+def _in_order(root: ast.AST) -> Iterator[ast.AST]:
+    """Inner nodes before outer ones, left to right: about the order of evaluation."""
+    for child in _parts(root):
+        yield from _in_order(child)
+    yield root
+
+
+def _tests(root: ast.AST, whole: ast.AST | None = None) -> Iterator[_Site]:
+    """The places where Python asks whether something is true, in the order of evaluation."""
+    match root:
+        case ast.If() | ast.While() | ast.Assert():
+            yield from _tests(root.test, root)
+            yield _Site(root, root.test, root)
+        case ast.IfExp():
+            outer = whole if isinstance(whole, ast.expr) else root
+            yield from _tests(root.test, outer)
+            yield _Site(root, root.test, outer)
+            yield from _tests(root.body)
+            yield from _tests(root.orelse)
+        case ast.BoolOp():
+            for count, value in enumerate(root.values):
+                yield from _tests(value, whole or root)
+                if count + 1 < len(root.values):
+                    yield _Site(root, value, whole or root)
+        case ast.UnaryOp(op=ast.Not()):
+            yield from _tests(root.operand, whole or root)
+            yield _Site(root, root.operand, whole or root)
+        case ast.Compare():
+            for operand in (root.left, *root.comparators):
+                yield from _tests(operand)
+            if len(root.ops) > 1 or isinstance(root.ops[0], ast.In | ast.NotIn):
+                yield _Site(root, root, whole or root)
+        case ast.comprehension():
+            yield from _tests(root.iter)
+            for test in root.ifs:
+                yield from _tests(test, whole)
+                yield _Site(root, test, root)
+        case _:
+            for part in _parts(root):
+                yield from _tests(part)
+            if isinstance(root, ast.Call) and isinstance(root.func, ast.Name) and root.func.id in _TESTING:
+                yield _Site(root, root, root)
+
+
+def _of_the_host(node: ast.expr) -> bool:
+    """Whether the test is certainly Python's own."""
+    if isinstance(node, ast.Compare):
+        if all(isinstance(o, ast.Is | ast.IsNot) for o in node.ops):
+            return True
+        return all(_of_the_host(e) for e in (node.left, *node.comparators))
+    if isinstance(node, ast.Call):
+        return isinstance(node.func, ast.Name) and node.func.id in ("len", "isinstance", "hasattr", "callable")
+    return isinstance(node, ast.Constant)
+
+
+def _asks(node: ast.expr, kind: str) -> bool:
+    """Whether the expression may ask a value for this kind of number."""
+    match node:
+        case ast.Call(func=ast.Name(id=name)):
+            return kind == {"range": "index", "complex": "float"}.get(name, name)
+        case ast.Call(func=ast.Attribute(value=ast.Name(id=module))):
+            return module in ("math", "cmath", "np", "numpy") and bool(node.args)
+        case ast.Call(func=ast.Attribute(value=ast.Attribute(value=ast.Name(id=module)))):
+            return module in ("np", "numpy") and bool(node.args)
+        case ast.Subscript():
+            return kind == "index" and not isinstance(node.slice, ast.Constant)
+    return False
+
+
+def _span(node: ast.AST) -> _Span | None:
+    if not isinstance(node, ast.expr | ast.stmt) or node.end_lineno is None or node.end_col_offset is None:
+        return None
+    return node.lineno, node.end_lineno, node.col_offset, node.end_col_offset
+
+
+def _running(loc: Loc, frame: FrameType | None) -> _Span | None:
+    """What exactly the frame is computing."""
+    frame = frame or user_frame()
+    if frame is None or frame.f_code.co_filename != loc.file or frame.f_lineno != loc.line:
+        return None
+    span = next(itertools.islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), None)
+    if span is None or any(s is None for s in span):
+        return None
+    return span  # type: ignore[return-value]
+
+
+def _chosen(sites: list[_Site], loc: Loc, frame: FrameType | None) -> _Site | None:
+    """The place that is meant: the one whose text the frame is at, else the first on the line."""
+    running = _running(loc, frame)
+    if running is not None:
+        for site in sites:
+            if running in (_span(site.node), _span(site.tested)):
+                return site
+        for site in sites:
+            if running == _span(site.whole):
+                return site
+    near = [s for s in sites if (span := _span(s.tested)) is None or span[0] <= loc.line <= span[1]]
+    return next(iter(near or sites), None)
+
+
+def _in_a_call(roots: list[ast.stmt], loc: Loc, frame: FrameType | None) -> _Site | None:
+    """The call, of `list.index` say, from which Python's own code asks."""
+    running = _running(loc, frame)
+    for node in (n for root in roots for n in _in_order(root)):
+        if isinstance(node, ast.Call) and _span(node) == running:
+            return _Site(node, node, node)
+    return None
+
+
+# Saying it.
+
+
+def _bool_hint(site: _Site, spelling: _Spelling) -> Hint:
+    word = _word(site.node)
+    if word is None:
+        return _builtin_hint(site.node, spelling)
+    # Which operand of `and` asked is not certain: CPython's positions are those of the first for all.
+    asked = spelling.quoted(site.node if isinstance(site.node, ast.BoolOp) else site.tested)
+    message = f"Python's `{word}` is decided while recording, `{asked}` only when the program runs"
+    if isinstance(site.node, ast.Compare) and word == "and":
+        message = f"Python joins the chain `{asked}` with `and`, while recording"
+    return message, _test_cure(site, spelling)
+
+
+def _word(node: ast.AST) -> str | None:
+    """The word of Python that asks; None for a call."""
+    match node:
+        case ast.While():
+            return "while"
+        case ast.Assert():
+            return "assert"
+        case ast.BoolOp(op=ast.Or()):
+            return "or"
+        case ast.UnaryOp():
+            return "not"
+        case ast.Compare(ops=[operator]):
+            return "in" if isinstance(operator, ast.In) else "not in"
+        case ast.BoolOp() | ast.Compare():
+            return "and"
+        case ast.Call():
+            return None
+    return "if"
+
+
+def _test_cure(site: _Site, spelling: _Spelling) -> str:
+    """The whole construct as it should be."""
+    whole, prefix = site.whole, spelling.prefix
+    match whole:
+        case ast.If(test=test):
+            name = "SH_ELIF" if _is_elif(whole) else "SH_IF"
+            return f"with {spelling.control(name)}({rewritten(test, prefix)}):"
+        case ast.While(test=test):
+            return f"with {spelling.control('SH_WHILE')}(lambda: {rewritten(test, prefix)}):"
+        case ast.Assert(test=test):
+            return f"give `{rewritten(test, prefix)}` as an output, and check that"
+        case ast.Compare(ops=[ast.In() | ast.NotIn()], comparators=[items]) if not isinstance(
+            items, ast.Tuple | ast.List | ast.Set
+        ):
+            left, found = spelling.quoted(whole.left), isinstance(whole.ops[0], ast.In)
+            return _each(left) if found else f"compare with each, as in `({left} != a) & ({left} != b)`"
+        case ast.comprehension():
+            return f"with {spelling.control('SH_IF')}({rewritten(site.tested, prefix)}):"
+        case ast.expr():
+            return rewritten(whole, prefix)
+    return spelling.quoted(whole)
+
+
+def _each(left: str) -> str:
+    return f"compare with each, as in `({left} == a) | ({left} == b)`"
+
+
+def _is_elif(node: ast.If) -> bool:
+    """An `elif` starts its test five characters after itself; an `if` three."""
+    return node.test.lineno == node.lineno and node.test.col_offset - node.col_offset >= 5
+
+
+def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
+    """`min`, `max` and the like compare while recording."""
+    assert isinstance(node, ast.Call)
+    name, arguments = spelling.quoted(node.func), [ast.unparse(a) for a in node.args]
+    message = f"Python's `{name}` compares while recording, and what it compares is known only when the program runs"
+    if name == "bool":
+        return (
+            f"`{spelling.quoted(node)}` asks for a bool of Python while recording",
+            f"{spelling.prefix}Attrib1b({', '.join(arguments)})",
+        )
+    if name == "sorted":
+        return message, f"compare and exchange with {spelling.prefix}min and {spelling.prefix}max"
+    if name in ("any", "all"):
+        message = f"Python's `{name}` asks while recording, and what it asks is known only when the program runs"
+        sign = "|" if name == "any" else "&"
+        return message, f"join the items with `{sign}`; `{spelling.prefix}{name}(v)` is for the components of a vector"
+    if name not in ("min", "max"):
+        return message, _each("x")
+    match node.args:
+        case [ast.Tuple(elts=items) | ast.List(elts=items)]:
+            arguments = [ast.unparse(i) for i in items]
+        case [ast.expr()] if not isinstance(node.args[0], ast.Starred):
+            arguments = [f"*{arguments[0]}"]
+    return message, f"{spelling.prefix}{name}({', '.join(arguments)})"
+
+
+def conversion_of(node: ast.expr, file: str) -> Hint:
+    """The sentence and the cure for an expression that needs a number of Python."""
+    return _conversion_hint(node, _Spelling.of(file))
+
+
+def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> Hint:
+    prefix, asked = spelling.prefix, spelling.quoted(node)
+    match node:
+        case ast.Subscript(value=base):
+            return (
+                f"`{asked}` is looked up while recording, and its index is known only when the program runs",
+                f"make `{spelling.quoted(base)}` a {prefix}Table (numbers) or a {prefix}Array (values), and index that",
+            )
+        case ast.Call(func=ast.Name(id="range")):
+            arguments = ", ".join(ast.unparse(a) for a in node.args)
+            return (
+                f"`{asked}` counts while recording, and its bound is known only when the program runs",
+                f"with {spelling.control('SH_FOR')}({arguments}) as {index}:",
+            )
+        case ast.Call(func=function, args=arguments):
+            inside = ", ".join(ast.unparse(a) for a in arguments)
+            message = f"`{asked}` is computed while recording, and its argument is known only when the program runs"
+            return message, _function_cure(function, inside, prefix)
+    return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
+
+
+def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
+    if isinstance(function, ast.Name):
+        types = {"int": "Attrib1i", "float": "Attrib1f", "round": "round"}
+        return f"{prefix}{types.get(function.id, function.id)}({inside})"
+    name = function.attr if isinstance(function, ast.Attribute) else ""
+    name = OTHER_NAMES.get(name, name)
+    if name in _JOINING:
+        inside = inside.strip("[]()")
+        return f"{prefix}vec{min(max(inside.count(',') + 1, 2), 4)}({inside})"
+    if name in _CASTING:
+        return f"{prefix}{_CASTING[name]}({inside})"
+    if name == "length":
+        return f"{prefix}length({prefix}Attrib2f({inside}))" if "," in inside else f"{prefix}length({inside})"
+    if name in _SAME or name in OTHER_NAMES.values():
+        return f"{prefix}{name}({inside})"
+    if is_in_library(name):
+        return f"{prefix}library.{name}({inside})"
+    return f"a function of shpy, such as `{prefix}sqrt`"

@@ -1,0 +1,154 @@
+"""What Python or numpy raises where a value of the language is taken for another kind of object: what to write instead.
+
+Stage: record. Takes an error that left the user's function; gives shpy's own error at the user's line, or None where
+the error has nothing to do with the language.
+
+    table(i)            # a Table is read with an index: table[i]
+    {1.0, 2.0}[i]       # a set has no order: sh.Array(sh.Attrib1f, [a, b])[i]
+"""
+
+from __future__ import annotations
+
+import linecache
+import re
+import traceback
+from collections import Counter
+from typing import Any
+
+from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeError
+from shpy.ir.nodes import Loc
+from shpy.lang.data.array import Array
+from shpy.lang.data.tables import Table, Texture2D
+from shpy.lang.recording.location import is_users
+from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.value import Value
+
+__all__ = ["explain_python_error"]
+
+_CALLED = re.compile(r"'(\w+)' object is not callable")
+_HASHED = re.compile(r"unhashable type: '(\w+)'")
+_KINDS: dict[str, tuple[type, str]] = {
+    "Array": (Array, "array[i]"),
+    "Table": (Table, "table[i], table[row, column]: an index for each axis"),
+    "TableArgument": (Table, "table[i], table[row, column]: an index for each axis"),
+}
+_OF_ARRAYS = {
+    "sum": "sum({0}), Python's, which is unrolled; or total += {0}[i] in a loop, with SH_FOR(0, {1}) as i",
+    "size": "{1}",
+    "shape": "{1}",
+    "max": "sh.max(*{0})",
+    "min": "sh.min(*{0})",
+    "copy": "sh.Array(type, list({0}))",
+}
+
+
+_OFTEN = 50
+"""Calls of a function from one line of its own, in a stack, that make it a recursion without an end."""
+_ENDLESS = "Python calls it while the program is recorded, and no condition on values ends that"
+_STACK = "a loop, with an sh.Array as the stack; or a depth that Python counts, if depth > 0: f(x, depth - 1)"
+
+
+def explain_python_error(
+    error: TypeError | AttributeError | NameError | RecursionError, recorded: str
+) -> ShpyError | None:
+    """The error of shpy that says what is wrong at the user's line; None for an error that is the user's own affair.
+
+    `recorded` is the name of the function that is recorded.
+    """
+    if isinstance(error, RecursionError):
+        return _recursion(error)
+    places = traceback.extract_tb(error.__traceback__)
+    place = next((p for p in reversed(places) if is_users(p.filename)), None)
+    if place is None:
+        return None
+    loc, text = Loc(place.filename, place.lineno or 0), str(error)
+    if isinstance(error, NameError):
+        itself = error.name == recorded  # the name is bound when the recording is done
+        return RecordError(f"{recorded} calls itself: {_ENDLESS}", loc=loc, cure=_STACK) if itself else None
+    if isinstance(error, AttributeError):
+        return _attribute(error, loc)
+    if "does not support ufuncs" in text:
+        return RecordError(
+            "numpy's functions cannot take values of the language",
+            loc=loc,
+            cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
+        )
+    if places[-1] is not place:  # raised inside of a library: its own affair
+        return None
+    return _call(text, loc) or _container(text, loc)
+
+
+def _recursion(error: RecursionError) -> ShpyError | None:
+    """The error for a function of the user's that has called itself until Python's stack was full."""
+    stack = ((frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__))
+    calls = Counter((code, line) for code, line in stack if is_users(code.co_filename))
+    (code, line), count = calls.most_common(1)[0]
+    if count < _OFTEN:
+        return None
+    loc = Loc(code.co_filename, line)
+    return RecordError(f"{code.co_name} calls itself without an end: {_ENDLESS}", loc=loc, cure=_STACK)
+
+
+def _call(text: str, loc: Loc) -> ShpyError | None:
+    called = _CALLED.search(text)
+    if called is None:
+        return None
+    name = called[1]
+    if name in _KINDS:
+        return ShpyTypeError(
+            f"this {_KINDS[name][0].__name__} is read by an index, not called", loc=loc, cure=_KINDS[name][1]
+        )
+    if name in _classes(Matrix):
+        return ShpyTypeError(f"this {name} is read by an index, not called", loc=loc, cure="m[r] for a row, m[r, c]")
+    if name in _classes(Value):
+        cure = "v[i] for a component; a * (b + c) for a product"
+        return ShpyTypeError(f"this {name} is a value, which nothing can call", loc=loc, cure=cure)
+    size = re.search(r"(\w+)\.(size|shape)\(\)", linecache.getline(loc.file, loc.line))
+    if size is not None:
+        wanted = f"{size[1]}.{size[2]}"
+        return ShpyTypeError(
+            f"{wanted} is no method but the number itself", loc=loc, cure=f"{wanted}, or len({size[1]})"
+        )
+    return None
+
+
+def _container(text: str, loc: Loc) -> ShpyError | None:
+    if "'set' object is not subscriptable" in text:
+        return ShpyTypeError(
+            "{…} without keys is a set, which has no order and no elements by number",
+            loc=loc,
+            cure="sh.Array(sh.Attrib1f, [a, b])[i]; with an i of Python's (a, b)[i]",
+        )
+    hashed = _HASHED.search(text)
+    if hashed is not None and hashed[1] in _classes(Value):
+        return ShpyTypeError(
+            f"this {hashed[1]} is known only when the program runs: it is no key of a dict, and no member of a set",
+            loc=loc,
+            cure="sh.Array(sh.Attrib1f, [a, b])[i], sh.Table(array, sh.Attrib1f)[i], or sh.cond(i == 0, a, b)",
+        )
+    return None
+
+
+def _attribute(error: AttributeError, loc: Loc) -> ShpyError | None:
+    if isinstance(error, ShpyError) or not isinstance(error.obj, Array | Table | Texture2D):
+        return None
+    kind = "Array" if isinstance(error.obj, Array) else "Texture2D" if isinstance(error.obj, Texture2D) else "Table"
+    name = _name(error.name, loc)
+    length = f"len({name})" if kind == "Array" else f"{name}.shape[0]"
+    cures = _OF_ARRAYS if kind == "Array" else {"sum": _OF_ARRAYS["sum"].partition("; or ")[2], "size": "{0}.shape"}
+    cure = cures.get(error.name or "", "{0}[i], and {1}").format(name, length)
+    return ShpyAttributeError(f"{kind!r} object has no attribute {error.name!r}", loc=loc, cure=cure)
+
+
+def _name(attribute: str | None, loc: Loc) -> str:
+    """What the user calls the object whose attribute is missing, as far as the line tells."""
+    found = re.search(rf"([A-Za-z_]\w*)\.{attribute}\b", linecache.getline(loc.file, loc.line))
+    return found[1] if found else "a"
+
+
+def _classes(base: type[Any]) -> frozenset[str]:
+    """The names of a class and of all that derive from it."""
+    found = {base.__name__}
+    for cls in base.__subclasses__():
+        found |= _classes(cls)
+    return frozenset(found)

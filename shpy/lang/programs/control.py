@@ -1,0 +1,498 @@
+"""Control flow: SH_IF, SH_ELIF, SH_ELSE, SH_WHILE, SH_DO, SH_UNTIL, SH_FOR and the exits.
+
+Stage: record. Each is a context manager that opens a region of the recording and, when it closes, leaves an `If` or
+`Loop` behind; they nest freely.
+
+    with SH_DO():
+        n += 1
+        SH_UNTIL(n >= 8)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Loop, Region, Return, Stmt, Store
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, vec
+from shpy.lang.data.hostdata import checked_bool
+from shpy.lang.mistakes import bytecode
+from shpy.lang.recording.emit import FrameEmitter
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import for_name
+from shpy.lang.recording.recorder import Frame, Scope, need_frame
+from shpy.lang.values import arithmetic
+from shpy.lang.values.coerce import Literal
+from shpy.lang.values.types import Attrib1i
+from shpy.lang.values.value import Value
+
+_BOOL = vec(Base.B)
+_INT = vec(Base.I)
+
+# An else-if chain nests a region per link; a longer one goes on behind a flag, so that depth stays small everywhere.
+_CHAIN = 12
+
+
+def condition(c: Any, what: str) -> int:
+    """One bool as the id of a value; errors for anything else."""
+    frame = need_frame(what)
+    if callable(c) and not isinstance(c, Value):
+        c = c()
+    operand = arithmetic.operand(c, what)
+    if isinstance(operand, Literal):
+        if operand.weak != "bool" or operand.size != 1:
+            raise ShpyTypeError(f"{what} takes one bool, not {c!r}", loc=here(), cure=f"{what}(x > 0)")
+    elif operand.base is not Base.B:
+        raise ShpyTypeError(
+            f"{what} takes one bool, not {type(c).__name__}", loc=here(), cure=f"{what}(x > 0), a comparison"
+        )
+    elif operand.size != 1:
+        raise ShpyTypeError(
+            f"{what} takes one bool, not {operand.size}", loc=here(), cure=f"{what}(sh.any(c)) or {what}(sh.all(c))"
+        )
+    return int(arithmetic.read(FrameEmitter(frame), operand, _BOOL))
+
+
+class Block:
+    """A `with SH_…` block: opens a scope on entry, closes it on exit."""
+
+    what = "SH block"
+    loop = False
+
+    def __init__(self) -> None:
+        self.frame = need_frame(self.what)
+        self.loc = here()
+        self.scope: Scope | None = None
+        self.entries: list[bytecode.Entry] = []
+        self.test: Callable[[], Any] | None = None
+
+    def open(self) -> None:
+        """Open the block's region."""
+        frame = need_frame(self.what)
+        if frame is not self.frame:
+            raise RecordError(f"this {self.what} belongs to another function", loc=self.loc, cure="make it here")
+        if self.scope is not None:
+            raise RecordError(f"this {self.what} was opened before", loc=here(), cure="a new one for each block")
+        self.scope = Scope(self.what, self.loc, frame.scope, loop=self.loop)
+        frame.scopes.append(self.scope)
+        frame.blocks.append(self)
+        self.entries = bytecode.entered()
+
+    def close(self) -> Region:
+        """Close the region; gives its statements."""
+        frame = self.frame
+        scope = frame.scopes.pop()
+        frame.blocks.pop()
+        assert scope is self.scope
+        scope.closed = True
+        return tuple(scope.statements)
+
+    def finish(self, region: Region) -> None:
+        """Leave the statement behind."""
+        raise RecordError(f"{self.what} cannot stand alone")
+
+    def __enter__(self) -> Any:
+        self.open()
+        return None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        region, entries = self.close(), self.entries
+        self.entries = []
+        if kind is None:
+            bytecode.check_left(entries, self.what, self.loc, self.loop, self.test)
+            self.finish(region)
+
+    def __bool__(self) -> bool:
+        raise RecordError(f"{self.what} is a block", loc=self.loc, cure=f"with {self.what}(…):")
+
+
+class Branch:
+    """One link of an if chain: what its condition needs, the condition, its region."""
+
+    def __init__(self, prelude: Region, condition: int, region: Region, loc: Loc | None) -> None:
+        self.prelude = prelude
+        self.condition = condition
+        self.region = region
+        self.loc = loc
+
+
+class Chain:
+    """SH_IF with the SH_ELIFs and the SH_ELSE that follow it: rebuilt into one If whenever a link is added."""
+
+    def __init__(self, frame: Frame, scope: Scope, position: int) -> None:
+        self.frame = frame
+        self.scope = scope
+        self.position = position
+        self.segments: list[list[Branch]] = [[]]
+        self.orelse: Region = ()
+        self.matched: int | None = None
+        self.end = 0
+        self.variables = 0
+
+    def add(self, branch: Branch) -> None:
+        """One more link; past the length of a segment, links go behind the flag `matched`."""
+        if len(self.segments[-1]) == _CHAIN:
+            self.segments.append([])
+            if self.matched is None:
+                self.matched = self.frame.variable(_BOOL, name="matched", loc=branch.loc)
+                self.frame.homes[self.matched] = self.scope
+        self.segments[-1].append(branch)
+
+    def _set(self, value: bool) -> tuple[Let, Store]:
+        assert self.matched is not None
+        const = self.frame.new_value(_BOOL)
+        return Let(const, "const", (), (int(value),)), Store(self.matched, const.id)
+
+    def rebuild(self) -> None:
+        """Put the chain, as it is now, into its scope."""
+        statements: list[Stmt] = []
+        if self.matched is not None:
+            statements.extend(self._set(False))
+        for k, segment in enumerate(self.segments):
+            last = k == len(self.segments) - 1
+            nested: Region = self.orelse if last else ()
+            for branch in reversed(segment):
+                flag = () if last else self._set(True)
+                link: Region = (If(branch.condition, (*flag, *branch.region), nested, branch.loc),)
+                nested = branch.prelude + link
+            if k == 0:
+                statements.extend(nested)
+                continue
+            assert self.matched is not None
+            flag_value, free = self.frame.new_value(_BOOL), self.frame.new_value(_BOOL)
+            statements.append(Let(flag_value, "load", (), self.matched))
+            statements.append(Let(free, "not", (flag_value.id,)))
+            statements.append(If(free.id, nested, (), segment[0].loc))
+        del self.scope.statements[self.position :]
+        self.scope.statements.extend(statements)
+        self.end = len(self.scope.statements)
+        self.variables = len(self.frame.variables)
+
+
+class SH_IF(Block):
+    """Run the block where `c`, one bool, holds."""
+
+    what = "SH_IF"
+
+    def __init__(self, c: Any) -> None:
+        super().__init__()
+        self.condition = condition(c, self.what)
+
+    def finish(self, region: Region) -> None:
+        """Leave an If, to which SH_ELIF and SH_ELSE may add."""
+        scope = self.frame.scope
+        chain = Chain(self.frame, scope, len(scope.statements))
+        chain.add(Branch((), self.condition, region, self.loc))
+        chain.rebuild()
+        scope.chain = chain
+
+
+class _Else(Block):
+    """What SH_ELIF and SH_ELSE share: they go on with the chain that ended just before."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        frame = self.frame
+        chain = frame.scope.chain
+        if chain is None:
+            raise RecordError(
+                f"{self.what} follows no SH_IF", loc=self.loc, cure="put it right after the block of an SH_IF"
+            )
+        self.chain = chain
+
+    def between(self) -> Region:
+        """What was recorded since the chain's last block: moved out of the scope, checked to be computation only."""
+        statements = self.frame.scope.statements
+        moved = tuple(statements[self.chain.end :])
+        for statement in moved:
+            fresh = isinstance(statement, Store) and statement.variable >= self.chain.variables
+            if not (isinstance(statement, Let) or fresh):
+                raise RecordError(
+                    f"between SH_IF and {self.what} something is recorded that does more than compute a condition",
+                    loc=getattr(statement, "loc", None) or self.loc,
+                    cure="put it before the SH_IF or into a block",
+                )
+        del statements[self.chain.end :]
+        return moved
+
+
+class SH_ELIF(_Else):
+    """Run the block where no condition before it in the chain held and `c` does."""
+
+    what = "SH_ELIF"
+
+    def __init__(self, c: Any) -> None:
+        super().__init__()
+        self.condition = condition(c, self.what)
+        self.prelude = self.between()
+
+    def finish(self, region: Region) -> None:
+        """Add the link."""
+        self.chain.add(Branch(self.prelude, self.condition, region, self.loc))
+        self.chain.rebuild()
+        self.frame.scope.chain = self.chain
+
+
+class SH_ELSE(_Else):
+    """Run the block where no condition of the chain held."""
+
+    what = "SH_ELSE"
+
+    def __init__(self) -> None:
+        super().__init__()
+        if self.between():
+            raise RecordError(
+                "between SH_IF and SH_ELSE something is recorded",
+                loc=self.loc,
+                cure="put it before the SH_IF or into a block",
+            )
+
+    def finish(self, region: Region) -> None:
+        """Close the chain."""
+        self.chain.orelse = region
+        self.chain.rebuild()
+        self.frame.scope.chain = None
+
+
+class LoopBlock(Block):
+    """What the loops share."""
+
+    loop = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.continuing: Region = ()
+        self.until: int | None = None
+        self.turns: int | None = None
+        self.closed_by: Loc | None = None
+        self.continued: Loc | None = None
+        self.continued_at = 0
+
+    def at_test(self, record: Callable[[], int]) -> None:
+        """Record the loop's continuing part with `record`, which gives the value of `until` or -1."""
+        scope = Scope(self.what, self.loc, self.frame.scope)
+        self.frame.scopes.append(scope)
+        value = record()
+        self.frame.scopes.pop()
+        scope.closed = True
+        self.continuing = tuple(scope.statements)
+        self.until = value if value >= 0 else None
+
+    def finish(self, region: Region) -> None:
+        """Leave the Loop."""
+        self.frame.append(Loop(region, self.continuing, self.until, self.turns, self.loc))
+
+
+class SH_WHILE(LoopBlock):
+    """Run the block while `c()`, one bool, holds: a callable, evaluated in every iteration."""
+
+    what = "SH_WHILE"
+
+    def __init__(self, c: Callable[[], Any]) -> None:
+        super().__init__()
+        if isinstance(c, Value) or not callable(c):
+            raise RecordError(
+                "SH_WHILE takes a callable, which is evaluated in every iteration",
+                loc=self.loc,
+                cure="SH_WHILE(lambda: …)",
+            )
+        self.test = c
+
+    def __enter__(self) -> None:
+        self.open()
+        holds = condition(self.test, self.what)
+        _leave(self.frame, _not(self.frame, holds), Break(self.loc), self.loc)
+
+
+class SH_DO(LoopBlock):
+    """Run the block again and again until SH_UNTIL, its last statement, or an exit ends it."""
+
+    what = "SH_DO"
+
+    def finish(self, region: Region) -> None:
+        """Leave the Loop; an error when nothing can end it."""
+        if self.closed_by is None and not _can_end(region):
+            raise RecordError(
+                "nothing ends this SH_DO", loc=self.loc, cure="SH_UNTIL(c) as its last statement, or an SH_BREAK(c)"
+            )
+        super().finish(region)
+
+
+def SH_UNTIL(c: Any) -> None:
+    """End the SH_DO that it closes where `c`, one bool or a callable that gives one, holds: its last statement."""
+    frame, loc = need_frame("SH_UNTIL"), here()
+    block = frame.blocks[-1] if frame.blocks else None
+    if not isinstance(block, SH_DO):
+        raise RecordError(
+            "SH_UNTIL stands in no SH_DO", loc=loc, cure="put it last in the SH_DO block; SH_BREAK(c) leaves elsewhere"
+        )
+    if block.closed_by is not None:
+        raise RecordError(f"this SH_DO has an SH_UNTIL at {block.closed_by}", loc=loc, cure="c1 | c2 in one SH_UNTIL")
+    block.closed_by = loc
+    block.at_test(lambda: condition(c, "SH_UNTIL"))
+    _check_skipped(frame, block, loc)
+    assert block.scope is not None
+    block.scope.sealed = loc
+
+
+def _check_skipped(frame: Frame, block: LoopBlock, loc: Loc | None) -> None:
+    """Error when the test reads what was made in the body after an SH_CONTINUE."""
+    for statement in block.continuing:
+        if block.continued is None or not (isinstance(statement, Let) and statement.op == "load"):
+            continue
+        variable = statement.attr
+        assert isinstance(variable, int)
+        if frame.homes[variable] is block.scope and variable >= block.continued_at:
+            raise RecordError(
+                f"SH_UNTIL reads what the SH_CONTINUE at {block.continued} skips",
+                loc=loc,
+                cure="SH_UNTIL(lambda: …), which computes it at the test",
+            )
+
+
+class SH_FOR(LoopBlock):
+    """Count like range: SH_FOR(stop), SH_FOR(start, stop), SH_FOR(start, stop, step), evaluated once.
+
+    `with SH_FOR(n) as i`: i is a fresh Attrib1i in each iteration.
+    """
+
+    what = "SH_FOR"
+
+    def __init__(self, start: Any, stop: Any = None, step: Any = 1) -> None:
+        super().__init__()
+        if stop is None:
+            start, stop = 0, start
+        bounds = [arithmetic.operand(b, "SH_FOR") for b in (start, stop, step)]
+        for b in bounds:
+            if b.size != 1 or (b.weak != "int" if isinstance(b, Literal) else b.base is not Base.I):
+                raise ShpyTypeError("SH_FOR counts with ints of type i", loc=self.loc, cure="SH_FOR(sh.Attrib1i(n))")
+        known = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
+        if known[2] == 0:
+            raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
+        emitter = FrameEmitter(self.frame)
+        name = for_name(self.loc.file, self.loc.line) if self.loc else None
+        self.name = name or "i"
+        first, _, by = known
+        if first is not None and known[1] is not None and by is not None:
+            self.turns = len(range(first, known[1], by))
+        # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
+        simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
+        self.first = arithmetic.read(emitter, bounds[0], _INT)
+        self.last = arithmetic.read(emitter, bounds[1], _INT)
+        self.step = arithmetic.read(emitter, bounds[2], _INT)
+        self.down = known[2] is not None and known[2] < 0
+        self.trips = None if simple else self._trips(emitter)
+
+    def _trips(self, emitter: FrameEmitter) -> int:
+        """The number of iterations as a u: ceil((last - first) / step), 0 if that is not positive."""
+        from shpy.lang.library import trip_count
+
+        counted = trip_count(*(arithmetic.made("Attrib", _INT, emitter, h) for h in (self.first, self.last, self.step)))
+        return int(counted._read(emitter))
+
+    def __enter__(self) -> Attrib1i:
+        frame, loc = self.frame, self.loc
+        emitter = FrameEmitter(frame)
+        unsigned = vec(Base.U)
+        kind, begin = (_INT, self.first) if self.trips is None else (unsigned, emitter.const(unsigned, (0,)))
+        counter = frame.variable(kind, name=self.name, loc=loc)
+        frame.store(counter, begin)
+        self.open()
+        now = emitter.let("load", (), kind, counter)
+        compare = "lt" if self.trips is not None else "gt" if self.down else "lt"
+        more = emitter.let(compare, (now, self.last if self.trips is None else self.trips), _BOOL)
+        _leave(frame, _not(frame, more), Break(loc), loc)
+        index = emitter.let("load", (), kind, counter)
+        if self.trips is not None:
+            signed = emitter.let("convert", (index,), _INT)
+            index = emitter.let("add", (self.first, emitter.let("mul", (signed, self.step), _INT)), _INT)
+        i = arithmetic.made("Attrib", _INT, emitter, index)
+        frame.names[i._variable] = self.name
+        self._advance(emitter, counter, kind)
+        assert isinstance(i, Attrib1i)
+        return i
+
+    def _advance(self, emitter: FrameEmitter, counter: int, kind: Any) -> None:
+        def record() -> int:
+            now = emitter.let("load", (), kind, counter)
+            by = self.step if self.trips is None else emitter.const(kind, (1,))
+            self.frame.store(counter, emitter.let("add", (now, by), kind))
+            return -1
+
+        self.at_test(record)
+
+
+def _not(frame: Frame, value: int) -> int:
+    return frame.let("not", (value,), _BOOL)
+
+
+def _leave(frame: Frame, value: int, exit: Stmt, loc: Loc | None) -> None:
+    """Record an exit under a condition."""
+    frame.append(If(value, (exit,), (), loc))
+
+
+def _exit(what: str, exit: Stmt, c: Any) -> None:
+    frame = need_frame(what)
+    if c is None:
+        frame.append(exit)
+    else:
+        _leave(frame, condition(c, what), exit, here())
+
+
+def _loop(what: str) -> LoopBlock:
+    frame = need_frame(what)
+    block = next((b for b in reversed(frame.blocks) if isinstance(b, LoopBlock)), None)
+    if block is None:
+        raise RecordError(f"{what} stands in no loop", loc=here(), cure="put it inside SH_DO, SH_WHILE or SH_FOR")
+    return block
+
+
+def SH_BREAK(c: Any = None) -> None:
+    """Leave the innermost loop, where `c` holds if it is given."""
+    _loop("SH_BREAK")
+    _exit("SH_BREAK", Break(here()), c)
+
+
+def SH_CONTINUE(c: Any = None) -> None:
+    """Go to the innermost loop's test, where `c` holds if it is given."""
+    block = _loop("SH_CONTINUE")
+    if block.continued is None:
+        block.continued, block.continued_at = here(), len(block.frame.variables)
+    _exit("SH_CONTINUE", Continue(here()), c)
+
+
+def SH_DISCARD(c: Any = None) -> None:
+    """End the whole element, from any depth, where `c` holds if it is given: it writes nothing."""
+    _exit("SH_DISCARD", Discard(0, here()), c)
+
+
+def SH_RETURN(value: Any = None, c: Any = None, *, through: bool = False) -> None:
+    """End the program or subroutine whose body it stands in, with `value` (a tuple for several), where `c` holds.
+
+    Raises RecordError in a plain function that the program calls: it would end the program, not that function.
+    `through=True` means just that: a front end whose own functions record a program's statements ends the program from
+    any of them.
+    """
+    frame = need_frame("SH_RETURN")
+    frame.returned.check_place(through=checked_bool(through, "through"))
+    frame.returned.at_exit(value, None if c is None else condition(c, "SH_RETURN"), Return(here()))
+
+
+def _can_end(region: Region) -> bool:
+    """Whether a break of this loop, a return or a discard stands in it."""
+    for statement in region:
+        match statement:
+            case Break() | Return() | Discard():
+                return True
+            case If(_, then, orelse):
+                if _can_end(then) or _can_end(orelse):
+                    return True
+            case Loop():
+                if any(isinstance(inner, Return | Discard) for inner in walk((statement,))):
+                    return True
+    return False

@@ -1,0 +1,234 @@
+"""Calling a program from a program: its recorded IR goes into the recording under way, its inputs by value.
+
+Stage: record. A program without an early return is spliced in statement by statement; any other becomes a function of
+the caller's module. Params and tables keep their identity; table inputs become the tables that they are given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import encode
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value, Variable
+from shpy.ir.traverse import defined, is_straight, rewrite, walk
+from shpy.lang.data.compound import fits
+from shpy.lang.data.params import Param
+from shpy.lang.data.tables import Table, TableArgument, TableType, Texture2D, TextureType
+from shpy.lang.programs.record import Recorded
+from shpy.lang.recording.emit import FrameEmitter, Node, replay
+from shpy.lang.recording.location import here
+from shpy.lang.recording.recorder import Frame, Recording
+from shpy.lang.recording.snapshot import Same
+from shpy.lang.values import arithmetic
+from shpy.lang.values.dependent import Dependent
+from shpy.lang.values.structure import build_values, flatten, leaves
+
+Constants = Mapping[int, tuple[int, ...]]
+"""Constants by the `id` of the Param or dependent uniform that they replace."""
+
+
+def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], constants: Constants) -> Any:
+    """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms, by their identity."""
+    names = _Names(frame.recording, recorded, given, constants)
+    functions = {f.name: f for f in (names.function(f) for f in recorded.module.functions[:-1])}
+    for function in functions.values():
+        if all(function is not known for known in frame.recording.functions):
+            frame.recording.functions.append(function)
+    entry = names.body(recorded.module.entry)
+    emitter = FrameEmitter(frame)
+    args: list[int] = []
+    for name, type_ in recorded.inputs.items():
+        if isinstance(type_, TableType | TextureType):
+            continue
+        entries = flatten(type_, given[name], name)
+        for entry_value, (leaf, _, cls) in zip(entries, leaves(type_, name), strict=True):
+            args.append(arithmetic.convert(frame, entry_value, cls.type, f"the input {leaf}"))
+    results = _splice(frame, entry, args) if _can_splice(frame, entry) else _call(frame, entry, args)
+    classes = [cls for _, _, cls in leaves(recorded.output, "")]
+    wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
+    return build_values(recorded.output, iter(wrapped))
+
+
+@dataclass
+class _Names:
+    """New names in the caller's module for the functions, params and tables of the called one."""
+
+    recording: Recording
+    recorded: Recorded
+    given: Mapping[str, Any]
+    constants: Constants
+
+    def __post_init__(self) -> None:
+        self.functions: dict[str, str] = {}
+        self.tables: dict[str, str] = {}
+        self.modes: dict[str, Any] = {}
+        for name, type_ in self.recorded.inputs.items():
+            if isinstance(type_, TableType):
+                table = self.given[name]
+                if not isinstance(table, Table) or not fits(table, type_):
+                    raise ShpyTypeError(
+                        f"the input {name} is a Table[{type_.cls.__name__}, {type_.rank}]",
+                        loc=here(),
+                        cure=f"sh.Table(array, sh.{type_.cls.__name__})",
+                    )
+                for leaf, part in table.leaves(name).items():
+                    if leaf == name or any(leaf == declared.name for declared in self.recorded.module.tables):
+                        self.tables[leaf] = part._declared(self.recording.frame)
+            elif isinstance(type_, TextureType):
+                texture = self.given[name]
+                if not isinstance(texture, Texture2D) or texture.type.type is not type_.cls.type:
+                    raise ShpyTypeError(
+                        f"the input {name} is a Texture2D[{type_.cls.__name__}]", loc=here(), cure="sh.Texture2D(array)"
+                    )
+                self.tables[name] = texture.table._declared(self.recording.frame)
+                self.modes[f"{name}.mode"] = texture.mode
+        for name, table in self.recorded.tables.items():
+            if not isinstance(table, TableArgument):
+                self.tables[name] = table._declared(self.recording.frame)
+
+    def function(self, function: Function) -> Function:
+        """The function under a name that no other has, its names replaced inside; made once for one recording."""
+        modes = tuple((name, Same(mode) if isinstance(mode, Param) else mode) for name, mode in self.modes.items())
+        bound = tuple(self.tables.items()), tuple(self.constants.items()), modes
+        key = ("inlined", Same(self.recorded), function.name, bound)
+        held = self.recording.subroutines.get(key)
+        if held is None:
+            name = self.recording.function_name(function.name)
+            held = replace(self.body(function), name=name)
+            self.recording.subroutines[key] = held
+        self.functions[function.name] = held.name
+        result: Function = held
+        return result
+
+    def body(self, function: Function) -> Function:
+        """The function with the names in its statements replaced."""
+        self.fresh = count(max((v.id for v in defined(function)), default=-1) + 1)
+        return replace(function, body=rewrite(function.body, self._statement))
+
+    def _statement(self, statement: Stmt) -> Stmt | list[Stmt]:
+        match statement:
+            case Let(_, "table" | "table_size", _, str(name)):
+                return replace(statement, attr=self.tables[name])
+            case Let(value, "param", _, str(name)):
+                mode = self.modes.get(name)
+                if mode is not None and not isinstance(mode, Param):
+                    return Let(value, "const", (), encode(value.type, [mode]))
+                return self._uniform(value, mode if mode is not None else self.recorded.params[name])
+            case Let(_, "call", _, str(name)):
+                return replace(statement, attr=self.functions[name])
+            case Call(name):
+                return replace(statement, function=self.functions[name])
+        return statement
+
+    def _uniform(self, value: Value, uniform: Any) -> Stmt | list[Stmt]:
+        """Return the source of a uniform's value: a constant, the uniform itself, or its expression."""
+        if id(uniform) in self.constants:
+            return Let(value, "const", (), self.constants[id(uniform)])
+        if isinstance(uniform, Dependent) and any(id(source) in self.constants for source in uniform.sources):
+            return self._expression(value, uniform.root)
+        return Let(value, "param", (), self.recording.use("param", self.recording.params, uniform))
+
+    def _expression(self, value: Value, root: Node) -> list[Stmt]:
+        """The operations of a dependent uniform, some of whose sources are constants."""
+        made: list[Stmt] = []
+
+        def let(node: Node, args: tuple[int, ...]) -> int:
+            target = value if node is root else Value(next(self.fresh), node.type, None, value.loc)
+            if node.op == "param":
+                statement = self._uniform(target, node.source)
+                made.extend(statement if isinstance(statement, list) else [statement])
+            else:
+                attr = node.source._declared(self.recording.frame) if node.op == "table" else node.attr
+                made.append(Let(target, node.op, args, attr))
+            return target.id
+
+        replay(root, let)
+        return made
+
+
+def _can_splice(frame: Frame, entry: Function) -> bool:
+    arrays = any(v.length is not None for v in entry.variables)
+    returns = any(isinstance(s, Return) for s in walk(entry.body))
+    depth, loops = _depths(entry.body)
+    fits = frame.scope.depth + depth < 60 and frame.scope.loops + loops <= 12
+    return fits and not returns and not (arrays and frame.scope.loops)
+
+
+def _depths(region: Region) -> tuple[int, int]:
+    depth = loops = 0
+    for statement in region:
+        if isinstance(statement, If | Loop):
+            inner = (
+                (statement.then + statement.orelse)
+                if isinstance(statement, If)
+                else (statement.body + statement.continuing)
+            )
+            d, n = _depths(inner)
+            depth, loops = max(depth, d + 1), max(loops, n + isinstance(statement, Loop))
+    return depth, loops
+
+
+def _call(frame: Frame, entry: Function, args: list[int]) -> list[int]:
+    """Call the entry as a function of the caller's module."""
+    name = frame.recording.function_name(entry.name)
+    pure = is_straight(entry.body) and len(entry.outputs) == 1
+    frame.recording.functions.append(replace(entry, name=name, pure=pure))
+    if pure:
+        return [frame.let("call", tuple(args), entry.outputs[0].type, name)]
+    results = tuple(frame.new_value(o.type, o.name, here()) for o in entry.outputs)
+    frame.append(Call(name, tuple(args), results, here()))
+    return [v.id for v in results]
+
+
+def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
+    """Put the entry's statements into the open region, with fresh ids; gives the values of its outputs."""
+    emitter = FrameEmitter(frame)
+    slots: dict[int, int] = {}
+    for v in (*entry.variables, *entry.outputs):
+        slots[v.id] = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
+        frame.names[slots[v.id]] = v.name
+        if frame.scope.loops and v.length is None:
+            # A slot is zero when its function starts; here that is anew in each iteration.
+            frame.store(slots[v.id], emitter.const(v.type, (0,) * v.type.size))
+    values: dict[int, int] = {}
+    for port, arg in zip(entry.inputs, args, strict=True):
+        values[port.id] = arg
+
+    def fresh(value: Value) -> Value:
+        made = frame.new_value(value.type, value.name, value.loc)
+        values[value.id] = made.id
+        return made
+
+    callees = {f.name: f for f in frame.recording.functions}
+    for statement in entry.body:
+        frame.append(_renamed(statement, slots, values, fresh, callees))
+    return [emitter.let("load", (), output.type, slots[output.id]) for output in entry.outputs]
+
+
+def _renamed(
+    statement: Stmt, slots: dict[int, int], values: dict[int, int], fresh: Any, callees: dict[str, Function]
+) -> Stmt:
+    def region(statements: Region) -> Region:
+        return tuple(_renamed(s, slots, values, fresh, callees) for s in statements)
+
+    match statement:
+        case Let(value, op, args, attr):
+            renamed = tuple(values[a] for a in args)
+            return Let(fresh(value), op, renamed, slots[attr] if op == "load" else attr)  # type: ignore[index]
+        case Store(variable, value_id, components, index, loc):
+            at = None if index is None else values[index]
+            return Store(slots[variable], values[value_id], components, at, loc)
+        case Call(name, args, results, loc):
+            ports = callees[name].inputs
+            passed = (slots[a] if isinstance(p, Variable) else values[a] for a, p in zip(args, ports, strict=True))
+            return Call(name, tuple(passed), tuple(fresh(r) for r in results), loc)
+        case If(condition, then, orelse, loc):
+            return If(values[condition], region(then), region(orelse), loc)
+        case Loop(body, continuing, until, turns, loc):
+            new_body, new_continuing = region(body), region(continuing)
+            return Loop(new_body, new_continuing, None if until is None else values[until], turns, loc)
+    return statement

@@ -1,0 +1,118 @@
+"""Programs that are methods: recorded for each instance, when it is first asked for one.
+
+Stage: record. What the instance holds is known while its program is recorded, as globals are for a function: numbers
+become constants, Params and Tables stay data. An attribute that is changed later does not change the program.
+
+    class Shader:
+        def __init__(self, gain):
+            self.gain = gain
+
+        @sh.program
+        def shade(self, x: sh.Attrib1f) -> sh.Attrib1f:
+            return self.gain * x
+
+    Shader(3).shade([1, 2])       # recorded here, with 3 as a constant
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import threading
+import warnings
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from shpy.errors import RecordError, ShpyWarning
+from shpy.lang.recording.location import here
+from shpy.lang.recording.signature import loc_of
+
+
+def is_method(function: Any) -> bool:
+    """Return whether a function of a class's body has a first parameter `self` without annotation or default."""
+    if not inspect.isfunction(function):
+        return False
+    *_, place, _ = ["", "<locals>", *function.__qualname__.split(".")]
+    first = next(iter(inspect.signature(function).parameters.values()), None)
+    if place in ("", "<locals>") or first is None:
+        return False
+    by_position = first.kind in (first.POSITIONAL_ONLY, first.POSITIONAL_OR_KEYWORD)
+    return by_position and first.annotation is first.empty and first.default is first.empty
+
+
+class PerInstance:
+    """A descriptor that holds what was recorded for each instance, for as long as the instance lives."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.owner: type | None = None
+        self._made: dict[int, tuple[weakref.ref[Any], Any]] = {}
+        self._underway: set[tuple[int, int]] = set()
+
+    def record_for(self, instance: Any) -> Any:
+        """Record the method bound to this instance."""
+        raise TypeError(f"{type(self).__name__} records nothing")
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.owner = owner
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        return self if instance is None else self._of(instance)
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        """`Class.method(instance, …)`: run the instance's program."""
+        if self.owner is None or not args or not isinstance(args[0], self.owner):
+            name, first = self.function.__name__, next(iter(inspect.signature(self.function).parameters))
+            raise RecordError(
+                f"{self.function.__qualname__} is a method, recorded for each instance, and is given none as {first}",
+                loc=here(),
+                cure=f"instance.{name}(…), or an annotation, {first}: sh.Attrib1f, if {first} is an input",
+            )
+        return self._of(args[0])(*args[1:], **named)
+
+    def __getattr__(self, name: str) -> Any:
+        function = self.__dict__.get("function")
+        called = getattr(function, "__name__", "method")
+        text = f"{getattr(function, '__qualname__', called)} is recorded for each instance: instance.{called}.{name}"
+        raise AttributeError(text, name=name, obj=self)
+
+    def _of(self, instance: Any) -> Any:
+        held = self._made.get(id(instance))
+        if held is not None and held[0]() is instance:
+            return held[1]
+        underway = threading.get_ident(), id(instance)
+        if underway in self._underway:
+            raise RecordError(
+                f"{self.function.__qualname__} calls itself: recursion cannot be recorded",
+                loc=here(),
+                cure="a loop, with an sh.Array as the stack",
+            )
+        self._underway.add(underway)
+        try:
+            made = self.record_for(instance)
+        finally:
+            self._underway.discard(underway)
+        self._keep(instance, made)
+        return made
+
+    def _keep(self, instance: Any, made: Any) -> None:
+        """Hold it until the instance goes."""
+        key, forget = id(instance), self._made.pop
+        try:
+            reference = weakref.ref(instance, lambda _: forget(key, None))
+        except TypeError:
+            self._warn(type(instance))
+            return
+        self._made[key] = reference, made
+
+    def _warn(self, cls: type) -> None:
+        name = self.function.__name__
+        warnings.warn(
+            f"{loc_of(self.function)}: {name} is recorded anew each time that it is asked for, since a {cls.__name__} "
+            "cannot be referred to weakly\n  write instead: '__weakref__' in its __slots__, or "
+            f"{name} = instance.{name} once",
+            ShpyWarning,
+            stacklevel=5,
+        )

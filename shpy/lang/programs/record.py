@@ -1,0 +1,219 @@
+"""Record: run the user's function once on symbolic arguments; what it does becomes a module.
+
+Stage: record, its end. Takes a function whose inputs are annotated, gives a `Recorded`: the module, the layouts of
+inputs and outputs, and the params and tables that it uses by closure.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from types import CodeType
+from typing import Any
+
+from shpy.errors import RecordError, ShpyError, ShpyTypeError
+from shpy.ieee import in_ieee_arithmetic
+from shpy.ir import nodes
+from shpy.ir.collector import uncollected
+from shpy.ir.constants import encode
+from shpy.ir.nodes import Loc, Module, Port, Store
+from shpy.ir.verifier import verify
+from shpy.lang.data.compound import argument
+from shpy.lang.data.defaults import check_default
+from shpy.lang.data.tables import Table, TableArgument, TableType, TextureArgument, TextureType
+from shpy.lang.programs.returns import Returns
+from shpy.lang.programs.subroutine import _slot_value
+from shpy.lang.recording.location import at
+from shpy.lang.recording.recorder import Frame, Recording, recording
+from shpy.lang.recording.scope import unwrapped
+from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
+from shpy.lang.values.dependent import first_value
+from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.structure import Layout, build_values, layout_of, leaves
+from shpy.lang.values.value import Value
+
+InputType = Layout | TableType | TextureType
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A module and what the host must know to run it; `defaults` holds what an input is that a call leaves out."""
+
+    module: Module
+    inputs: dict[str, InputType]
+    output: Layout
+    params: dict[str, Any] = field(default_factory=dict)
+    tables: dict[str, Any] = field(default_factory=dict)
+    defaults: dict[str, Any] = field(default_factory=dict)
+
+
+def is_value(x: object) -> bool:
+    """Whether `x` is a value, matrix or struct of the language."""
+    return isinstance(x, Value | Matrix) or hasattr(type(x), "_shpy_fields")
+
+
+def input_type(annotation: Any, name: str) -> InputType:
+    """What an input's annotation says."""
+    if isinstance(annotation, TableType | TextureType):
+        return annotation
+    return layout_of(annotation, name)
+
+
+RESERVED = ("out", "shape", "where")
+
+
+def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
+    """Record `function`; raises RecordError or ShpyTypeError at the user's line."""
+    loc = loc_of(function)
+    from shpy.lang.mistakes.check import check_source  # here: importing shpy records nothing
+
+    check_source(function, is_value=is_value)
+    types, defaults = _input_types(function, loc)
+    title: str = name or str(getattr(plain_function(function), "__name__", "program"))
+    with uncollected(), recording("program" if title == "<lambda>" else title, loc) as made:
+        hint = hints_of(function).get("return")
+        layout = None if _is_open(hint) else layout_of(hint, "what it gives back")
+        body = lambda given: _called(function, given)  # noqa: E731
+        recorded = record_body(made, types, layout, body, return_loc(function), bodies_of(function))
+        return replace(recorded, defaults=defaults)
+
+
+def _is_open(annotation: Any) -> bool:
+    """Return whether an annotation leaves open what a function gives back: a dict has no types for its names."""
+    open_types = (None, type(None), Any, dict, list, tuple)
+    return annotation in open_types or typing.get_origin(annotation) in (dict, list)
+
+
+def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[str, InputType], dict[str, Any]]:
+    """The type of each input, and what it is where a call leaves it out.
+
+    A default without a type of the language, and what a partial fixes, is metaprogramming: known while recording.
+    """
+    hints = hints_of(function)
+    fixed = (unwrapped(function) or (None, {}))[1]
+    types: dict[str, InputType] = {}
+    defaults: dict[str, Any] = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        optional = parameter.default is not parameter.empty
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise RecordError(f"{parameter} takes any number of inputs", loc=loc, cure="name them one by one")
+        if name in RESERVED:
+            raise RecordError(f"{name} is a reserved name for an input", loc=loc, cure=f"{name}_")
+        if optional and (name in fixed or not _is_type(hints.get(name), name)):
+            continue
+        if name not in hints:
+            raise RecordError(f"the input {name} is not annotated", loc=loc, cure=f"{name}: sh.Attrib1f")
+        types[name] = _at(loc, input_type, hints[name], name)
+        if optional:
+            defaults[name] = _at(loc, check_default, types[name], parameter.default, name)
+    return types, defaults
+
+
+def _is_type(annotation: Any, name: str) -> bool:
+    """Return whether an annotation makes an input."""
+    try:
+        input_type(annotation, name)
+    except ShpyTypeError:
+        return False
+    return True
+
+
+def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:
+    """Call f; an error that knows no line of its own gets `loc`, which is the function's."""
+    try:
+        return f(*args)
+    except ShpyTypeError as error:
+        raise ShpyTypeError(error.message, loc=loc, cure=error.cure) from None
+
+
+def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
+    positional = [
+        given[name]
+        for name, p in inspect.signature(function).parameters.items()
+        if p.kind is p.POSITIONAL_ONLY and name in given
+    ]
+    named = {
+        name: given[name]
+        for name, p in inspect.signature(function).parameters.items()
+        if p.kind is not p.POSITIONAL_ONLY and name in given
+    }
+    try:
+        return function(*positional, **named)
+    except (TypeError, AttributeError, NameError, RecursionError) as error:
+        if isinstance(error, ShpyError):
+            raise
+        from shpy.lang.mistakes.python_errors import explain_python_error  # here: few programs need it
+
+        explained = explain_python_error(error, str(getattr(plain_function(function), "__name__", "")))
+        if explained is None:
+            raise
+        raise explained from error
+
+
+@in_ieee_arithmetic
+def record_body(
+    made: Recording,
+    types: dict[str, InputType],
+    layout: Layout | None,
+    body: Callable[[dict[str, Any]], Any],
+    end: Loc | None = None,
+    bodies: frozenset[CodeType] = frozenset(),
+) -> Recorded:
+    """Record what `body` does with fresh inputs of these types: what `record`, `<<` and `&` share.
+
+    `end` is the line of the last return, `bodies` the code of the user's function.
+    """
+    frame = made.frame
+    frame.returned = returns = Returns(frame, layout, made.name, bodies)
+    inputs, ports, given = _open_inputs(frame, types)
+    result = body(given)
+    with at(end or frame.loc):
+        returns.finish(result)
+    if returns.layout is None or not returns.slots:
+        raise RecordError(f"{made.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)")
+    entry = frame.finish(tuple(inputs), tuple(returns.slots))
+    module = Module(
+        made.name,
+        tuple(ports),
+        tuple(Port(name, kind) for name, kind in returns.ports),
+        tuple(_declare_param(name, p) for name, p in made.params.items()),
+        tuple(_declare_table(name, t) for name, t in made.tables.items()),
+        (*made.functions, entry),
+    )
+    verify(module)
+    params = {n: p for n, p in made.params.items()}
+    return Recorded(module, dict(types), returns.layout, params, dict(made.tables))
+
+
+def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.Value], list[Port], dict[str, Any]]:
+    inputs: list[nodes.Value] = []
+    ports: list[Port] = []
+    given: dict[str, Any] = {}
+    for name, type_ in types.items():
+        if isinstance(type_, TableType):
+            given[name] = argument(name, type_)
+            continue
+        if isinstance(type_, TextureType):
+            given[name] = TextureArgument(name, type_)
+            continue
+        parts = []
+        for leaf, kind, cls in leaves(type_, name):
+            incoming = frame.new_value(cls.type, leaf, frame.loc)
+            inputs.append(incoming)
+            ports.append(Port(leaf, kind))
+            part = _slot_value(frame, cls, leaf, frame.loc)
+            frame.append(Store(part._variable, incoming.id, None, None, frame.loc))
+            parts.append(part)
+        given[name] = build_values(type_, iter(parts))
+    return inputs, ports, given
+
+
+def _declare_param(name: str, param: Any) -> nodes.Param:
+    return nodes.Param(name, type(param).__name__, param.type, encode(param.type, first_value(param)))
+
+
+def _declare_table(name: str, table: Table) -> nodes.Table:
+    size = None if isinstance(table, TableArgument) else tuple(int(n) for n in table.shape)
+    return nodes.Table(name, table.type.type, table.rank, size)

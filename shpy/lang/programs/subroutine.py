@@ -1,0 +1,318 @@
+"""Subroutines: functions that stay functions in the emitted text.
+
+Stage: record. `@sh.subroutine` records its function once in a program for all calls that would record the same.
+Arguments come by reference: what the function stores into, its caller sees. Outside a program it is called as it is.
+
+    @sh.subroutine
+    def advance(p: sh.Point3f, v: sh.Vector3f):
+        p += v
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Hashable
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir.nodes import Call, Function, Loc, Store, Variable
+from shpy.ir.nodes import Value as IrValue
+from shpy.ir.traverse import is_straight, walk
+from shpy.lang.data.array import Array
+from shpy.lang.programs.returns import Returns
+from shpy.lang.recording.emit import FrameEmitter
+from shpy.lang.recording.location import at, here, in_library, is_library
+from shpy.lang.recording.recorder import Frame, Recording, current
+from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
+from shpy.lang.recording.snapshot import snapshot
+from shpy.lang.values import arithmetic
+from shpy.lang.values.coerce import literal, sequence
+from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, layout_from, layout_of, leaves
+from shpy.lang.values.value import Value
+
+__all__ = ["Subroutine", "subroutine"]
+
+
+class Subroutine:
+    """A function of the language that is emitted as one. Call it with values.
+
+    Raises RecordError for recursion, and for one variable given for two parameters that are both written.
+    """
+
+    _is_subroutine: ClassVar[bool] = True
+
+    def __init__(self, function: Callable[..., Any], name: str | None = None, *, alone: bool = False) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.name: str = name or str(getattr(function, "__name__", "subroutine"))
+        self.signature = inspect.signature(function)
+        self.alone = alone
+        self._hints: dict[str, Any] | None = None
+        self._loc = loc_of(function)
+        self._is_library = self._loc is not None and is_library(self._loc)
+
+    def __get__(self, instance: Any, owner: Any = None) -> Any:
+        """Methods work too: the instance is part of what the subroutine is recorded for."""
+        return self if instance is None else functools.partial(self, instance)
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        """Record a call; outside a program, just call the function."""
+        recording = current()
+        if recording is None:
+            return self.function(*args, **named)
+        bound = self.signature.bind(*args, **named)
+        bound.apply_defaults()
+        if self._hints is None:
+            self._hints = hints_of(self.function)
+        given = {name: self._argument(name, value) for name, value in bound.arguments.items()}
+        key = self._key(given)
+        recorded = recording.subroutines.get(key) if key is not None else None
+        if recorded is None:
+            if any(other is self.function for other in recording.underway):
+                raise RecordError(
+                    f"{self.name} calls itself: recursion cannot be recorded",
+                    loc=here(),
+                    cure="a loop, with an sh.Array as the stack",
+                )
+            recorded = self._record(recording, given)
+            if key is not None and key == self._key(given):  # the function has changed nothing that it reads
+                recording.subroutines[key] = recorded
+        return recorded.call(recording.frame, given)
+
+    def _key(self, given: dict[str, Any]) -> Hashable | None:
+        """Return what decides which recording fits a call: types of values, snapshots of all else that is read.
+
+        None where something has no snapshot: the function is then recorded for each call.
+        """
+        kinds = tuple((name, _kind(value)) for name, value in given.items())
+        hosts = [value for (_, kind), value in zip(kinds, given.values(), strict=True) if kind is None]
+        seen = snapshot(*hosts) if self._is_library else snapshot(self.function, *hosts)
+        return None if seen is None else (self, kinds, seen)
+
+    def _argument(self, name: str, value: Any) -> Any:
+        """A number for an annotated parameter becomes a value of its type; other host objects stay what they are."""
+        assert self._hints is not None
+        hint = self._hints.get(name)
+        plain = literal(value) is not None or sequence(value) is not None
+        if plain and isinstance(hint, type) and issubclass(hint, Value | Matrix):
+            return hint(value)
+        return value
+
+    def _record(self, recording: Recording, given: dict[str, Any]) -> Recorded:
+        frame = Frame(recording, recording.function_name(self.name), self._loc)
+        hints = self._hints or {}
+        hint = hints.get("return")
+        layout = layout_of(hint, "what it gives back") if hint not in (None, type(None), Any) else None
+        frame.returned = Returns(frame, layout, self.name, bodies_of(self.function))
+        recording.frames.append(frame)
+        recording.underway.append(self.function)
+        try:
+            inside = {name: _parameter(frame, name, value) for name, value in given.items()}
+            with in_library() if self._is_library else nullcontext():
+                result = self.function(**_restore(self.signature, inside))
+            with at(return_loc(self.function)):
+                frame.returned.finish(result)
+        finally:
+            recording.frames.pop()
+            recording.underway.pop()
+        recorded = Recorded(frame, inside, alone=self.alone)
+        known: Recorded = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
+        if known is recorded:
+            recording.functions.append(recorded.function)
+        else:
+            recording.function_names.discard(frame.name)
+        return known
+
+
+def _restore(signature: inspect.Signature, inside: dict[str, Any]) -> dict[str, Any]:
+    if any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY) for p in signature.parameters.values()):
+        raise RecordError("a subroutine names its parameters one by one", loc=here(), cure="def f(a, b):")
+    return inside
+
+
+def _kind(value: Any) -> Hashable | None:
+    """Return the type of a value or array of the language; None for a host object."""
+    if isinstance(value, Array):
+        return value._layout, len(value)
+    return layout_from(value, "argument") if _is_symbolic(value) else None
+
+
+def _is_symbolic(value: Any) -> bool:
+    return isinstance(value, Value | Matrix) or hasattr(type(value), "_shpy_fields")
+
+
+def _parameter(frame: Frame, name: str, value: Any) -> Any:
+    """The object that stands for an argument inside the function: fresh slots."""
+    loc = frame.loc
+    if isinstance(value, Array):
+        slots = [
+            frame.variable(cls.type, len(value), name=f"{name}_{suffix}" if suffix else name, loc=loc)
+            for suffix, _, cls in leaves(value._layout, "")
+        ]
+        return Array._of(frame, value._layout, len(value), slots)
+    if not _is_symbolic(value):
+        return value
+    layout = layout_from(value, name)
+    made = [_slot_value(frame, cls, part, loc) for part, _, cls in leaves(layout, name)]
+    return build_values(layout, iter(made))
+
+
+def _slot_value(frame: Frame, cls: type[Value], name: str, loc: Loc | None) -> Value:
+    value = object.__new__(cls)
+    slot = frame.variable(cls.type, name=name, loc=loc)
+    for attribute, held in (("_frame", frame), ("_variable", slot), ("_const", ()), ("_part", None), ("_loc", loc)):
+        object.__setattr__(value, attribute, held)
+    return value
+
+
+def _slots(value: Any) -> list[int]:
+    """The slots of an argument's leaves, in order; none for host objects."""
+    if isinstance(value, Array):
+        return list(value._variables)
+    if not _is_symbolic(value):
+        return []
+    return [leaf._variable for leaf in flatten(layout_from(value, ""), value, "")]
+
+
+class Recorded:
+    """A subroutine as one program calls it: its function, and how to pass what it takes."""
+
+    def __init__(self, frame: Frame, inside: dict[str, Any], *, alone: bool = False) -> None:
+        returns: Returns = frame.returned
+        body = frame.scopes[0].statements
+        written = _written(frame)
+        self.layout: Layout | None = returns.layout
+        self.by_reference: list[bool] = []
+        self.stored: list[bool] = []
+        inputs: list[IrValue | Variable] = []
+        copies: list[Any] = []
+        for name, value in inside.items():
+            if alone and isinstance(value, Array):
+                cure = "its elements as parameters of their own"
+                raise RecordError(
+                    f"{frame.name} is run by each element alone and takes no arrays", loc=here(), cure=cure
+                )
+            for slot in _slots(value):
+                variable = frame.named(frame.variables[slot])
+                reference = slot in written or variable.length is not None
+                self.by_reference.append(reference)
+                self.stored.append(slot in written)
+                if reference:
+                    inputs.append(variable)
+                else:
+                    incoming = frame.new_value(variable.type, variable.name or name, frame.loc)
+                    inputs.append(incoming)
+                    copies.append(Store(slot, incoming.id, None, None, frame.loc))
+        body[:0] = copies
+        pure = is_straight(body) and len(returns.slots) == 1 and not any(self.by_reference) and not alone
+        self.function: Function = replace(frame.finish(tuple(inputs), tuple(returns.slots), pure), alone=alone)
+
+    def content(self) -> tuple[Hashable, ...]:
+        """Return all of it but the name: recordings of one content are one function."""
+        return self.layout, self.function.loc, replace(self.function, name="")
+
+    def call(self, frame: Frame, given: dict[str, Any]) -> Any:
+        """Record a call from `frame`; gives the function's result."""
+        args = self._arguments(frame, given)
+        loc = here()
+        outputs = self.function.outputs
+        if self.function.pure:
+            results = [frame.let("call", tuple(args), outputs[0].type, self.function.name)]
+        else:
+            made = tuple(frame.new_value(o.type, None, loc) for o in outputs)
+            frame.append(Call(self.function.name, tuple(args), made, loc))
+            results = [v.id for v in made]
+        if self.layout is None:
+            return None
+        emitter = FrameEmitter(frame)
+        classes = [cls for _, _, cls in leaves(self.layout, "")]
+        wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
+        return wrapped[0] if isinstance(self.layout, Leaf) else build_values(self.layout, iter(wrapped))
+
+    def _arguments(self, frame: Frame, given: dict[str, Any]) -> list[int]:
+        emitter = FrameEmitter(frame)
+        passed = [(name, leaf) for name, value in given.items() for leaf in _leaves(value)]
+        args = [
+            self._reference(frame, leaf, name) if reference else int(leaf._read(emitter))
+            for (name, leaf), reference in zip(passed, self.by_reference, strict=True)
+        ]
+        self._check_apart(passed)
+        return args
+
+    def _check_apart(self, passed: list[tuple[str, Any]]) -> None:
+        """Error for one variable given for two parameters, unless both are only read.
+
+        A parameter that is only read is passed by value, so it would not see what is stored through the other one.
+        """
+        slots = [leaf if isinstance(leaf, int) else leaf._variable for _, leaf in passed]
+        shared = ((k, j) for k, slot in enumerate(slots) for j in range(k) if slots[j] == slot)
+        for k, j in shared:
+            if not (self.by_reference[k] or self.by_reference[j]):
+                continue
+            function, stored = self.function.name, [passed[n][0] for n in (j, k) if self.stored[n]]
+            done = f"and {function} stores into {stored[0]}" if stored else f"which {function} takes by reference"
+            if len(stored) == 2:
+                done = f"which {function} both stores into"
+            raise RecordError(
+                f"one variable is given for {passed[j][0]} and {passed[k][0]}, {done}",
+                loc=here(),
+                cure="a copy for one of them: x.copy()",
+            )
+
+    def _reference(self, frame: Frame, leaf: Any, name: str) -> int:
+        if isinstance(leaf, int):
+            slot = leaf
+        else:
+            if leaf._frame is None:
+                raise RecordError(
+                    f"{self.function.name} stores into {name}, which is given a constant",
+                    loc=here(),
+                    cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
+                )
+            leaf._check(frame)
+            slot = leaf._variable
+            if leaf._part is not None and frame.names[slot] is None:
+                raise RecordError(
+                    f"{self.function.name} stores into {name}, which is given {leaf._part}, a copy",
+                    loc=here(),
+                    cure=f"x = {leaf._part} first, and {leaf._part} = x after the call",
+                )
+        return slot
+
+
+def _leaves(value: Any) -> list[Any]:
+    if isinstance(value, Array):
+        return list(value._variables)
+    return flatten(layout_from(value, ""), value, "") if _is_symbolic(value) else []
+
+
+def _written(frame: Frame) -> set[int]:
+    found: set[int] = set()
+    for statement in walk(tuple(frame.scopes[0].statements)):
+        if isinstance(statement, Store):
+            found.add(statement.variable)
+        elif isinstance(statement, Call):
+            found |= frame.recording.referenced(statement)
+    return found
+
+
+def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = False) -> Any:
+    """Make a function of the language one that stays a function in the emitted text, its arguments by reference.
+
+    With `alone`, lanes of an OpenCL packet run it one after the other, each by itself: that is faster where they would
+    take quite different branches and read different tables. The results are the same; it takes no `sh.Array`.
+
+    Raises RecordError for the classic mistakes that its source shows, ShpyTypeError for anything but a function.
+    """
+    if function is None and alone:
+        return functools.partial(subroutine, alone=alone)
+    if not callable(function):
+        raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
+    from shpy.lang.mistakes.check import check_source  # here: importing shpy records nothing
+
+    check_source(function, is_value=_is_symbolic)
+    return Subroutine(function, alone=alone)

@@ -1,0 +1,131 @@
+"""Where the user is: the nearest frame outside the package.
+
+Stage: record. Costs well under a microsecond, so every node can carry its line.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from types import FrameType
+
+import numpy as np
+
+from shpy.ir.nodes import Loc
+
+_HOUSE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))) + os.sep
+_LIBRARIES = (os.path.join(_HOUSE, "lang", "library.py"), os.path.join(_HOUSE, "library", ""))
+_LIBRARIES_SHOWN = ("shpy/lang/library.py", "shpy/library/")
+"""Their lines are the same wherever shpy is installed, so that the text of a program is."""
+_PROGRAMS = (
+    os.path.join(_HOUSE, "testing", "conformance", ""),
+    os.path.join(_HOUSE, "collectives", "programs.py"),
+)
+"""Programs of the conformance list and of collectives are programs like those of any user."""
+_START = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "shpy_start", "")
+"""The start of the command line: no line outside of it is the user's."""
+_NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
+"""Frames of numpy count as the user's line that called numpy."""
+_inside: dict[str, bool] = {}
+
+
+class _Recording(threading.local):
+    """State of this thread's recording alone: other threads record meanwhile."""
+
+    def __init__(self) -> None:
+        self.library = 0
+        self.elsewhere: list[Loc | None] = []
+
+
+_thread = _Recording()
+
+
+@contextmanager
+def in_library() -> Iterator[None]:
+    """The part of the language that is written in the language is recorded: its own lines and names count."""
+    _thread.library += 1
+    try:
+        yield
+    finally:
+        _thread.library -= 1
+
+
+def is_library(loc: Loc) -> bool:
+    """Whether a line stands in the part of the language that is written in the language."""
+    return loc.file.startswith(_LIBRARIES_SHOWN)
+
+
+def user_frame() -> FrameType | None:
+    """The innermost frame whose code is not shpy's."""
+    frame: FrameType | None = sys._getframe(1)
+    library = _thread.library > 0
+    while frame is not None:
+        file = frame.f_code.co_filename
+        ours = _inside.get(file)
+        if ours is None:
+            ours = _look_inside(file)
+        if not ours or (library and file.startswith(_LIBRARIES)):
+            return None if file.startswith(_START) else frame
+        frame = frame.f_back
+    return None
+
+
+def _look_inside(file: str) -> bool:
+    """Return whether a file is shpy's or numpy's, remembered."""
+    path = os.path.abspath(file)
+    ours = _inside[file] = path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_PROGRAMS)
+    return ours
+
+
+def is_users(file: str) -> bool:
+    """Whether the code of a file is neither shpy's nor numpy's."""
+    return not _look_inside(file)
+
+
+_IN_PLACE = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
+
+
+def called_frames() -> list[FrameType]:
+    """The frames of the user's functions, innermost first, up to the call from shpy that led to them.
+
+    Comprehensions count as the functions that they stand in.
+    """
+    found: list[FrameType] = []
+    frame = user_frame()
+    while frame is not None and not _look_inside(frame.f_code.co_filename):
+        if frame.f_code.co_name not in _IN_PLACE:
+            found.append(frame)
+        frame = frame.f_back
+    return found
+
+
+@lru_cache(maxsize=1024)
+def loc_in(file: str, line: int) -> Loc:
+    """A line of a file of Python."""
+    ours = file.startswith(_LIBRARIES)
+    return Loc("shpy/" + file[len(_HOUSE) :].replace(os.sep, "/") if ours else file, line)
+
+
+@contextmanager
+def at(loc: Loc | None) -> Iterator[None]:
+    """What is recorded meanwhile belongs to `loc`: used where the user's function has returned already."""
+    _thread.elsewhere.append(loc)
+    try:
+        yield
+    finally:
+        _thread.elsewhere.pop()
+
+
+def here() -> Loc | None:
+    """The user's line that is running."""
+    elsewhere = _thread.elsewhere
+    if elsewhere:
+        return elsewhere[-1]
+    frame = user_frame()
+    if frame is None:
+        return None
+    return loc_in(frame.f_code.co_filename, frame.f_lineno)

@@ -1,0 +1,108 @@
+"""The names that the user gives to values: which variable does a source line assign?
+
+Stage: record. Takes the line that is running; gives the name that its result is about to get, so that the IR and the
+emitted text read like the user's program.
+
+    12: z = sh.Attrib2f(0, 0)           # name_for(file, 12) == "z"
+    13: z[:] = z + c                    # name_for(file, 13) is None: a store, not a name
+    14: with SH_FOR(0, 8) as i:         # for_name(file, 14) == "i"
+    15: a, b = x + 1, sh.sqrt(x)        # unpacked_name(frame) == "b" while the root is taken
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass, field
+from itertools import islice
+from types import FrameType
+
+from shpy.lang.recording.location import here
+from shpy.lang.recording.tree import parsed
+
+
+@dataclass(slots=True)
+class Naming:
+    """The names of one file, by line: of assignments, and of what `with` binds."""
+
+    tree: ast.Module
+    assigned: dict[int, str | None] = field(default_factory=dict)
+    unpacked: dict[int, list[tuple[ast.expr, str]]] = field(default_factory=dict)
+    bound: dict[int, str | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Assign | ast.AnnAssign):
+                _enter(self.assigned, node, _target(node))
+                for expression, name in _pairs(node):
+                    for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
+                        self.unpacked.setdefault(line, []).append((expression, name))
+            elif isinstance(node, ast.withitem) and isinstance(node.optional_vars, ast.Name):
+                _enter(self.bound, node.context_expr, node.optional_vars.id)
+
+
+def _target(node: ast.Assign | ast.AnnAssign) -> str | None:
+    """The plain name that is assigned: the first of `a = b = …`; None for tuples, items and attributes."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+    return next((t.id for t in targets if isinstance(t, ast.Name)), None)
+
+
+def _pairs(node: ast.Assign | ast.AnnAssign) -> list[tuple[ast.expr, str]]:
+    """The expressions and names of `a, b = x + 1, y`."""
+    target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+    if not (isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)):
+        return []
+    if len(target.elts) != len(node.value.elts):
+        return []
+    return [(e, t.id) for e, t in zip(node.value.elts, target.elts, strict=True) if isinstance(t, ast.Name)]
+
+
+def _enter(names: dict[int, str | None], node: ast.stmt | ast.expr, name: str | None) -> None:
+    """Every line of the node gets the name; a line that two names share gets none."""
+    for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
+        names[line] = name if names.get(line, name) == name else None
+
+
+_files: dict[str, Naming] = {}
+
+
+def _naming(file: str) -> Naming | None:
+    tree = parsed(file)
+    if tree is None:
+        return None
+    known = _files.get(file)
+    if known is None or known.tree is not tree:
+        known = _files[file] = Naming(tree)
+    return known
+
+
+def name_for(file: str, line: int) -> str | None:
+    """The variable that the assignment on this line (of this file) binds, or None."""
+    naming = _naming(file)
+    return naming.assigned.get(line) if naming is not None else None
+
+
+def assigned_name() -> str | None:
+    """The variable that the user's line which is running binds, or None."""
+    loc = here()
+    return name_for(loc.file, loc.line) if loc is not None else None
+
+
+def unpacked_name(frame: FrameType | None) -> str | None:
+    """The name that the expression which `frame` is evaluating gets in an assignment such as `a, b = x + 1, y`."""
+    naming = _naming(frame.f_code.co_filename) if frame is not None else None
+    if frame is None or naming is None or frame.f_lineno not in naming.unpacked:
+        return None
+    positions = next(islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), None)
+    if positions is None or None in positions:
+        return None
+    line, _, column, _ = positions
+    for e, name in naming.unpacked[frame.f_lineno]:
+        if (e.lineno, e.col_offset) <= (line, column) < (e.end_lineno, e.end_col_offset):
+            return name
+    return None
+
+
+def for_name(file: str, line: int) -> str | None:
+    """The name that `with SH_FOR(…) as name` on this line binds, or None."""
+    naming = _naming(file)
+    return naming.bound.get(line) if naming is not None else None

@@ -1,0 +1,299 @@
+"""The recording under way: appends to the IR as the user's function runs.
+
+Stage: record. A `Recording` is a program; it holds one `Frame` for each function being recorded (the program, and the
+subroutines called from it, innermost last). A frame holds the region that is open, the slots, and where each was made.
+
+    with recording("mandelbrot") as recording:   # what `sh.program` does
+        ...                                      # the user's function runs; operators append Lets
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from shpy.errors import RecordError
+from shpy.ir.nodes import (
+    EXITS,
+    MAX_LOOP_DEPTH,
+    MAX_REGION_DEPTH,
+    Attr,
+    Call,
+    Function,
+    If,
+    Let,
+    Loc,
+    Loop,
+    Store,
+    Value,
+    Variable,
+)
+from shpy.ir.traverse import walk
+from shpy.ir.types import Type
+from shpy.lang.recording.location import here, user_frame
+from shpy.lang.recording.names import name_for, unpacked_name
+
+if TYPE_CHECKING:
+    from shpy.ir.nodes import Region, Stmt
+
+
+class Scope:
+    """A region that is open or was: what `SH_IF` and the like push. `what` and `loc` are for messages."""
+
+    __slots__ = ("chain", "closed", "depth", "loc", "loops", "sealed", "statements", "what")
+
+    def __init__(self, what: str, loc: Loc | None, parent: Scope | None, *, loop: bool = False) -> None:
+        self.what = what
+        self.loc = loc
+        self.statements: list[Stmt] = []
+        self.closed = False
+        self.sealed: Loc | None = None
+        self.chain: Any = None
+        self.depth: int = parent.depth + 1 if parent else 0
+        self.loops: int = (parent.loops if parent else 0) + loop
+        if self.depth > MAX_REGION_DEPTH:
+            raise RecordError(
+                f"{what} is nested {self.depth} deep; {MAX_REGION_DEPTH} is the most that every target runs correctly",
+                loc=loc,
+                cure="move inner blocks into a function marked @sh.subroutine",
+            )
+        if self.loops > MAX_LOOP_DEPTH:
+            raise RecordError(
+                f"loops are nested {self.loops} deep; {MAX_LOOP_DEPTH} is the most that every target compiles",
+                loc=loc,
+                cure="fold two loops into one over their product, SH_FOR(0, n * m)",
+            )
+
+
+class Frame:
+    """One function being recorded."""
+
+    def __init__(self, recording: Recording, name: str, loc: Loc | None) -> None:
+        self.recording = recording
+        self.name = name
+        self.loc = loc
+        self.scopes = [Scope(name, loc, None)]
+        self.variables: list[Variable] = []
+        self.names: dict[int, str | None] = {}
+        self.homes: dict[int, Scope] = {}
+        self.blocks: list[Any] = []
+        self.returned: Any = None
+        self.unset: set[int] = set()
+        self._values = 0
+        self._named_at: dict[tuple[str, int, str], int] = {}
+
+    @property
+    def scope(self) -> Scope:
+        """The region that is open."""
+        return self.scopes[-1]
+
+    def append(self, statement: Stmt) -> None:
+        """Record a statement in the open region; an error after an exit."""
+        statements = self.scope.statements
+        if statements and isinstance(statements[-1], EXITS):
+            exit = statements[-1]
+            raise RecordError(
+                f"this can never run: the block was left at {exit.loc}",
+                loc=here(),
+                cure="put it before, or give the exit a condition, as in SH_BREAK(c)",
+            )
+        if self.scope.sealed is not None:
+            raise RecordError(
+                f"this follows the SH_UNTIL at {self.scope.sealed}, which is the last statement of its SH_DO",
+                loc=here(),
+                cure="put it before the SH_UNTIL",
+            )
+        statements.append(statement)
+
+    def new_value(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Value:
+        """A fresh value, not yet recorded."""
+        self._values += 1
+        return Value(self._values - 1, type, name, loc)
+
+    def let(self, op: str, args: tuple[int, ...], type: Type | None, attr: Attr = None, loc: Loc | None = None) -> int:
+        """Record `op(args)`; gives the value's id."""
+        assert type is not None
+        value = self.new_value(type, None, loc if loc is not None else here())
+        self.append(Let(value, op, args, attr))
+        return value.id
+
+    def variable(
+        self, type: Type, length: int | None = None, *, name: str | None = None, loc: Loc | None = None
+    ) -> int:
+        """A fresh slot, made in the open region; named after what the user assigns on this line, if not by `name`."""
+        loc = loc or here()
+        variable = Variable(len(self.variables), type, length, None, loc)
+        self.variables.append(variable)
+        self.homes[variable.id] = self.scope
+        if name is None and loc is not None:
+            name = name_for(loc.file, loc.line) or unpacked_name(user_frame())
+            if name is not None:
+                # Only the last object made on a line is what the line's name is bound to.
+                before = self._named_at.get((loc.file, loc.line, name))
+                if before is not None:
+                    self.names[before] = None
+                self._named_at[loc.file, loc.line, name] = variable.id
+        self.names[variable.id] = name
+        return variable.id
+
+    def name_parts(self, parts: dict[str, int]) -> None:
+        """Name the slots of one object after what the user assigns on this line: `ray_o`, `ray_d`."""
+        loc = here()
+        name = name_for(loc.file, loc.line) if loc is not None else None
+        for part, variable in parts.items():
+            self.names[variable] = f"{name}_{part}" if name and part else name or part or None
+
+    def store(
+        self, variable: int, value: int, components: tuple[int, ...] | None = None, index: int | None = None
+    ) -> None:
+        """Record a store."""
+        self.append(Store(variable, value, components, index, here()))
+
+    def named(self, variable: Variable) -> Variable:
+        """The variable with the name it has in the end."""
+        return Variable(variable.id, variable.type, variable.length, self.names[variable.id], variable.loc)
+
+    def finish(self, inputs: tuple[Value | Variable, ...], outputs: tuple[int, ...], pure: bool = False) -> Function:
+        """The recorded function."""
+        check_reads(self)
+        taken = set(outputs) | {v.id for v in inputs if isinstance(v, Variable)}
+        slots = tuple(self.named(v) for v in self.variables if v.id not in taken)
+        body = tuple(self.scopes[0].statements)
+        named_inputs = tuple(self.named(v) if isinstance(v, Variable) else v for v in inputs)
+        results = tuple(self.named(self.variables[v]) for v in outputs)
+        return Function(self.name, named_inputs, results, slots, body, pure, self.loc)
+
+
+class Recording:
+    """One program being recorded: its frames, and the params, tables and subroutines that it uses."""
+
+    def __init__(self, name: str, loc: Loc | None) -> None:
+        self.name = name
+        self.functions: list[Function] = []
+        self.function_names: set[str] = {name}
+        self.params: dict[str, Any] = {}
+        self.tables: dict[str, Any] = {}
+        self.subroutines: dict[Any, Any] = {}
+        self.underway: list[Any] = []
+        self.ranks: dict[int, Loc | None] = {}
+        self.frames = [Frame(self, name, loc)]
+
+    @property
+    def frame(self) -> Frame:
+        """The function that is being recorded now."""
+        return self.frames[-1]
+
+    def use(self, kind: str, declared: dict[str, Any], thing: Any) -> str:
+        """Enter a param or table under a name that no other has; gives the name.
+
+        Two with one given name are an error; names that were only read off the user's assignments are numbered.
+        """
+        name: str | None = thing.name
+        for known, other in declared.items():
+            if other is thing:
+                return known
+        if name is not None:
+            if name in declared and thing.named:
+                raise RecordError(
+                    f"two {kind}s are named {name!r}", loc=here(), cure=f'give one another name: name="{name}2"'
+                )
+            if name not in declared:
+                declared[name] = thing
+                return name
+        base, count = name or kind, 2
+        free = base
+        while free in declared:
+            free, count = f"{base}_{count}", count + 1
+        declared[free] = thing
+        return free
+
+    def referenced(self, call: Call) -> set[int]:
+        """The variables that a call may store."""
+        inputs = next(f.inputs for f in self.functions if f.name == call.function)
+        return {a for a, port in zip(call.args, inputs, strict=True) if isinstance(port, Variable)}
+
+    def function_name(self, wanted: str) -> str:
+        """A function's name that no other has."""
+        name, count = wanted, 2
+        while name in self.function_names:
+            name, count = f"{wanted}_{count}", count + 1
+        self.function_names.add(name)
+        return name
+
+
+_local = threading.local()
+
+
+def current() -> Recording | None:
+    """The recording under way in this thread, or None."""
+    return getattr(_local, "recording", None)
+
+
+def current_frame() -> Frame | None:
+    """The function being recorded in this thread, or None."""
+    recording = current()
+    return recording.frame if recording is not None else None
+
+
+@contextmanager
+def recording(name: str, loc: Loc | None) -> Iterator[Recording]:
+    """Make a recording the current one; recordings nest (a program decorated while another is recorded)."""
+    outer = current()
+    _local.recording = made = Recording(name, loc)
+    try:
+        yield made
+    finally:
+        _local.recording = outer
+
+
+def need_frame(what: str) -> Frame:
+    """The function being recorded; an error naming `what` outside."""
+    frame = current_frame()
+    if frame is None:
+        raise RecordError(
+            f"{what} works only while a program is recorded", loc=here(), cure="put it in a function under @sh.program"
+        )
+    return frame
+
+
+def check_reads(frame: Frame) -> None:
+    """Error for a variable made by an empty constructor and read where no store can have reached it."""
+    if frame.unset:
+        _reach(frame, tuple(frame.scopes[0].statements), set(), set())
+
+
+def _reach(frame: Frame, region: Region, reached: set[int], declared: set[int]) -> None:
+    for statement in region:
+        match statement:
+            case Store(variable=variable) if variable in frame.unset:
+                # The first store is the constructor's own zero.
+                (reached.add if variable in declared else reached.discard)(variable)
+                declared.add(variable)
+            case Let(op="load", attr=int(variable)) if variable in frame.unset and variable not in reached:
+                name = frame.names[variable] or "this value"
+                raise RecordError(
+                    f"{name} is read here, but nothing can have been stored in it before",
+                    loc=statement.value.loc,
+                    cure=f"{name}[:] = … first, or make it with a value",
+                )
+            case Call():
+                reached |= frame.recording.referenced(statement)
+            case If(then=then, orelse=orelse):
+                other = set(reached)
+                _reach(frame, then, reached, declared)
+                _reach(frame, orelse, other, declared)
+                reached |= other
+            case Loop(body=body, continuing=continuing):
+                reached |= stores_in(body + continuing)
+                for inner in walk(body + continuing):
+                    if isinstance(inner, Call):
+                        reached |= frame.recording.referenced(inner)
+                _reach(frame, body, reached, declared)
+                _reach(frame, continuing, reached, declared)
+
+
+def stores_in(region: Region) -> set[int]:
+    """The variables that some statement of the region stores."""
+    return {s.variable for s in walk(region) if isinstance(s, Store)}

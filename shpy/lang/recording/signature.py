@@ -1,0 +1,98 @@
+"""The signature of the user's function: names, annotations, where it stands.
+
+Stage: record. Annotations that are strings are resolved in the function's globals and closure.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+from collections.abc import Callable
+from types import CodeType
+from typing import Any
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.nodes import Loc
+from shpy.lang.recording.location import loc_in
+from shpy.lang.recording.tree import definition
+
+
+def plain_function(function: Any) -> Any:
+    """The function inside a partial, a method or a callable object."""
+    while True:
+        if isinstance(function, functools.partial):
+            function = function.func
+        elif inspect.ismethod(function):
+            function = function.__func__
+        elif not inspect.isfunction(function) and inspect.isfunction(_call_method(function)):
+            function = _call_method(function)
+        else:
+            return function
+
+
+def bodies_of(function: Any) -> frozenset[CodeType]:
+    """The code of the function, and of each function that its decorators wrap (`functools.wraps`)."""
+    found: set[CodeType] = set()
+    for _ in range(32):  # wrappers may go round in circles
+        plain = plain_function(function)
+        code = getattr(plain, "__code__", None)
+        if isinstance(code, CodeType):
+            found.add(code)
+        wrapped = getattr(function, "__wrapped__", getattr(plain, "__wrapped__", None))
+        if wrapped is None:
+            break
+        function = wrapped
+    return frozenset(found)
+
+
+def _call_method(thing: Any) -> Any:
+    """What runs when an object is called."""
+    return vars(type(thing)).get("__call__")
+
+
+def loc_of(function: Any) -> Loc | None:
+    """Where the function is defined."""
+    code = getattr(plain_function(function), "__code__", None)
+    return loc_in(code.co_filename, code.co_firstlineno) if code is not None else None
+
+
+def return_loc(function: Any) -> Loc | None:
+    """The line of the function's last return, or of the function where that is not known."""
+    loc = loc_of(function)
+    if loc is None:
+        return None
+    node = definition(plain_function(function).__code__)
+    if node is None:
+        return loc
+    last = node.body[-1]
+    return Loc(loc.file, last.lineno) if isinstance(last, ast.Return) else loc
+
+
+def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+    """The annotations, strings resolved; ShpyTypeError for one that names nothing."""
+    plain = plain_function(function)
+    hints = dict(getattr(plain, "__annotations__", {}))
+    if any(isinstance(h, str) for h in hints.values()):
+        namespace = dict(getattr(plain, "__globals__", {}))
+        code = plain.__code__
+        for name, cell in zip(code.co_freevars, plain.__closure__ or (), strict=True):
+            try:
+                namespace[name] = cell.cell_contents
+            except ValueError:
+                continue  # a variable that is not set yet
+        for name, hint in hints.items():
+            if isinstance(hint, str):
+                hints[name] = _resolve(hint, namespace, name, loc_of(plain))
+    return hints
+
+
+def _resolve(hint: str, namespace: dict[str, Any], name: str, loc: Loc | None) -> Any:
+    try:
+        return eval(hint, namespace)
+    except Exception as error:
+        raise ShpyTypeError(
+            f"{name} is annotated {hint!r}, which cannot be resolved: {error}",
+            loc=loc,
+            cure="a type that the module's globals or the enclosing function know, such as sh.Attrib1f",
+        ) from error

@@ -1,0 +1,1 @@
+"""Values of the language: their types, operators and functions, on symbolic values and on constants alike."""

@@ -1,0 +1,158 @@
+"""Dependent uniforms: what operators and functions give for Params outside a program.
+
+Stage: record. The operations are kept as an expression. A program that uses the result has one uniform for it, which is
+computed before each run from what the Params are then.
+
+    freq = sh.Param(sh.Attrib1f, 2.0)
+    freq2 = sh.sqrt(freq) * 2      # a uniform that follows freq
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import RecordError
+from shpy.ir.types import Type
+from shpy.lang.recording.emit import DEFERRED, Emitter, FrameEmitter, Handle, Node, nodes_of, replay
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import assigned_name
+from shpy.lang.recording.recorder import Frame, current_frame
+
+if TYPE_CHECKING:
+    from shpy.lang.values.value import Value
+
+
+class Evaluator(Protocol):
+    """Computes a dependent uniform from what its sources are now, at a kernel's precision and in its mode."""
+
+    def __call__(self, uniform: Dependent, precision: str, math: str) -> NDArray[Any]:
+        """The value, of shape () or (size,)."""
+
+
+_evaluators: list[Evaluator] = []
+
+
+def evaluate_with(evaluator: Evaluator) -> None:
+    """Have dependent uniforms computed by `evaluator`: it stands above the language, since it runs programs."""
+    _evaluators[:] = [evaluator]
+
+
+@dataclass(slots=True, eq=False)
+class Expression:
+    """The expression of a dependent uniform, and the results that the evaluator keeps."""
+
+    root: Node
+    name: str | None
+    sources: tuple[Any, ...] | None = None
+    kept: dict[tuple[str, str], Any] = field(default_factory=dict)
+
+
+class Dependent:
+    """A uniform that follows others. Mixed into the class of the value that it is."""
+
+    __slots__ = ()
+    _uniform = True
+    named = False
+    type: Type
+    _const: Any
+
+    @property
+    def name(self) -> str | None:
+        """The Python name that it was assigned to, if that is known."""
+        held: Expression = self._const
+        return held.name
+
+    @property
+    def root(self) -> Node:
+        """The expression that it is."""
+        held: Expression = self._const
+        return held.root
+
+    @property
+    def sources(self) -> tuple[Any, ...]:
+        """The Params and Tables that it follows."""
+        held: Expression = self._const
+        if held.sources is None:
+            found = {id(n.source): n.source for n in nodes_of(held.root) if n.source is not None}
+            held.sources = tuple(found.values())
+        return held.sources
+
+    @property
+    def value(self) -> Any:
+        """The present value at f32 in strict mode: a numpy scalar or array of shape (size,). It cannot be set."""
+        return self._now()[()]
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        self._refuse("cannot be set")
+
+    def at(self, precision: str, math: str) -> NDArray[Any]:
+        """Return the present value in a kernel of this precision and mode."""
+        return _evaluators[0](self, precision, math)
+
+    def _now(self) -> NDArray[Any]:
+        return self.at("f32", "strict")
+
+    def _read(self, emitter: Emitter) -> Handle:
+        frame = current_frame()
+        if frame is None:
+            assert emitter is DEFERRED
+            return self.root
+        name = frame.recording.use("param", frame.recording.params, self)
+        return emitter.let("param", (), self.type, name)
+
+    def _storable(self, spelled: str) -> Frame:
+        self._refuse("cannot be stored into")
+
+    def _called(self) -> str:
+        return self.name or "this uniform"
+
+    def _refuse(self, what: str) -> NoReturn:
+        followed = [getattr(source, "name", None) or "p" for source in self.sources]
+        raise RecordError(
+            f"{self._called()} {what}: it is a dependent uniform, which follows {', '.join(followed)}",
+            loc=here(),
+            cure=f"{followed[0]}.value = … between runs, or an sh.Param of its own",
+        )
+
+
+_classes: dict[str, type] = {}
+
+
+def become_dependent(value: Value, root: Node) -> None:
+    """Make a value that is new the uniform that an expression describes."""
+    cls = type(value)
+    if cls.__name__ not in _classes:
+        _classes[cls.__name__] = type(cls.__name__, (Dependent, cls), {"__slots__": ()})
+    object.__setattr__(value, "__class__", _classes[cls.__name__])
+    object.__setattr__(value, "_const", Expression(root, assigned_name()))
+
+
+def name_parts(parts: dict[str, Any]) -> None:
+    """Name the dependent uniforms of a matrix or struct after what the user assigns: `world[0]`, `ray.o`."""
+    dependent = {path: part for path, part in parts.items() if isinstance(part, Dependent)}
+    name = assigned_name() if dependent else None
+    for path, part in dependent.items() if name is not None else ():
+        part._const.name = f"{name}{path}"
+
+
+def record_expression(frame: Frame, root: Node) -> int:
+    """Record what an expression computes into a program."""
+    emitter = FrameEmitter(frame)
+
+    def let(node: Node, args: tuple[int, ...]) -> int:
+        if node.op == "param":
+            return int(node.source._read(emitter))
+        return frame.let(node.op, args, node.type, node.source._declared(frame) if node.op == "table" else node.attr)
+
+    return int(replay(root, let))
+
+
+def first_value(uniform: Any) -> list[Any]:
+    """Return a uniform's present components: its value in the text of a program that is recorded now."""
+    numbers: list[Any] = np.atleast_1d(np.asarray(uniform.at("f32", "strict"))).tolist()
+    return numbers

@@ -1,0 +1,317 @@
+"""Structure: how matrices, structs, tuples and the like are made of plain values, and put together again.
+
+Stage: record. A `Layout` is the shape of an input or output as the user wrote it; its leaves are the scalars and
+vectors that the IR knows. The same layout takes apart and puts together values while recording, and arrays at run time.
+
+    @sh.struct
+    class Ray:
+        o: sh.Point3f
+        d: sh.Vector3f
+
+    ports(layout_of(Ray), "ray")   # ray.o Point3f, ray.d Vector3f
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import typing
+from collections import namedtuple
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.lang.recording.location import here
+from shpy.lang.recording.recorder import current_frame
+from shpy.lang.values.coerce import literal
+from shpy.lang.values.dependent import name_parts
+from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.value import CLASSES, Value
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One value of a class of the language."""
+
+    cls: type[Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """A matrix, as its rows."""
+
+    cls: type[Matrix]
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Named parts. `form` is "struct", "namedtuple", "tuple", "list" or "dict"; `cls` the class of the first two."""
+
+    form: str
+    names: tuple[str, ...]
+    parts: tuple[Layout, ...]
+    cls: Any = None
+
+
+Layout = Leaf | Rows | Group
+
+
+def layout_of(annotation: Any, name: str) -> Layout:
+    """The layout that an annotation names; ShpyTypeError for anything that is no type of the language."""
+    if isinstance(annotation, type):
+        if issubclass(annotation, Value) and hasattr(annotation, "kind"):
+            return Leaf(annotation)
+        if issubclass(annotation, Matrix) and hasattr(annotation, "size"):
+            return Rows(annotation)
+        fields = getattr(annotation, "_shpy_fields", None)
+        if fields is not None:
+            parts = tuple(layout_of(t, f"{name}.{f}") for f, t in fields.items())
+            return Group("struct", tuple(fields), parts, getattr(annotation, "_shpy_class", annotation))
+        if issubclass(annotation, tuple) and hasattr(annotation, "_fields"):
+            hints = typing.get_type_hints(annotation)
+            parts = tuple(layout_of(hints[f], f"{name}.{f}") for f in annotation._fields)
+            return Group("namedtuple", tuple(annotation._fields), parts, annotation)
+    if typing.get_origin(annotation) is tuple:
+        parts = tuple(layout_of(a, f"{name}[{i}]") for i, a in enumerate(typing.get_args(annotation)))
+        return Group("tuple", tuple(map(str, range(len(parts)))), parts)
+    raise ShpyTypeError(
+        f"{name} is annotated {annotation!r}, which is no type of the language",
+        loc=here(),
+        cure=f"{name}: sh.Attrib1f, or another type of shpy, a @sh.struct, a NamedTuple of types",
+    )
+
+
+def layout_from(value: Any, what: str) -> Layout:
+    """The layout of a value that a function gives back."""
+    if isinstance(value, Value):
+        return Leaf(CLASSES[value.kind, value.size, value.base])
+    if isinstance(value, Matrix):
+        return Rows(value._plain())
+    fields = getattr(type(value), "_shpy_fields", None)
+    if fields is not None:
+        return layout_of(type(value), what)
+    known = literal(value)
+    if known is not None:
+        base = {"int": "i", "float": "f", "bool": "b"}[known.weak]
+        return Leaf(CLASSES["Attrib", 1, base])  # type: ignore[index]
+    if isinstance(value, dict):
+        return Group("dict", tuple(map(str, value)), tuple(layout_from(v, what) for v in value.values()))
+    if isinstance(value, tuple | list) and value:
+        parts = tuple(layout_from(v, what) for v in value)
+        if hasattr(value, "_fields"):
+            return Group("namedtuple", tuple(value._fields), parts, type(value))
+        return Group("list" if isinstance(value, list) else "tuple", tuple(map(str, range(len(parts)))), parts)
+    raise RecordError(
+        f"{what} gives back {type(value).__name__}, which is no value of the language",
+        loc=here(),
+        cure="values, numbers, matrices or structs, or a tuple of them",
+    )
+
+
+def annotation_of(layout: Layout) -> str:
+    """Return an annotation that names the layout, as users write it."""
+    match layout:
+        case Leaf(cls) | Rows(cls):
+            return f"sh.{cls.__name__}"
+        case Group(form="tuple" | "list", parts=parts):
+            return f"tuple[{', '.join(map(annotation_of, parts))}]"
+        case Group(form=form, cls=cls):
+            return form if cls is None else str(cls.__name__)
+
+
+def leaves(layout: Layout, prefix: str) -> Iterator[tuple[str, str, type[Value]]]:
+    """The name, kind and class of each leaf: `ray.o`; `m[0]`, of kind `Matrix3f[0]`, for a row of a matrix."""
+    match layout:
+        case Leaf(cls):
+            yield prefix, cls.__name__, cls
+        case Rows(cls):
+            for r in range(cls.size):
+                yield f"{prefix}[{r}]", f"{cls.__name__}[{r}]", cls._row_type()
+        case Group(_, names, parts):
+            for name, part in zip(names, parts, strict=True):
+                yield from leaves(part, f"{prefix}.{name}" if prefix else name)
+
+
+def build(layout: Layout, values: Iterator[Any], rows: Callable[[Any, list[Any]], Any]) -> Any:
+    """Put leaves together; `rows(cls, list)` makes a matrix."""
+    match layout:
+        case Leaf():
+            return next(values)
+        case Rows(cls):
+            return rows(cls, [next(values) for _ in range(cls.size)])
+        case Group(form, names, parts, cls):
+            made = [build(part, values, rows) for part in parts]
+            if form == "struct":
+                return cls._of(dict(zip(names, made, strict=True)))
+            if form == "namedtuple":
+                return cls(*made)
+            if form == "dict":
+                return dict(zip(names, made, strict=True))
+            return made if form == "list" else tuple(made)
+
+
+def build_values(layout: Layout, values: Iterator[Value]) -> Any:
+    """Put values together while recording: the values themselves, not copies."""
+    return build(layout, values, lambda cls, rows: cls.of_rows(rows))
+
+
+def build_arrays(layout: Layout, arrays: Iterator[Any]) -> Any:
+    """Put the arrays of a run together: structs become named tuples, matrices (*S, N, N)."""
+    if isinstance(layout, Group) and layout.form == "struct":
+        made = [build_arrays(part, arrays) for part in layout.parts]
+        return namedtuple(layout.cls.__name__, layout.names)(*made)
+    if isinstance(layout, Group):
+        return build_group(layout, [build_arrays(part, arrays) for part in layout.parts])
+    return build(layout, arrays, lambda cls, rows: np.stack(rows, axis=-2))
+
+
+def build_group(layout: Group, parts: Sequence[Any]) -> Any:
+    """Put the parts of a tuple, list, dict or named tuple together, each of them whole."""
+    flat = Group(layout.form, layout.names, tuple(Leaf(Value) for _ in parts), layout.cls)
+    return build(flat, iter(parts), lambda _, rows: rows)
+
+
+def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
+    """Take a value, or an array or nest of arrays, apart into one entry a leaf, by the layout."""
+    match layout:
+        case Leaf():
+            return [value]
+        case Rows(cls):
+            if isinstance(value, Matrix):
+                if value.size != cls.size:
+                    raise ShpyTypeError(f"{what} is a {type(value).__name__}", loc=here(), cure=f"a {cls.__name__}")
+                return list(value.rows)
+            return _array_rows(value, cls, what)
+        case Group(form, names, parts):
+            entries = entries_of(value, form, names, what)
+            return [leaf for part, entry in zip(parts, entries, strict=True) for leaf in flatten(part, entry, what)]
+
+
+def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
+    array = np.asarray(value)
+    if array.ndim < 2 or array.shape[-2:] != (cls.size, cls.size):
+        raise ShpyTypeError(
+            f"{what} is a {cls.__name__} and takes an array (*S, {cls.size}, {cls.size}), not {array.shape}",
+            loc=here(),
+            cure=f"np.asarray(m).reshape(-1, {cls.size}, {cls.size})",
+        )
+    return [array[..., r, :] for r in range(cls.size)]
+
+
+def entries_of(value: Any, form: str, names: tuple[str, ...], what: str) -> list[Any]:
+    """The parts of a dict, tuple, structured array or object, in the order of `names`; ShpyTypeError for others."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    if fields is not None:
+        found = [value[n] for n in names] if set(fields) == set(names) else None
+    elif isinstance(value, dict):
+        found = [value.get(n, None) for n in names] if set(value) == set(names) else None
+    elif form in ("struct", "namedtuple") and all(hasattr(value, n) for n in names):
+        found = [getattr(value, n) for n in names]
+    elif isinstance(value, tuple | list) and len(value) == len(names):
+        found = list(value)
+    else:
+        found = None
+    if found is None:
+        raise ShpyTypeError(
+            f"{what} has the parts {', '.join(names)}, and {type(value).__name__} does not give just these",
+            loc=here(),
+            cure="a dict, tuple, structured array or object with these parts",
+        )
+    return found
+
+
+def leaves_of(value: Any) -> list[Value]:
+    """The values that a value, matrix or struct is made of."""
+    return [v for v in flatten(layout_from(value, "this"), value, "this") if isinstance(v, Value)]
+
+
+# Structs
+
+
+class Struct:
+    """Base of what `@sh.struct` makes: attribute assignment stores in place."""
+
+    _shpy_fields: ClassVar[dict[str, Any]]
+    _shpy_class: ClassVar[Any]
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        fields = self._shpy_fields
+        if len(args) > len(fields) or set(named) - set(fields) or set(named) & set(list(fields)[: len(args)]):
+            raise ShpyTypeError(
+                f"{type(self).__name__} takes the fields {', '.join(fields)}",
+                loc=here(),
+                cure=f"{type(self).__name__}({', '.join(fields)})",
+            )
+        given = dict(zip(fields, args, strict=False)) | named
+        if given and len(given) != len(fields):
+            missing = ", ".join(f for f in fields if f not in given)
+            raise ShpyTypeError(f"{type(self).__name__} lacks {missing}", loc=here(), cure="every field, or none")
+        for name, type_ in fields.items():
+            value = type_() if not given else given[name].copy() if _is_struct(type_) else type_(given[name])
+            object.__setattr__(self, name, value)
+        frame = current_frame()
+        paths = [path for path, _, _ in leaves(layout_of(type(self), ""), "")]
+        if frame is not None:
+            frame.name_parts({p: v._variable for p, v in zip(paths, leaves_of(self), strict=True)})
+        else:
+            name_parts({f".{p}": v for p, v in zip(paths, leaves_of(self), strict=True)})
+
+    @classmethod
+    def _plain(cls) -> Any:
+        """The class that the user wrote: that of a Param is another."""
+        return cls._shpy_class
+
+    @classmethod
+    def _of(cls, parts: dict[str, Any]) -> Any:
+        made = object.__new__(cls)
+        for name, part in parts.items():
+            object.__setattr__(made, name, part)
+        return made
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in self._shpy_fields:
+            raise AttributeError(f"{type(self).__name__!r} has no field {name!r}")
+        field = getattr(self, name)
+        if field is not value:  # `ray.o += d` stored already
+            field[:] = value
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not (isinstance(key, slice) and key == slice(None)):
+            raise ShpyTypeError("a struct is stored whole, or by field", loc=here(), cure="ray[:] = other; ray.o = p")
+        fresh = [v.copy() for v in flatten(layout_of(type(self), "struct"), value, type(self).__name__)]
+        for old, new in zip(leaves_of(self), fresh, strict=True):
+            old[:] = new
+
+    def copy(self) -> Any:
+        """A struct with the same fields that is this one's own no longer."""
+        return self._plain()._of({n: getattr(self, n).copy() for n in self._shpy_fields})
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{n}={getattr(self, n)!r}' for n in self._shpy_fields)})"
+
+
+def _is_struct(type_: Any) -> bool:
+    return isinstance(type_, type) and issubclass(type_, Struct)
+
+
+def struct(cls: type) -> Any:
+    """Make a struct of a class with annotated fields: usable as input, output and array element.
+
+    Raises ShpyTypeError where a field is annotated with anything but a type of the language or another struct.
+    """
+    frame = sys._getframe(1)
+    namespace = {**frame.f_globals, **frame.f_locals}
+    fields = {
+        name: eval(hint, namespace) if isinstance(hint, str) else hint
+        for name, hint in inspect.get_annotations(cls).items()
+    }
+    if not fields:
+        raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
+    body = {k: v for k, v in cls.__dict__.items() if k not in ("__dict__", "__weakref__", "__annotations__")}
+    made: Any = type(cls.__name__, (Struct,), {**body, "_shpy_fields": fields})
+    made._shpy_class = made
+    layout_of(made, cls.__name__)
+    return made

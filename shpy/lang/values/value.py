@@ -1,0 +1,425 @@
+"""Values: what a program computes with. The base of all scalar and vector types of the language.
+
+Stage: record. Inside a recording a value is a slot: each use loads it, each operator makes a new one, and in-place
+stores change it for every name bound to it, as numpy arrays do. Outside a recording a value is a constant.
+
+    z = sh.Attrib2f(0, 0)
+    z[:] = z + c            # a store: every name bound to z sees it
+    w = z + c               # a new value
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTypeError
+from shpy.ir.constants import encode, from_array, to_array
+from shpy.ir.nodes import Loc
+from shpy.ir.types import Base, Type, vec
+from shpy.lang.mistakes.foreign import value_cure
+from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
+from shpy.lang.recording.location import here
+from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.values import arithmetic
+from shpy.lang.values.coerce import Literal
+from shpy.lang.values.dependent import become_dependent
+from shpy.lang.values.operators import Operators
+
+KINDS = ("Attrib", "Point", "Vector", "Normal", "Color", "TexCoord")
+_SETS = ("xyzw", "rgba", "stpq")
+
+CLASSES: dict[tuple[str, int, Base], type[Value]] = {}
+
+
+class Value(Operators):
+    """A scalar or vector. Made by the constructors `Attrib1f`, `Point3f`, …; see docs for the rules.
+
+    Raises ShpyTypeError where components do not add up or types do not mix, RecordError for stores that cannot be.
+    """
+
+    __slots__ = ("_const", "_frame", "_loc", "_part", "_variable")
+    __array_ufunc__: ClassVar[None] = None
+
+    kind: ClassVar[str]
+    size: ClassVar[int]
+    base: ClassVar[Base]
+    type: ClassVar[Type]
+
+    _uniform: ClassVar[bool] = False
+    _frame: Frame | None
+    _variable: int
+    _const: tuple[int, ...]
+    _part: str | None
+    _loc: Loc | None
+
+    def __init_subclass__(cls) -> None:
+        """Read kind, size and base from the class's name."""
+        name = cls.__name__
+        kind = next((k for k in KINDS if name.startswith(k)), None)
+        rest = name[len(kind) :] if kind else ""
+        if kind is not None and len(rest) == 2 and "kind" not in cls.__dict__ and cls.__bases__ == (Value,):
+            cls.kind, cls.size, cls.base = kind, int(rest[0]), Base(rest[1])
+            cls.type = vec(cls.base, cls.size)
+            CLASSES[kind, cls.size, cls.base] = cls
+
+    def __init__(self, *components: Any) -> None:
+        if not hasattr(type(self), "kind"):
+            raise ShpyTypeError("Value is not a type of the language", loc=here(), cure="sh.Attrib1f(x), for example")
+        frame = current_frame()
+        parts = [p for c in components for p in arithmetic.parts(type(self), c)]
+        literals = [p for p in parts if isinstance(p, Literal)]
+        if parts and len(literals) == len(parts):
+            const = arithmetic.constant(self.type, literals, type(self))
+            self._become(frame, const=const)
+        elif not parts:
+            if components:
+                raise arithmetic.count_error(type(self), 0)
+            self._become(frame, const=encode(self.type, [0] * self.size))
+            if frame is not None:
+                frame.unset.add(self._variable)
+        else:
+            emitter = arithmetic.emitter_of(*parts)
+            self._become(frame, emitter, arithmetic.assemble(emitter, self.type, parts, type(self)))
+
+    def _become(
+        self,
+        frame: Frame | None,
+        emitter: Emitter | None = None,
+        handle: Handle = None,
+        const: tuple[int, ...] | None = None,
+    ) -> None:
+        """Be a new slot that holds the handle or constant; outside a recording, be the constant."""
+        set_ = object.__setattr__
+        set_(self, "_frame", frame)
+        set_(self, "_part", None)
+        set_(self, "_loc", None)
+        if frame is None:
+            set_(self, "_variable", -1)
+            if emitter is DEFERRED:
+                become_dependent(self, handle)
+            else:
+                set_(self, "_const", const if const is not None else from_array(self.type, handle))
+            return
+        if emitter is HOST:
+            const = from_array(self.type, handle)
+        loc = here()
+        value = frame.let("const", (), self.type, const, loc) if const is not None else handle
+        variable = frame.variable(self.type, loc=loc)
+        set_(self, "_loc", loc)
+        set_(self, "_variable", variable)
+        set_(self, "_const", ())
+        frame.store(variable, value)
+
+    # Reading
+
+    def _read(self, emitter: Emitter) -> Handle:
+        """The value as a handle of the emitter: loads the slot, or embeds the constant."""
+        if self._frame is None:
+            return emitter.const(self.type, self._const)
+        self._check(current_frame())
+        return emitter.let("load", (), self.type, self._variable)
+
+    def _check(self, frame: Frame | None) -> None:
+        """Error for a value that is not this recording's, or of a block that is closed."""
+        own = self._frame
+        assert own is not None
+        if own is not frame:
+            within = frame is not None and own.recording is frame.recording
+            where = f"the subroutine {frame.name!r}" if within and frame else "this program"
+            raise RecordError(
+                f"{self._called()} was made outside of {where}, in {own.name!r} at {self._loc}",
+                loc=here(),
+                cure="pass it as an argument; what all runs share is a sh.Param, or a constant made outside programs",
+            )
+        home = own.homes[self._variable]
+        if home.closed:
+            name = own.names[self._variable] or "x"
+            raise RecordError(
+                f"{self._called()} was made inside the {home.what} block at {home.loc} and is used after it",
+                loc=here(),
+                cure=f"make it before the block, {name} = sh.{type(self).__name__}(), "
+                f"and store inside it, {name}[:] = …",
+            )
+
+    def _called(self) -> str:
+        if self._frame is None:
+            return "this constant"
+        return self._frame.names[self._variable] or "this value"
+
+    def copy(self) -> Any:
+        """A value of the same type that is this one's own no longer."""
+        return CLASSES[self.kind, self.size, self.base](self)
+
+    def __getattr__(self, name: str) -> Any:
+        picked = _swizzle(name, self.size)
+        if picked is None:
+            raise self._no_attribute(name)
+        return self._pick(picked, f".{name}")
+
+    def _no_attribute(self, name: str) -> AttributeError:
+        """The error for a name that is no component: with what to write for a method of another library."""
+        text = f"{type(self).__name__!r} object has no attribute {name!r}"
+        if name.startswith("_"):
+            return AttributeError(text, name=name, obj=self)
+        from shpy.lang.mistakes.kinds import functions
+
+        called = "v" if self._frame is None else self._frame.names[self._variable] or "v"
+        cure = value_cure(name, called, functions())
+        if cure is None and any(set(name) <= set(letters) for letters in _SETS) and len(name) <= 4:
+            text = f"{type(self).__name__} has no component {name!r}"
+        if self.size == 1 and name in ("sum", "mean", "max", "min", "prod"):
+            cure = "the value itself, which is one component"
+        known = " or ".join(letters[: self.size] for letters in _SETS)
+        return ShpyAttributeError(text, loc=here(), cure=cure or f"components of {known}, of one set, up to four")
+
+    def _pick(self, picked: tuple[int, ...], spelled: str) -> Value:
+        emitter = arithmetic.emitter_of(self)
+        type_ = vec(self.base, len(picked))
+        read = self._read(emitter)
+        identity = picked == tuple(range(self.size))
+        if identity:
+            handle = read
+        elif self.size == 1:
+            handle = emitter.let("splat", (read,), type_)
+        else:
+            handle = emitter.let("swizzle", (read,), type_, picked)
+        part = arithmetic.made("Attrib", type_, emitter, handle)
+        if part._frame is not None:
+            object.__setattr__(part, "_part", f"{self._called()}{spelled}")
+        return part
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, Value):
+            if key.type.size != 1 or not key.type.is_int:
+                raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
+            emitter = arithmetic.emitter_of(self, key)
+            if self.size == 1:
+                return self.copy()
+            handle = emitter.let("component", (self._read(emitter), arithmetic.index(emitter, key)), self.type.scalar)
+            return arithmetic.made("Attrib", self.type.scalar, emitter, handle)
+        if isinstance(key, slice) and key == slice(None):
+            return self.copy()
+        return self._pick(_components(key, self.size), f"[{_spell(key)}]")
+
+    def __len__(self) -> int:
+        if self.size == 1:
+            raise ShpyTypeError(
+                f"{type(self).__name__} is one component and has no len()", loc=here(), cure="1, or a vector"
+            )
+        return self.size
+
+    def __iter__(self) -> Iterator[Any]:
+        if self.size == 1:
+            raise ShpyTypeError(
+                f"{type(self).__name__} is one component and cannot be iterated over",
+                loc=here(),
+                cure="the value itself; with SH_FOR(n) as i: for a loop at run time",
+            )
+        return (self[i] for i in range(self.size))
+
+    def __contains__(self, item: object) -> bool:
+        raise RecordError("`in` needs a value that is known now", loc=here(), cure="sh.any(v == x)")
+
+    # Storing
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        picked = _swizzle(name, self.size)
+        if picked is None:
+            if name == "value":
+                object.__setattr__(self, name, value)  # a Param's property
+                return
+            raise self._no_attribute(name)
+        self._store(value, picked, f".{name}")
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if isinstance(key, Value):
+            for i in range(self.size):
+                chosen = arithmetic.select(key == i, value, self[i])
+                self._store(chosen, (i,), "[i]")
+            return
+        if isinstance(key, slice) and key == slice(None):
+            self._store(value, None, "[:]")
+            return
+        self._store(value, _components(key, self.size), f"[{_spell(key)}]")
+
+    def _store(self, value: Any, picked: tuple[int, ...] | None, spelled: str) -> None:
+        frame = self._storable(spelled)
+        if picked is not None and len(set(picked)) != len(picked):
+            raise RecordError(f"{spelled} stores one component twice", loc=here(), cure="name each component once")
+        size = self.size if picked is None else len(picked)
+        handle = arithmetic.convert(frame, value, vec(self.base, size), f"a store into {self._called()}")
+        whole = picked is None or picked == tuple(range(self.size))
+        frame.store(self._variable, handle, None if whole else picked)
+
+    def _storable(self, spelled: str) -> Frame:
+        """The frame to store in; errors for constants, parts that are copies, and values of other recordings."""
+        if self._frame is None:
+            raise RecordError(
+                f"a constant cannot be stored into: it was made outside of the program as {type(self).__name__}",
+                loc=here(),
+                cure=f"a copy inside the program, y = sh.{type(self).__name__}(x)",
+            )
+        frame = current_frame()
+        self._check(frame)
+        assert frame is not None
+        loc = here()
+        if self._part is not None and frame.names[self._variable] is None and loc == self._loc:
+            raise RecordError(
+                f"{self._part} is a copy, so a store into {self._part}{spelled} would be lost",
+                loc=loc,
+                cure=_direct(self._part, spelled),
+            )
+        return frame
+
+    # Operators
+
+    def _unary(self, op: str, what: str) -> Any:
+        return arithmetic.elementwise(op, (self,), what)
+
+    def _binary(self, op: str, other: Any, what: str, reflected: bool = False) -> Any:
+        if not arithmetic.is_operand(other):
+            if op not in ("eq", "ne"):
+                arithmetic.refuse_operand(other, what)
+            return NotImplemented
+        return arithmetic.binary(op, other, self, what) if reflected else arithmetic.binary(op, self, other, what)
+
+    def __matmul__(self, other: Any) -> Any:
+        if arithmetic.is_operand(other):
+            raise ShpyTypeError(
+                "@ is the product of matrices, and neither side is one", loc=here(), cure="sh.dot(a, b), or a * b"
+            )
+        return NotImplemented
+
+    __rmatmul__ = __matmul__
+
+    def _inplace(self, op: str, other: Any, what: str) -> Any:
+        if not arithmetic.is_operand(other):
+            arithmetic.refuse_operand(other, what)
+            return NotImplemented
+        if self._part is None:
+            self._store(arithmetic.binary(op, self, other, what), None, f" {what}= …")
+            return self
+        # A part read from x keeps its own slot; `x.xy += v` then stores it back through x.
+        frame = current_frame()
+        self._check(frame)
+        assert frame is not None
+        value = arithmetic.binary(op, self, other, what)
+        frame.store(self._variable, arithmetic.convert(frame, value, self.type, f"{what}="))
+        return self
+
+    def __pos__(self) -> Any:
+        return self.copy()
+
+    def __round__(self, digits: int | None = None) -> Any:
+        from shpy.lang.mistakes.refusals import refuse_conversion
+
+        refuse_conversion(self, "round", "round()")
+
+    def __bool__(self) -> bool:
+        from shpy.lang.mistakes.refusals import refuse_bool
+
+        return refuse_bool(self)
+
+    def __int__(self) -> int:
+        return int(self._host("int", "int()"))
+
+    def __float__(self) -> float:
+        return float(self._host("float", "float()"))
+
+    def __index__(self) -> int:
+        if self._frame is None and not self.type.is_int:
+            raise TypeError(f"{type(self).__name__} cannot be an index")
+        return int(self._host("index", "an index of a Python object"))
+
+    def _host(self, kind: str, spoken: str) -> Any:
+        from shpy.lang.mistakes.refusals import refuse_conversion
+
+        if self._frame is not None:
+            refuse_conversion(self, kind, spoken)
+        if self.size != 1:
+            raise TypeError(f"{type(self).__name__} has {self.size} components")
+        return self._now()[()]
+
+    def _now(self) -> NDArray[Any]:
+        """Return the present value of a constant or uniform, of shape () or (size,)."""
+        return to_array(self.type, self._const)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if self._frame is not None:
+            from shpy.lang.mistakes.refusals import refuse_array
+
+            refuse_array(self)
+        array = self._now()
+        return array if dtype is None else array.astype(dtype)
+
+    def __format__(self, spec: str) -> str:
+        if not spec:
+            return repr(self)
+        if self._frame is not None:
+            raise ShpyTypeError(
+                f"{self._called()} has no digits while the program is recorded",
+                loc=here(),
+                cure="program.trace(…), which shows values as the program runs, or an output",
+            )
+        return format(np.asarray(self)[()], spec)
+
+    def __trunc__(self) -> int:
+        return int(self._host("trunc", "math.trunc()"))
+
+    def __divmod__(self, other: Any) -> Any:
+        return self // other, self % other
+
+    def __repr__(self) -> str:
+        if self._frame is None:
+            return f"{type(self).__name__}({', '.join(map(str, np.atleast_1d(np.asarray(self)).tolist()))})"
+        return f"<{type(self).__name__} {self._called()}>"
+
+
+def _swizzle(name: str, size: int) -> tuple[int, ...] | None:
+    if not 1 <= len(name) <= 4:
+        return None
+    for letters in _SETS:
+        if all(c in letters for c in name):
+            picked = tuple(letters.index(c) for c in name)
+            return picked if max(picked) < size else None
+    return None
+
+
+def _components(key: Any, size: int) -> tuple[int, ...]:
+    """The components that a constant index, slice or tuple names; IndexError out of range."""
+    if isinstance(key, slice):
+        picked = tuple(range(size)[key])
+        if not picked:
+            raise IndexError(f"{_spell(key)} picks no component")
+        return picked
+    keys = key if isinstance(key, tuple) else (key,)
+    if any(isinstance(k, Value) for k in keys):
+        raise ShpyTypeError("components of a list are constants", loc=here(), cure="one index at a time, x[i]")
+    if not all(hasattr(k, "__index__") for k in keys):
+        raise ShpyTypeError("a component is named by an int or a letter", loc=here(), cure="v[0], v[0:2] or v.x")
+    indices = [operator.index(k) for k in keys]
+    for i in indices:
+        if not -size <= i < size:
+            raise ShpyIndexError(f"component {i} of {size}", loc=here(), cure=f"0 to {size - 1}")
+    if not 1 <= len(indices) <= 4:
+        raise IndexError(f"{len(indices)} components; one to four can be picked")
+    return tuple(i % size for i in indices)
+
+
+def _spell(key: Any) -> str:
+    if isinstance(key, slice):
+        return ":".join("" if k is None else str(k) for k in (key.start, key.stop))
+    return ", ".join(map(str, key)) if isinstance(key, tuple) else str(key)
+
+
+def _direct(part: str, spelled: str) -> str:
+    """The store that does what a store into a copy was meant to do."""
+    owner, dot, letters = part.rpartition(".")
+    if dot and spelled[1:-1].isdigit() and int(spelled[1:-1]) < len(letters):
+        return f"{owner}.{letters[int(spelled[1:-1])]} = …"
+    return f"{part} = …, with the whole value"
