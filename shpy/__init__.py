@@ -33,7 +33,6 @@ from shpy.errors import (
     ShpyWarning,
     VerifyError,
 )
-from shpy.kernel import Kernel, Result
 from shpy.lang.data.array import Array
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, Texture2D
@@ -238,6 +237,7 @@ from shpy.lang.values.types import (
     vec4,
 )
 from shpy.program import Program, parse, program
+from shpy.run.kernel import Kernel, Result
 from shpy.streams.stream import Stream
 from shpy.tracing import Step
 

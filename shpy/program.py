@@ -26,10 +26,8 @@ from shpy.backends.base import Math, Options, Precision
 from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
 from shpy.errors import BackendUnavailable, ShpyTypeError
-from shpy.host import bind
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
-from shpy.kernel import Kernel
 from shpy.lang.data.compound import listed_tables
 from shpy.lang.data.params import listed
 from shpy.lang.programs.claims import checked
@@ -41,9 +39,11 @@ from shpy.lang.recording.pickling import OfOneProcess
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Leaf, Rows, leaves
+from shpy.run.host import bind
+from shpy.run.kernel import Kernel
+from shpy.run.uniforms import evaluate
 from shpy.streams.stream import Place, Stream, streams_in
 from shpy.tracing import Step, trace
-from shpy.uniforms import evaluate
 
 if TYPE_CHECKING:  # defaults of type variables came with Python 3.13
     from typing import Concatenate, Self

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from shpy.errors import ShpyTypeError
-from shpy.host import Shape, bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.ir.nodes import Function, Loc, Loop, Module, Store
 from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import TableType, TextureType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence
+from shpy.run.host import Shape, bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.streams.stream import Stream
 
 __all__ = ["Step", "trace"]

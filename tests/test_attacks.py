@@ -13,8 +13,9 @@ from test_threads import at_once
 
 import shpy as sh
 from raytracer import cli as rays
-from shpy import cli, kernel
+from shpy import cli
 from shpy.backends import store
+from shpy.run import kernel
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 
 # A layer, and what else of shpy its modules may import. The first that a module's name begins with counts.
 _RECORDED = ["shpy.errors", "shpy.ir", "shpy.lang"]
-_RUN = [*_RECORDED, "shpy.ieee", "shpy.backends", "shpy.host", "shpy.streams"]
+_RUN = [*_RECORDED, "shpy.ieee", "shpy.backends", "shpy.run.host", "shpy.streams"]
 LAYERS = {
     "shpy.errors": [],
     "shpy.packages": [],
@@ -29,16 +29,16 @@ LAYERS = {
     "shpy.library": _RECORDED,
     "shpy.passes": ["shpy.errors", "shpy.ir"],
     "shpy.backends": ["shpy.errors", "shpy.ir", "shpy.ieee", "shpy.packages", "shpy.parsing", "shpy.passes"],
-    "shpy.host": _RECORDED,
-    "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.host", "shpy.ieee"],
-    "shpy.plans": [*_RECORDED, "shpy.backends"],
-    "shpy.kernel": [*_RUN, "shpy.passes", "shpy.plans"],
-    "shpy.uniforms": [*_RECORDED, "shpy.backends", "shpy.kernel"],
+    "shpy.run.host": _RECORDED,
+    "shpy.streams": [*_RECORDED, "shpy.backends", "shpy.run.host", "shpy.ieee"],
+    "shpy.run.plans": [*_RECORDED, "shpy.backends"],
+    "shpy.run.kernel": [*_RUN, "shpy.passes", "shpy.run.plans"],
+    "shpy.run.uniforms": [*_RECORDED, "shpy.backends", "shpy.run.kernel"],
     "shpy.algebra": [*_RECORDED, "shpy.passes"],
     "shpy.tracing": _RUN,
-    "shpy.program": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.tracing", "shpy.uniforms"],
-    "shpy.collectives": [*_RUN, "shpy.kernel", "shpy.program"],
-    "shpy.chains": [*_RUN, "shpy.kernel", "shpy.algebra", "shpy.program"],
+    "shpy.program": [*_RUN, "shpy.run.kernel", "shpy.algebra", "shpy.tracing", "shpy.run.uniforms"],
+    "shpy.collectives": [*_RUN, "shpy.run.kernel", "shpy.program"],
+    "shpy.chains": [*_RUN, "shpy.run.kernel", "shpy.algebra", "shpy.program"],
 }
 UNNAMED = re.compile(r"(utils?|helpers?|misc|common|manager)")
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN, kernel
+from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN
 from shpy.backends.base import Device, Options
 from shpy.parsing import parse
+from shpy.run import kernel
 
 THREADS = 6
 

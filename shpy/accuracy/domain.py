@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.host import dtypes_at
 from shpy.ir.types import Base, Type
 from shpy.lang.data.tables import TableType, TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
 from shpy.program import Program
+from shpy.run.host import dtypes_at
 
 __all__ = ["Domain", "Samples", "draw", "special_values"]
 

@@ -26,9 +26,9 @@ from shpy.accuracy.reference import Kind, Truth, evaluate
 from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError
-from shpy.kernel import Kernel
 from shpy.lang.recording.location import here
 from shpy.program import Program
+from shpy.run.kernel import Kernel
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run

@@ -23,11 +23,11 @@ from shpy.chains.running import ChainResult, Run
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.nodes import Loc
-from shpy.kernel import Kernel
 from shpy.lang.programs.record import InputType
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import OfOneProcess
 from shpy.program import Program
+from shpy.run.kernel import Kernel
 
 __all__ = ["Chain", "Loop", "Repeat", "Sequence", "loop", "repeat", "sequence"]
 

@@ -17,13 +17,13 @@ from shpy.backends.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard
 from shpy.ir.traverse import walk
-from shpy.kernel import Kernel
 from shpy.lang.data.tables import TableType, TextureType
 from shpy.lang.programs.guarded import MASK, guarded
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, layout_of
 from shpy.program import Program
+from shpy.run.kernel import Kernel
 from shpy.streams.stream import Place
 
 __all__ = ["RUN_ARGUMENTS", "Member", "element_layout", "is_gathered"]

@@ -17,16 +17,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from shpy import host
 from shpy.backends.base import DeviceCall, Executable, Memory, Precision
 from shpy.backends.registry import default_backend
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
 from shpy.errors import ShpyTypeError
-from shpy.kernel import Kernel
 from shpy.lang.data.tables import Table, TableType, Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf, leaves
+from shpy.run import host
+from shpy.run.kernel import Kernel
 from shpy.streams.running import check_places
 from shpy.streams.stream import Place, Stream, _place, streams_in
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy import host
 from shpy.backends.base import overlap
 from shpy.collectives.exact import exact_sums, sums_of_blocks
 from shpy.collectives.programs import (
@@ -40,6 +39,7 @@ from shpy.lang.values.structure import Leaf, layout_of
 from shpy.lang.values.types import Attrib1f
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program
+from shpy.run import host
 from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Stream
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from shpy import host
 from shpy.backends.base import Memory
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
@@ -30,6 +29,7 @@ from shpy.lang.values.builtins import cond
 from shpy.lang.values.structure import build_values, layout_of, leaves, leaves_of
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.program import Program
+from shpy.run import host
 from shpy.streams.stream import Stream
 
 __all__ = ["gather", "scatter"]

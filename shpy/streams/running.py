@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from shpy import host
 from shpy.backends.base import Array, Counts, DeviceCall, Executable, Memory, TableData, TableMemory, overlap
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, vec
@@ -24,6 +23,7 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, build_group, leaves
 from shpy.lang.values.types import Attrib1b
+from shpy.run import host
 from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
 
 __all__ = [

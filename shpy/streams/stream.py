@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy import host
 from shpy.backends.base import Memory, Precision, Space
 from shpy.backends.registry import NAMES, default_backend
 from shpy.backends.registry import backend as backend_named
@@ -29,6 +28,7 @@ from shpy.lang.data.tables import Table, Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
+from shpy.run import host
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
 

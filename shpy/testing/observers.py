@@ -17,15 +17,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from shpy.errors import LoopLimitExceeded
-from shpy.host import bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
-from shpy.kernel import Kernel
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.promote import promote
 from shpy.program import Program
+from shpy.run.host import bind, common_shape, dtypes_at, streams, tables, uniforms
+from shpy.run.kernel import Kernel
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, Watched, watch
 

@@ -22,10 +22,10 @@ from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.traverse import limited_loops
-from shpy.kernel import Kernel
 from shpy.lang.recording.location import here
 from shpy.passes.pipeline import with_strict_functions
 from shpy.program import Program
+from shpy.run.kernel import Kernel
 
 __all__ = [
     "INTERPRETER",

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import kernel as kernels
 from shpy.backends.glsl import backend as glsl
 from shpy.backends.opencl.device import machine_of
+from shpy.run import kernel as kernels
 
 
 def run_distinct(backend, first, count):

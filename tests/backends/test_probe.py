@@ -22,8 +22,8 @@ from shpy.backends.opencl.device import machine_of
 from shpy.backends.registry import backend as backend_named
 from shpy.ir import ops
 from shpy.ir.types import Base, vec
-from shpy.kernel import Kernel
 from shpy.passes.library import definition
+from shpy.run.kernel import Kernel
 from shpy.testing.conformance import zeros
 from shpy.testing.conformance.exact import apply
 from shpy.testing.reference import Reference
@@ -71,7 +71,7 @@ def wrong(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
     """Compiled anew: not the kernel that a device without faults has."""
-    from shpy import kernel
+    from shpy.run import kernel
 
     kernel._executables.clear()
     return Kernel(program._recorded, backend_named(backend), Options(**options))

@@ -270,10 +270,8 @@ def test_computed_once_as_long_as_nothing_changes(monkeypatch):
         return x + twice
 
     runs = []
-    run = sh.kernel.Kernel.__call__
-    monkeypatch.setattr(
-        sh.kernel.Kernel, "__call__", lambda self, *a, **k: runs.append(str(self)) or run(self, *a, **k)
-    )
+    run = sh.Kernel.__call__
+    monkeypatch.setattr(sh.Kernel, "__call__", lambda self, *a, **k: runs.append(str(self)) or run(self, *a, **k))
     for value in (1.0, 1.0, 4.0):
         gain.value = value
         f(1)

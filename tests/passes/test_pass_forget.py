@@ -5,9 +5,9 @@ import pytest
 from before_after import module
 
 import shpy as sh
-from shpy import kernel
 from shpy.ir.verifier import verify
 from shpy.passes.forget import forget_data
+from shpy.run import kernel
 
 
 def test_values_and_shapes_go():

@@ -22,7 +22,7 @@ from stress.mode import stressed
 import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
-from shpy.kernel import Kernel
+from shpy.run.kernel import Kernel
 from shpy.testing.arrays import flat_leaves
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.source import PARAMS, TABLES, record, source

@@ -14,8 +14,8 @@ from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Tracer
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 from raytracer.scene.layout import Layout
-from shpy import kernel
 from shpy.passes.forget import forget_data
+from shpy.run import kernel
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SLOW = [pytest.param(backend, marks=pytest.mark.slow) for backend in BACKENDS[1:]]

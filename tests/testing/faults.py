@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from shpy import kernel as kernels
 from shpy.backends.registry import backend
 from shpy.ir.nodes import Function, Let, Module
 from shpy.ir.traverse import rewrite
+from shpy.run import kernel as kernels
 
 
 def with_fault(monkeypatch: Any, name: str, fault: Callable[[Module], Module]) -> None:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from shpy.command import run
-from shpy.kernel import Kernel
 from shpy.program import Program
+from shpy.run.kernel import Kernel
 from shpy.testing.certify import functions, golden, pictures
 from shpy.testing.certify.comparing import Work
 from shpy.testing.certify.findings import Target

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from shpy.kernel import Kernel
 from shpy.program import Program
+from shpy.run.kernel import Kernel
 from shpy.testing.conformance.running import flushes_denormals
 
 __all__ = ["SHOWN", "Check", "Finding", "Section", "Target", "Verdict"]

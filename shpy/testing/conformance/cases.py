@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 import shpy as sh
-from shpy import host
 from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import Tolerance
@@ -26,6 +25,7 @@ from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType, TextureType
 from shpy.lang.programs.record import InputType
 from shpy.lang.values.structure import leaves as leaves_of
+from shpy.run import host
 from shpy.testing.arrays import flat_leaves
 from shpy.testing.conformance.running import DenormalWatch, differs, flushes_denormals, kernel
 

@@ -24,9 +24,9 @@ from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.parser import parse
 from shpy.ir.traverse import rewrite
 from shpy.ir.verifier import verify
-from shpy.kernel import Kernel, Result
 from shpy.passes.lower import lower
 from shpy.passes.pipeline import Target, prepare
+from shpy.run.kernel import Kernel, Result
 from shpy.testing.arrays import differing, is_denormal
 from shpy.testing.reference import Interpreted, Reference
 

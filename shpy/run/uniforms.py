@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from shpy.backends.base import Options
 from shpy.backends.registry import backend
 from shpy.ir.collector import uncollected
-from shpy.kernel import Kernel
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded, record_body
 from shpy.lang.recording.emit import FrameEmitter
@@ -23,6 +22,7 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent, record_expression
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
+from shpy.run.kernel import Kernel
 
 
 @dataclass(slots=True)

@@ -15,7 +15,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy import host
 from shpy.backends.base import Backend, Call, Counts, Executable, Options
 from shpy.backends.dump import dump
 from shpy.backends.listed import Listed
@@ -34,7 +33,8 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import OfOneProcess
 from shpy.lang.values.structure import Leaf, build_arrays
 from shpy.passes.forget import forget_data
-from shpy.plans import KEPT, Plan, plan_of, signature
+from shpy.run import host
+from shpy.run.plans import KEPT, Plan, plan_of, signature
 from shpy.streams.running import (
     Prepared,
     StreamResult,
