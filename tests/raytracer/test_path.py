@@ -20,9 +20,9 @@ from raytracer import (
     Surface,
     Texture,
     cli,
-    progressive,
     render,
 )
+from raytracer.integrators import progressive
 from raytracer.kernels import walk
 from raytracer.kernels.chances import Chances, alias_table, probabilities_of
 from raytracer.kernels.path import PathTracer, power
