@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Collectives, NodeTypes, Precision
+from shpy.backends.opencl.dispatch import LOCAL_SIZE
 from shpy.backends.opencl.memory import WORDS, OpenCLMemory, held
 from shpy.backends.opencl.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module
@@ -32,7 +33,6 @@ _LEAST: Final = 1 << 14
 """Elements of a chunk at least, so that its tables cost less than its elements."""
 _MOST_COUNTERS: Final = 1 << 22
 """Counters of all chunks together."""
-_GROUP: Final = 64
 
 # WORD is the unsigned word of a component, KEY one of _KEYS.
 _ORDER: Final = """\
@@ -222,16 +222,16 @@ class _OpenCLCollectives:
         """Gather elements, the nearest where an index is out of range."""
         taken = self._space.allocate(index.count, source.type, source.dtype)
         n, last = index.count, index.dtype.type(source.count - 1)
-        self._run(self._moving(source, index), "take", n, source, index, n, last, taken, group=_GROUP)
+        self._run(self._moving(source, index), "take", n, source, index, n, last, taken, group=LOCAL_SIZE)
         return taken
 
     def put(self, values: Any, index: Any, target: Any) -> None:
         """Write elements to their places: the last one of several stays."""
         n, places, text = index.count, target.count, self._moving(values, index)
         winners = self._allocate(places, Base.I)
-        self._run(text, "forget", places, winners, places, group=_GROUP)
-        self._run(text, "compete", n, index, n, places, winners, group=_GROUP)
-        self._run(text, "put", places, values, winners, places, target, group=_GROUP)
+        self._run(text, "forget", places, winners, places, group=LOCAL_SIZE)
+        self._run(text, "compete", n, index, n, places, winners, group=LOCAL_SIZE)
+        self._run(text, "put", places, values, winners, places, target, group=LOCAL_SIZE)
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""
@@ -249,7 +249,7 @@ class _OpenCLCollectives:
         chunks, chunk = self._chunks(n, max(1, _MOST_COUNTERS // bins))
         counts = self._allocate(chunks * bins, Base.I)
         self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
-        self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=_GROUP)
+        self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
         if chunks == 1:
             return counts
         found = self._allocate(bins, Base.I)
@@ -315,4 +315,4 @@ class _OpenCLCollectives:
     def _run(self, text: str, name: str, items: int, *args: Any, group: int = 1) -> None:
         """Start a kernel over so many work items, and as many idle ones as fill the last group."""
         given = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
-        self._space.enqueue(text, name, (-(-items // group) * group,), (group,), given)
+        self._space.enqueue(text, name, items, given, group=group)

@@ -26,6 +26,7 @@ from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
 from shpy.backends.opencl.absence import explain_absence, explain_cache
 from shpy.backends.opencl.compiler_trials import TRIALS
+from shpy.backends.opencl.dispatch import ANY_SIZE
 from shpy.backends.opencl.memory import OpenCLSpace
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
@@ -38,11 +39,6 @@ from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData
 from shpy.packages import install
-
-LOCAL_SIZE = 64
-"""Work items of a group. PoCL generates code anew for each local size, so there is one."""
-PACKETS = 16
-"""Packets of a group: each is as much work as many elements."""
 
 _EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
@@ -225,9 +221,13 @@ class Machine:
         parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
         return store.key("opencl", *parts, " ".join(options), text)
 
+    def _binary_key(self, text: str, math: Math) -> str:
+        """Return the name of a program's binary, which holds the code that the first launch made."""
+        return self._key(f"{ANY_SIZE} work items: {text}", self.options(math))
+
     def _kept(self, text: str, math: Math) -> Any:
         """The program from an earlier process's binary; None where there is none that the driver takes."""
-        binary = store.load(self._key(text, self.options(math)))
+        binary = store.load(self._binary_key(text, math))
         try:
             return None if binary is None else self.load(text, math, binary)
         except self.cl.Error as error:
@@ -248,7 +248,7 @@ class Machine:
             self._on_disk.add(program)
             # PoCL generates code for another size of group to make this binary: a third of a compilation.
             binary = program.get_info(self.cl.program_info.BINARIES)[0]
-            store.save(self._key(text, self.options(math)), bytes(binary))
+            store.save(self._binary_key(text, math), bytes(binary))
 
     def pace(self, *, bounded: bool) -> Pace:
         """The pace of a new kernel. What stops long dispatches does so on anything but a CPU."""

@@ -34,19 +34,22 @@ _SIMILAR: Final = 2
 """A list of at most so many times the elements of one whose time is known takes as long for each."""
 _PLACE: Final = """\
 // Puts each value to its place; no place occurs twice.
-__kernel void place(__global const WORD *values, __global const int *indices, __global WORD *target) {
+__kernel void place(__global const WORD *values, __global const int *indices, __global WORD *target, ulong n) {
     size_t i = get_global_id(0);
-    for (int k = 0; k < SIZE; ++k)
-        target[(size_t)indices[i] * SIZE + k] = values[i * SIZE + k];
+    if (i < n)
+        for (int k = 0; k < SIZE; ++k)
+            target[(size_t)indices[i] * SIZE + k] = values[i * SIZE + k];
 }
 """
 _MARK: Final = """\
-__kernel void mark_all(__global int *status, int value) {
-    status[get_global_id(0)] = value;
+__kernel void mark_all(__global int *status, int value, ulong n) {
+    if (get_global_id(0) < n)
+        status[get_global_id(0)] = value;
 }
 
-__kernel void mark(__global const int *indices, __global int *status, int value) {
-    status[indices[get_global_id(0)]] = value;
+__kernel void mark(__global const int *indices, __global int *status, int value, ulong n) {
+    if (get_global_id(0) < n)
+        status[indices[get_global_id(0)]] = value;
 }
 """
 
@@ -133,4 +136,4 @@ def _place(space: OpenCLSpace, values: Any, indices: Any, target: Any) -> None:
 
 def _enqueue(space: OpenCLSpace, text: str, name: str, *args: Any) -> None:
     """Start a kernel with a work item for each element of its first argument."""
-    space.enqueue(text, name, (args[0].count,), None, [getattr(a, "buffer", a) for a in args])
+    space.each(text, name, args[0].count, [getattr(a, "buffer", a) for a in args])

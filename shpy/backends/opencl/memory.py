@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import sys
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Final
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable, too_large
+from shpy.backends.opencl.dispatch import ANY_SIZE, LOCAL_SIZE
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
@@ -37,22 +38,25 @@ MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}
 """The word that has the size of a component on the host; a component of 16 bits has 32 in a buffer."""
 _PAD: Final = """\
-__kernel void pad(__global const WORD *packed, __global WORD *padded) {
+__kernel void pad(__global const WORD *packed, __global WORD *padded, ulong n) {
     size_t i = get_global_id(0);
-    vstore4((WORD4)(vload3(i, packed), 0), i, padded);
+    if (i < n)
+        vstore4((WORD4)(vload3(i, packed), 0), i, padded);
 }
 """
 _STATUS: Final = """\
-__kernel void keep(__global const int *status, __global WORD *new, __global const WORD *old, int size) {
+__kernel void keep(__global const int *status, __global WORD *new, __global const WORD *old, int size, ulong n) {
     size_t i = get_global_id(0);
-    if (status[i] != WRITTEN)
+    if (i < n && status[i] != WRITTEN)
         for (int k = 0; k < size; ++k)
             new[i * size + k] = old ? old[i * size + k] : 0;
 }
 
-// counts: elements written, elements stopped, the least status of these; each work item takes STRIDE statuses.
-__kernel void count_statuses(__global const int *status, uint n, __global volatile uint *counts) {
-    uint written = 0, stopped = 0, least = UINT_MAX, end = min(n, (uint)(get_global_id(0) + 1) * STRIDE);
+// counts: elements written, elements stopped, the least status of these; each of n work items takes STRIDE statuses.
+__kernel void count_statuses(__global const int *status, uint total, __global volatile uint *counts, ulong n) {
+    if (get_global_id(0) >= n)
+        return;
+    uint written = 0, stopped = 0, least = UINT_MAX, end = min(total, (uint)(get_global_id(0) + 1) * STRIDE);
     for (uint i = get_global_id(0) * STRIDE; i < end; ++i) {
         int s = status[i];
         written += s == WRITTEN;
@@ -250,27 +254,28 @@ class OpenCLSpace:
 
     def _enqueue(self, name: str, memory: OpenCLMemory, *args: Any, items: int | None = None) -> None:
         """Start a kernel of `_STATUS` over the elements of a memory."""
-        text = _status_text(WORDS[memory.dtype.itemsize])
-        self.enqueue(text, name, (items or memory.count,), None, args)
+        self.each(_status_text(WORDS[memory.dtype.itemsize]), name, items or memory.count, args)
+
+    def each(self, text: str, name: str, count: int, args: Sequence[Any]) -> None:
+        """Start a kernel with a work item for each of `count` elements; its last argument is their number."""
+        self.enqueue(text, name, count, (*args, np.uint64(count)), group=LOCAL_SIZE)
 
     def enqueue(
-        self,
-        text: str,
-        name: str,
-        size: tuple[int, ...],
-        group: tuple[int, ...] | None,
-        args: Any,
-        *,
-        brief: bool = False,
+        self, text: str, name: str, items: int, args: Sequence[Any], *, group: int = 1, brief: bool = False
     ) -> None:
-        """Start a kernel of a text, which is kept with its program."""
+        """Start a kernel of a text, which is kept with its program, over so many work items.
+
+        A `group` of several is filled with idle work items, which the kernel has to leave alone.
+        """
         machine = self._machine
         with machine.lock:
             kernel = self._kernels.get((name, text))
             if kernel is None:  # to make one takes PoCL far longer than to run it
                 kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
+                if group > 1:
+                    items = max(items, ANY_SIZE)
             kernel.set_args(*args)
-            machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, group)
+            machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (-(-items // group) * group,), (group,))
             machine.may_take_long |= not brief
             self._count_one()
 
@@ -303,7 +308,7 @@ class OpenCLSpace:
         """Return what copies vectors of three to vectors of four, as the tables of packets have them."""
         text = _PAD.replace("WORD", WORDS[packed.dtype.itemsize])
         # The run holds `padded`: memory that nobody holds is used for something else.
-        return lambda: self.enqueue(text, "pad", (padded.count,), None, (packed.buffer, padded.buffer))
+        return lambda: self.each(text, "pad", padded.count, (packed.buffer, padded.buffer))
 
     def finish(self, *, copies: bool = False) -> None:
         """Wait until everything that was started has ended; Ctrl-C ends the wait.

@@ -25,8 +25,8 @@ import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
 from shpy.backends.opencl.beside import Beside, Compiled, Facts
-from shpy.backends.opencl.device import LOCAL_SIZE, PACKETS, Machine, devices, machine_of
-from shpy.backends.opencl.dispatch import Items, launch, starter
+from shpy.backends.opencl.device import Machine, devices, machine_of
+from shpy.backends.opencl.dispatch import ANY_SIZE, LOCAL_SIZE, PACKETS, Items, launch, starter
 from shpy.backends.opencl.memory import MEMORY, OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
@@ -231,7 +231,7 @@ class OpenCLExecutable:
         return not self.prepared.status
 
     def warm_up(self) -> None:
-        """Launch it once over nothing: only then do drivers generate code."""
+        """Launch it once over nothing: only then do drivers generate code, which is to serve launches of any size."""
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
         inputs = [entry.inputs[i].type for i in self.kernel.inputs]
         empty = machine.take(LOCAL_SIZE)
@@ -241,7 +241,8 @@ class OpenCLExecutable:
         zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
         args += [_argument(zeros[name]) for name in self.kernel.params]
         args += [empty for _ in entry.outputs]
-        launch(machine, self.compiled, args, Items(0), self._group, Pace(), self.kernel.lanes)
+        self.compiled.set_args(*args)
+        machine.cl.enqueue_nd_range_kernel(machine.queue, self.compiled, (ANY_SIZE, 1), (self._group, 1))
         machine.queue.finish()
         machine.give_back([empty])
 

@@ -77,7 +77,7 @@ class OpenCLTree:
         self._run(SCAN, parts, count, args)
 
     def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
-        self.space.enqueue(self.text, name, (parts,), (1,), args, brief=count <= _ALONE)
+        self.space.enqueue(self.text, name, parts, args, brief=count <= _ALONE)
 
 
 def tree_of(

@@ -1,0 +1,115 @@
+"""Runs of other sizes need no other code: a driver that generates code in the middle of runs stops them for seconds.
+
+PoCL keeps what it generates in a folder, one file for each kernel, size of group and kind of launch. So each test runs
+a script of its own with an empty folder, which says after which run there was another file.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+HEAD = """
+import json, os, pathlib
+import numpy as np
+import pyopencl
+import shpy as sh
+from shpy import SH_DISCARD
+
+@sh.program
+def double(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * 2
+
+@sh.program
+def positive(x: sh.Attrib1f) -> sh.Attrib1f:
+    SH_DISCARD(x < 0)
+    return x * 2
+
+def code():
+    folder = pathlib.Path(os.environ["POCL_CACHE_DIR"])
+    return sorted("/".join(path.parts[-3:-1]) for path in folder.rglob("*.so") if path.stem[:4] not in ("try_", "prob"))
+
+if not pyopencl.get_platforms()[0].name.startswith("Portable"):
+    print("null")
+    raise SystemExit
+SIZES = 10, 1000, 1001, 1009, 70_000, 1_200_000, 17
+made = {}
+
+def after(name, run):
+    before = code()
+    for size in SIZES:
+        run(size)
+        found, before = [c for c in code() if c not in before], code()
+        made.setdefault(name, []).append(found)
+"""
+
+
+def made(tmp_path, text):
+    """Run a script and return the code that was generated at each size, by the names of its runs."""
+    script = tmp_path / "script.py"
+    script.write_text(HEAD + textwrap.dedent(text) + "\nprint(json.dumps(made))\n")
+    folder = tmp_path / "code"
+    folder.mkdir()
+    folders = {"POCL_CACHE_DIR": str(folder), "SHPY_CACHE_DIR": "", "PYTHONPATH": ROOT}
+    done = subprocess.run(
+        [sys.executable, script], env=os.environ | folders, text=True, stdout=subprocess.PIPE, check=True, timeout=300
+    )
+    found = json.loads(done.stdout.splitlines()[-1])
+    if found is None:
+        pytest.skip("only PoCL shows the code that it generates")
+    return found
+
+
+def kernels(runs):
+    """Return the kernels for which code was generated during these runs: a name for each time."""
+    return sorted(code.split("/")[0] for run in runs for code in run)
+
+
+def test_runs_of_every_size_share_the_code_that_compile_made(tmp_path):
+    found = made(
+        tmp_path,
+        """
+        for lanes in (1, 8):
+            kernel = double.compile("opencl", lanes=lanes)
+            after(f"{lanes} lanes", lambda size: kernel(np.ones(size, np.float32)))
+        """,
+    )
+    assert found == {"1 lanes": [[]] * 7, "8 lanes": [[]] * 7}
+
+
+def test_statuses_of_every_number_are_counted_by_one_code(tmp_path):
+    found = made(
+        tmp_path,
+        """
+        kernel = positive.compile("opencl", lanes=8)
+
+        def run(size):
+            x = np.where(np.arange(size) % 3, 1, -1).astype(np.float32)
+            result = kernel.run(sh.Stream(x, sh.Attrib1f, "opencl"))
+            assert int(result.count) == np.count_nonzero(x > 0)
+
+        after("statuses", run)
+        """,
+    )
+    assert kernels(found["statuses"]) == ["count_statuses", "keep"]
+
+
+def test_lists_of_every_number_of_live_elements_share_their_code(tmp_path):
+    found = made(
+        tmp_path,
+        """
+        kernel = double.compile("opencl", lanes=8)
+        x = sh.Stream(np.ones(1_300_000, np.float32), sh.Attrib1f, "opencl")
+
+        def run(size):
+            kernel.run(x, where=sh.Stream(np.arange(len(x)) < size, sh.Attrib1b, "opencl"))
+
+        after("lists", run)
+        """,
+    )
+    assert {"mark", "place"} < set(names := kernels(found["lists"]))
+    assert len(names) == len(set(names))
