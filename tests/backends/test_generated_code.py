@@ -10,13 +10,10 @@ import subprocess
 import sys
 import textwrap
 
-import pytest
-
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 HEAD = """
 import json, os, pathlib
 import numpy as np
-import pyopencl
 import shpy as sh
 from shpy import SH_DISCARD
 
@@ -33,9 +30,6 @@ def code():
     folder = pathlib.Path(os.environ["POCL_CACHE_DIR"])
     return sorted("/".join(path.parts[-3:-1]) for path in folder.rglob("*.so") if path.stem[:4] not in ("try_", "prob"))
 
-if not pyopencl.get_platforms()[0].name.startswith("Portable"):
-    print("null")
-    raise SystemExit
 SIZES = 10, 1000, 1001, 1009, 70_000, 1_200_000, 17
 made = {}
 
@@ -58,10 +52,7 @@ def made(tmp_path, text):
     done = subprocess.run(
         [sys.executable, script], env=os.environ | folders, text=True, stdout=subprocess.PIPE, check=True, timeout=300
     )
-    found = json.loads(done.stdout.splitlines()[-1])
-    if found is None:
-        pytest.skip("only PoCL shows the code that it generates")
-    return found
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def kernels(runs):
