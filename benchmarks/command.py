@@ -47,10 +47,10 @@ from benchmarks.rounds import Measured
 from benchmarks.work import TARGETS, Work
 from raytracer import Mesh
 from raytracer.meshes.shapes import knot
-from shpy.accuracy.files import check_file, check_output, write_json
 from shpy.command import run, whole
 from shpy.errors import ShpyError
 from shpy.files import replacing
+from shpy.outputs import check_file, check_output, write_json
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 CHAINS = {w.name: w for w in (*(m.WORK for m in (gray_scott, jacobi, life, particles)), *collectives.WORKS)}

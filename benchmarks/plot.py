@@ -10,8 +10,8 @@ from pathlib import Path
 
 from benchmarks.report import base_of, label, spread
 from benchmarks.rounds import Measured
-from shpy.accuracy.files import new_figure
 from shpy.files import replacing
+from shpy.outputs import new_figure
 
 
 def draw(results: Sequence[Measured], path: Path) -> None:

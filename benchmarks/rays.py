@@ -20,10 +20,10 @@ import shpy as sh
 from benchmarks.work import TARGETS, Work
 from raytracer import Camera, Intersector, Mesh
 from raytracer.accel.choice import build
+from raytracer.accel.space import triangle_rows
 from raytracer.intersector import alike
 from raytracer.kernels.walk import walk_through
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.scene.layout import triangle_rows
 
 NAMES = ("primary", "primary-any", "secondary", "secondary-any")
 EDGES = "Rays that graze an edge may miss it."

@@ -27,8 +27,7 @@ from raytracer.integrators.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRAC
 from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
 from raytracer.meshes.folder import shown
-from raytracer.scene.builtin import SCENES
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import SCENES, Scene
 from raytracer.studies.tradeoff import new_figure, tradeoff
 
 _SAVING = 10.0

@@ -12,8 +12,7 @@ from typing import Any, Final
 from raytracer.errors import SceneError
 from raytracer.image import Image, writer
 from raytracer.integrators.renderer import render
-from raytracer.scene.builtin import SCENES
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import SCENES, Scene
 
 __all__ = ["SIZE", "gallery"]
 

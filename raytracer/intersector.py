@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
 from raytracer.accel.bvh import Bvh, build_bvh
-from raytracer.accel.choice import WORKING, build, check
+from raytracer.accel.choice import build, check
+from raytracer.accel.space import WORKING, origin_of, rounded, scale_of, triangle_rows
 from raytracer.errors import SceneError
 from raytracer.kernels import nearby, queries
 from raytracer.kernels.triangle import AheadBound
@@ -29,7 +30,6 @@ from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.meshes import Mesh
 from raytracer.rays import Frame, Pose, Rays, triples
-from raytracer.scene.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.scene.scene import Scene
 
 _NEIGHBOURS, _GROUPS = 16, 64

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from raytracer.accel.bvh import Bvh, build_bvh
 from raytracer.accel.grid import Grid, build_grid
+from raytracer.accel.space import WORKING
 from raytracer.errors import SceneError
 
 Corners = NDArray[np.floating]
-WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
-"""The floats of a precision."""
 
 
 def build(accel: str, corners: Corners, precision: str = "f32", across: int | None = None) -> Grid | Bvh:

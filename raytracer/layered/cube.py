@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.grid import far_larger
+from raytracer.accel.space import origin_of, rounded, scale_of, triangle_rows
 from raytracer.errors import SceneError
 from raytracer.kernels import layered_raster as raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
 from raytracer.meshes import Mesh
-from raytracer.scene.layout import origin_of, rounded, scale_of, triangle_rows
 from raytracer.scene.scene import Scene
 
 HITS = ("sample", "plane", "triangle")

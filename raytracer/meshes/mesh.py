@@ -10,7 +10,7 @@ Stage: scene description. `layout` takes its `corners`, `face_normals`, `normals
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -190,17 +190,17 @@ class Mesh:
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
-        """The mesh in an OBJ, PLY, STL, GLB, glTF or OFF file, all its parts as one; see `loading.load_mesh`."""
-        from raytracer.meshes.loading import load_mesh
-
-        return load_mesh(path, material=material)
+        """Read an OBJ, PLY, STL, GLB, glTF or OFF file, all its parts as one mesh; see `loading.load_mesh`."""
+        return LOADERS["file"](path, material=material)
 
     @classmethod
     def from_trimesh(cls, part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
-        """A trimesh.Trimesh with its material, uv coordinates and colours; see `from_trimesh.mesh_of`."""
-        from raytracer.meshes.from_trimesh import mesh_of
+        """Convert a trimesh.Trimesh with its material, uv coordinates and colours; see `from_trimesh.mesh_of`."""
+        return LOADERS["trimesh"](part, material=material, name=name)
 
-        return mesh_of(part, material=material, name=name)
+
+LOADERS: dict[str, Callable[..., Mesh]] = {}
+"""The functions behind `Mesh.load` and `Mesh.from_trimesh`. They need Mesh, so `raytracer.meshes` enters them."""
 
 
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:

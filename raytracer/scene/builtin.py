@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sph
 from raytracer.meshes.teapot import teapot as newells_teapot
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import DirectionalLight, PointLight
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import SCENES, Scene
 from raytracer.shaders import checker
 
 
@@ -277,14 +276,16 @@ def _block(base: Sequence[tuple[float, float]], height: float, material: Materia
     return _quads(corners, [*sides, (4, 5, 6, 7)], material, name)
 
 
-SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
-    "boxes": boxes,
-    "cubes": cubes,
-    "mirror-box": mirror_box,
-    "mixed": mixed,
-    "spheres": spheres,
-    "glass": glass,
-    "materials": materials,
-    "teapot": teapot,
-    "cornell": cornell,
-}
+SCENES.update(
+    {
+        "boxes": boxes,
+        "cubes": cubes,
+        "mirror-box": mirror_box,
+        "mixed": mixed,
+        "spheres": spheres,
+        "glass": glass,
+        "materials": materials,
+        "teapot": teapot,
+        "cornell": cornell,
+    }
+)

@@ -10,7 +10,7 @@ Stage: scene description. Everything that `render` needs but the size of the pic
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
-from raytracer.meshes.instance import placed
 from raytracer.meshes.loading import load_contents
+from raytracer.meshes.placing import placed
 from raytracer.meshes.shapes import floor
 from raytracer.scene.camera import Camera, radius_of
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight, PointLight
@@ -144,9 +144,10 @@ class Scene:
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
-        """One of the scenes that the package makes itself; SceneError names them all when `name` is none of them."""
-        from raytracer.scene.builtin import SCENES
+        """Return one of the scenes that the package makes itself.
 
+        Raises SceneError for an unknown name; the message lists the known ones.
+        """
         if name not in SCENES:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(SCENES)}")
         return SCENES[name]()
@@ -168,3 +169,7 @@ def _key_and_fill(name: str, low: NDArray[np.float64], high: NDArray[np.float64]
         PointLight((x - 3 * radius, y + 5 * radius, z + 4 * radius), (0.85, 0.82, 0.76)),
         PointLight((x + 5 * radius, y + 3 * radius, z + 2.5 * radius), (0.30, 0.34, 0.42)),
     )
+
+
+SCENES: dict[str, Callable[[], Scene]] = {}
+"""The built-in scenes by name. `scene.builtin`, which needs Scene, enters them."""

@@ -11,6 +11,6 @@ from shpy.accuracy.pareto import frontier
 from shpy.accuracy.reference import evaluate
 from shpy.accuracy.report import Report
 from shpy.accuracy.tradeoff import Tradeoff, tradeoff
-from shpy.accuracy.units import Budget, relative, steps, ulp  # first: what tests compare with
+from shpy.units import Budget, relative, steps, ulp  # first: what tests compare with
 
 __all__ = ["Budget", "Report", "Tradeoff", "evaluate", "frontier", "measure", "relative", "steps", "tradeoff", "ulp"]

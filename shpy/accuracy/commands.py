@@ -17,17 +17,17 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from shpy.accuracy.files import check_output, write_json
 from shpy.accuracy.measure import measure
 from shpy.accuracy.tradeoff import tradeoff
-from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
 from shpy.command import MOST, progress_lines, whole
 from shpy.errors import ShpyError
 from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType, TextureType
 from shpy.lang.values.structure import leaves
+from shpy.outputs import check_output, write_json
 from shpy.program import Program
+from shpy.units import Budget
 
 __all__ = ["add_commands", "load", "parse_domain"]
 

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
-from shpy.accuracy.units import relative, ulps
 from shpy.backends.registry import backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
 from shpy.program import Program
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import Run, run
+from shpy.units import relative, ulps
 
 __all__ = ["Variant", "error_of", "measure", "variants"]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.accuracy.files import new_figure, save_figure
+from shpy.outputs import new_figure, save_figure
 
 __all__ = ["BINS", "Report", "Row", "columns"]
 

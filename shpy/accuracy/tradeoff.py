@@ -18,20 +18,20 @@ from typing import Any
 import numpy as np
 
 from shpy.accuracy.domain import Domain, Samples, draw
-from shpy.accuracy.files import new_figure, save_figure
 from shpy.accuracy.measure import Variant, error_of, variants
 from shpy.accuracy.pareto import Comparison, Point, choose, frontier, names_of, rivals
 from shpy.accuracy.pareto_plot import draw as draw_comparison
 from shpy.accuracy.reference import Kind, Truth, evaluate
-from shpy.accuracy.units import Budget
 from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError
 from shpy.lang.recording.location import here
+from shpy.outputs import new_figure, save_figure
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
+from shpy.units import Budget
 
 __all__ = ["Candidate", "Tradeoff", "tradeoff"]
 

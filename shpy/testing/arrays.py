@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.accuracy.units import steps
+from shpy.units import steps
 
 __all__ = ["EXACT", "Array", "Bound", "differing", "flat_leaves", "is_denormal"]
 

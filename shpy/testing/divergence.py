@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from shpy.accuracy.units import steps
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import here
@@ -29,6 +28,7 @@ from shpy.testing.denormals import Denormal, find_denormals
 from shpy.testing.observers import Observer, Seen, Setting, observer, sites_of
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
+from shpy.units import steps
 
 __all__ = ["Divergence", "Row", "first_divergence"]
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from shpy.accuracy.units import steps
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.program import Program
@@ -28,6 +27,7 @@ from shpy.testing.flushes import Excused, Flush
 from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
+from shpy.units import steps
 
 __all__ = ["Agreement", "assert_equivalent"]
 

@@ -5,9 +5,9 @@ import json
 import pytest
 
 import shpy as sh
-from shpy.accuracy.files import check_output, new_figure, save_figure, write_json
 from shpy.cli import main
 from shpy.files import replacing
+from shpy.outputs import check_output, new_figure, save_figure, write_json
 
 PROGRAM = """
 import shpy as sh

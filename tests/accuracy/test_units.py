@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.accuracy.units import Budget, relative, steps, ulps
+from shpy.units import Budget, relative, steps, ulps
 
 ONE = np.float32(1)
 UP, DOWN = np.nextafter(ONE, np.float32(2)), np.nextafter(ONE, np.float32(0))

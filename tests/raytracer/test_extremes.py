@@ -10,12 +10,13 @@ from oracle import closest
 
 import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
+from raytracer.accel.space import triangle_rows
 from raytracer.kernels.cells import CellBox, CellWalk
 from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.meshes.shapes import box, icosahedron, sphere
-from raytracer.scene.layout import Layout, triangle_rows
+from raytracer.scene.layout import Layout
 from shpy import SH_WHILE
 
 BACKENDS = ["numpy", "opencl", "glsl"]

@@ -10,13 +10,14 @@ from oracle import closest
 from raytracer import Intersector, Renderer, Scene
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.grid import build_grid
+from raytracer.accel.space import triangle_rows
 from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
 from raytracer.kernels.triangle import FAR
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import knot
-from raytracer.scene.layout import Layout, triangle_rows
+from raytracer.scene.layout import Layout
 
 MODELS = Path(__file__).resolve().parents[3] / "shared" / "models"
 TRIANGLES = {"stanford-bunny": 69_451, "teapot": 6_320, "spot": 5_856}

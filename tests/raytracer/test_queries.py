@@ -6,6 +6,7 @@ from oracle import crossings, distances
 
 from raytracer import Intersector, Mesh, Scene, SceneError
 from raytracer.accel.bvh import build_bvh
+from raytracer.accel.space import triangle_rows
 from raytracer.kernels import nearby
 from raytracer.kernels.queries import FEW, MANY, intersect, list_hits
 from raytracer.kernels.triangle import AheadBound
@@ -13,7 +14,6 @@ from raytracer.kernels.walk import walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
-from raytracer.scene.layout import triangle_rows
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SOUP = Mesh(np.random.default_rng(5).normal(size=(600, 3)), np.arange(600).reshape(-1, 3))

@@ -14,9 +14,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from shpy.accuracy.files import check_file, write_json
 from shpy.backends.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyError
+from shpy.outputs import check_file, write_json
 from shpy.testing.certify.findings import Section, Target
 from shpy.testing.certify.report import (
     certificate,

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.accuracy.files import write_json
+from shpy.outputs import write_json
 from shpy.testing.arrays import Array
 
 __all__ = ["FILE", "KERNELS", "digest", "golden", "write"]

@@ -1,0 +1,68 @@
+"""The coordinates of kernels: where they begin, how large they are, and how they are rounded.
+
+Stage: accelerate. Takes the corners of triangles in the scene's units, gives corners and rows in those of a kernel.
+
+>>> scale_of(np.full((1, 3, 3), 0.5), "f32") == 2.0**EXPONENT
+True
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.meshes.mesh import normals_of
+
+Rows = NDArray[np.float64]
+WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
+"""The floats of a precision."""
+
+
+def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the kernels' coordinates begin, (3,): 0, or near the middle of triangles that lie far from 0.
+
+    So what a scene looks like does not depend on where it stands. It is a multiple of a power of two that is about the
+    size of the scene, so that subtracting it takes nothing from coordinates that were rounded already.
+    """
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    middle, size = (low + high) / 2, float((high - low).max())
+    if size == 0:
+        return np.asarray(middle)
+    step = 2.0 ** np.floor(np.log2(size))
+    return np.where(np.abs(middle) <= size, 0.0, np.round(middle / step) * step)
+
+
+EXPONENT = 32
+"""Exponent of 2 below which the largest coordinate lies in a kernel.
+
+A kernel divides products of three lengths by products of two. With this exponent no product of three vanishes for a
+triangle 10**21 times smaller than the scene. None overflows for a triangle as large as the scene that is seen from
+2**24 times its size, where f32 no longer tells parts of the scene from each other.
+"""
+STEEPEST = 1000
+"""Exponent of the largest scale: in f64 it is finite, and so are its products with scenes that it enlarges."""
+
+
+def scale_of(corners: NDArray[np.float64], precision: str) -> float:
+    """Return the power of two for a kernel's coordinates, so that no product of them leaves f32's range.
+
+    `corners` are relative to `origin_of`. At f16, which holds no such numbers, exponents above 0 stay as they are.
+    """
+    if not corners.any():
+        return 1.0
+    _, exponent = np.frexp(np.abs(corners).max())
+    wanted = np.clip(exponent, 0, EXPONENT) if precision == "f16" else EXPONENT
+    return float(2.0 ** min(wanted - exponent, STEEPEST))
+
+
+def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:
+    """Corners (N, 3, 3) as a kernel that works at `precision` sees them."""
+    return corners.astype(WORKING.get(precision, np.float32)).astype(np.float64)
+
+
+def triangle_rows(corners: NDArray[np.float64]) -> Rows:
+    """(3N, 4): row 3k + c holds corner c of triangle k, and in w component c of its unit normal.
+
+    The normals are those of these corners: hand it rounded ones, so that a kernel sees no other plane than they span.
+    """
+    return np.concatenate([corners, normals_of(corners)[:, :, None]], axis=2).reshape(-1, 4)
