@@ -17,6 +17,7 @@ import multiprocessing
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
@@ -153,7 +154,7 @@ def _ours(scene: Callable[[], Scene], size: int, samples: int) -> Any:
     renderer = Renderer(scene(), backend=backend(), integrator="path", bounces=paths.BOUNCES)
 
     def run(seed: int) -> np.ndarray:
-        renderer.seed = seed
+        renderer.integrator = replace(renderer.integrator, seed=seed)
         return np.asarray(renderer.render((size, size), samples=samples).pixels)
 
     return run

@@ -1,7 +1,8 @@
 """A ray tracer written once in shpy, running on every target.
 
-from raytracer import Scene, render
-render(Scene.builtin("mixed"), size=(512, 512), backend="opencl", bounces=3).save("mixed.png")
+from raytracer import Path, Scene, render
+render(Scene.builtin("mixed"), size=(512, 512), backend="opencl").save("mixed.png")
+render(Scene.builtin("cornell"), integrator=Path(samples=256)).save("cornell.png")
 """
 
 import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m raytracer` imports the rest
@@ -12,14 +13,17 @@ from raytracer.appearance.materials import Material
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.image import Image
-from raytracer.integrators.renderer import Renderer, render
+from raytracer.integrators.integrator import Path, Staged, Whitted
+from raytracer.integrators.renderer import Renderer
 from raytracer.intersector import AllHits, Closest, Hits, Intersector
 from raytracer.kernels.shaders import Hit, Surface
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Instance, Mesh
+from raytracer.rendering import render
+from raytracer.scene.builtin import SCENES
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import BUILTIN, Scene
 from raytracer.studies.tradeoff import tradeoff
 
 __all__ = [
@@ -36,12 +40,17 @@ __all__ = [
     "LayeredCube",
     "Material",
     "Mesh",
+    "Path",
     "PointLight",
     "Renderer",
     "Scene",
     "SceneError",
+    "Staged",
     "Surface",
     "Texture",
+    "Whitted",
     "render",
     "tradeoff",
 ]
+
+BUILTIN.update(SCENES)

@@ -23,12 +23,16 @@ from raytracer.accel.choice import check
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
-from raytracer.integrators.renderer import INTEGRATORS, SAMPLES, THRESHOLD, TRACERS, Progress, Renderer, render
+from raytracer.integrators import integrator
+from raytracer.integrators.renderer import Progress, Renderer
 from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
 from raytracer.meshes.folder import shown
-from raytracer.scene.scene import SCENES, Scene
-from raytracer.studies.tradeoff import new_figure, tradeoff
+from raytracer.rendering import render
+from raytracer.scene.builtin import SCENES
+from raytracer.scene.scene import Scene
+from raytracer.studies.report import new_figure
+from raytracer.studies.tradeoff import tradeoff
 
 _SAVING = 10.0
 """Seconds after which a picture that takes long is written, though it is not finished."""
@@ -112,7 +116,10 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.add_argument(
-        "--integrator", choices=INTEGRATORS, default="whitted", help="direct light and mirrors, or all light (whitted)"
+        "--integrator",
+        choices=integrator.INTEGRATORS,
+        default="whitted",
+        help="direct light and mirrors, or all light (whitted)",
     )
     command.add_argument(
         "--bounces", type=_whole, help="how often a ray may be mirrored (3), or light be scattered (path: 8)"
@@ -128,10 +135,16 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
         "--accel", type=_accel, help="how rays find triangles: bvh, grid, brute, or ldc:1024 (bvh; grid if staged)"
     )
     command.add_argument(
-        "--tracer", choices=TRACERS, default="unified", help="one kernel, or stages over streams of rays (unified)"
+        "--tracer",
+        choices=integrator.TRACERS,
+        default="unified",
+        help="one kernel, or stages over streams of rays (unified)",
     )
     command.add_argument(
-        "--threshold", type=_share, default=THRESHOLD, help="staged: share of rays that wait to be intersected (0.2)"
+        "--threshold",
+        type=_share,
+        default=integrator.THRESHOLD,
+        help="staged: share of rays that wait to be intersected (0.2)",
     )
     command.add_argument(
         "--grid", type=_positive, help="cells of a grid along each axis (as many as suit the triangles)"
@@ -165,21 +178,18 @@ def _render(options: argparse.Namespace) -> int:
     writer(output)  # complains now about a path that cannot be written later
     width, height = options.size
     check_fits(width, height, SAVING[output.suffix.lower()])
-    if options.integrator == "path":
-        return _render_path(options, scene, output)
+    said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
+    wanted = integrator.chosen(options.integrator, said)
+    if isinstance(wanted, integrator.Path):
+        return _render_path(options, wanted, scene, output)
     if options.resume:
         raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
     with progress_bar(f"{scene.name}, {scene.triangles:,} triangles") as progress:
         image = render(
             scene,
             options.size,
+            integrator=wanted,
             backend=options.backend,
-            bounces=options.bounces,
-            samples=options.samples,
-            accel=options.accel,
-            tracer=options.tracer,
-            threshold=options.threshold,
-            grid=options.grid,
             max_error=options.error,
             progress=progress,
         )
@@ -189,28 +199,19 @@ def _render(options: argparse.Namespace) -> int:
     return 0
 
 
-def _render_path(options: argparse.Namespace, scene: Scene, output: Path) -> int:
+def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Scene, output: Path) -> int:
     """Render in passes, and write what there is every few minutes, after Ctrl-C, and at the end."""
-    if options.error is not None or options.grid is not None:
-        raise SceneError("--error and --grid are for --integrator whitted")
+    if options.error is not None:
+        raise SceneError("--error is for --integrator whitted")
     if options.resume and output.suffix.lower() not in READING:
         raise SceneError(f"{output}: samples are added to files that hold all numbers: {' or '.join(READING)}")
-    renderer = Renderer(
-        scene,
-        backend=options.backend,
-        bounces=options.bounces,
-        accel=options.accel,
-        tracer=options.tracer,
-        integrator="path",
-        seed=options.seed,
-    )
-    samples = options.samples or SAMPLES["path"]
+    renderer, samples = Renderer(scene, integrator=wanted, backend=options.backend), wanted.samples
     found = output if options.resume and output.exists() else None
     stop: KeyboardInterrupt | None = None
     image, kept, due = None, 0, time.monotonic() + _SAVING
     with progress_bar(f"{scene.name}, {scene.triangles:,} triangles, {samples:,} samples") as progress:
         try:
-            for image in renderer.passes(options.size, samples=samples, progress=progress, resume=found):
+            for image in renderer.passes(options.size, progress=progress, resume=found):
                 started = time.monotonic()
                 if started >= due and image.samples < samples:
                     image.save(output)

@@ -7,34 +7,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from raytracer.errors import SceneError
 from raytracer.image import Image, writer
-from raytracer.integrators.renderer import render
-from raytracer.scene.scene import SCENES, Scene
+from raytracer.integrators import integrator
+from raytracer.rendering import render
+from raytracer.scene.builtin import SCENES
+from raytracer.scene.scene import Scene
 
 __all__ = ["SIZE", "gallery"]
 
 SIZE: Final = (640, 480)
-SAMPLES: Final = 9
 _PATHS: Final = {"cornell": 512}
 """The samples of pictures that are path traced, as large as the shorter side along both."""
+_SAMPLES: Final = 9
 _BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4, "teapot": 4}
 """How often rays are mirrored or refracted, where it is not 3."""
-
-
-def options(name: str, size: tuple[int, int] = SIZE) -> dict[str, Any]:
-    """The arguments of `render` for a scene's picture."""
-    if name in _PATHS:
-        return {"size": (min(size), min(size)), "integrator": "path", "samples": _PATHS[name]}
-    return {"size": size, "bounces": _BOUNCES.get(name, 3), "samples": SAMPLES}
 
 
 def gallery(
     folder: str, size: tuple[int, int] = SIZE, *, backend: str | None = None, samples: int | None = None
 ) -> Iterator[tuple[Path, Image]]:
-    """Render every built-in scene into a PNG file in a folder, which exists; gives each path with its Image.
+    """Render every built-in scene into a PNG file in a folder, which exists; yield each path with its Image.
 
     `samples` takes the place of the nine rays for each pixel, and of the paths. Raises SceneError where there is no
     such folder, and as `render` does.
@@ -44,6 +39,10 @@ def gallery(
     for name in SCENES:
         path = Path(folder) / f"{name}.png"
         writer(path)
-        changed = options(name, size) | ({} if samples is None else {"samples": samples})
-        image = render(Scene.builtin(name), backend=backend, **changed)
+        wanted: integrator.Integrator
+        if name in _PATHS:
+            shape, wanted = (min(size), min(size)), integrator.Path(samples=samples or _PATHS[name])
+        else:
+            shape, wanted = size, integrator.Whitted(bounces=_BOUNCES.get(name, 3), samples=samples or _SAMPLES)
+        image = render(Scene.builtin(name), shape, integrator=wanted, backend=backend)
         yield image.save(path), image

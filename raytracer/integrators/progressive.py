@@ -32,8 +32,6 @@ BAND = 1 << 13
 """Pixels of a band on numpy: few enough for Ctrl-C to be heard."""
 DEVICE_BAND = 1 << 16
 """Pixels of a band on a device."""
-MOST_SAMPLES = 1 << 24
-"""Samples of a pixel, at most: the numbers of more are not exact floats."""
 
 Layers = dict[str, Any]
 Progress = Callable[[int, int], None]

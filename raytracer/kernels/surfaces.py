@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from raytracer.accel.space import Rows
 from raytracer.appearance.materials import CUTOFF
 from raytracer.kernels import shaders
 from raytracer.kernels.looks import Looks
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import FAR, Accept, Candidate, Hit, PlaneView, Triangles, highest
-from raytracer.scene.layout import Layout, Rows, is_programmed
+from raytracer.scene.layout import Layout, is_programmed
 
 ROUNDINGS = 7
 """What a point of a triangle may be off its plane, in roundings of its coordinates: 2 as the weights may not sum to 1,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sph
 from raytracer.meshes.teapot import teapot as newells_teapot
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import DirectionalLight, PointLight
-from raytracer.scene.scene import SCENES, Scene
+from raytracer.scene.scene import Scene
 from raytracer.shaders import checker
 
 
@@ -276,16 +277,14 @@ def _block(base: Sequence[tuple[float, float]], height: float, material: Materia
     return _quads(corners, [*sides, (4, 5, 6, 7)], material, name)
 
 
-SCENES.update(
-    {
-        "boxes": boxes,
-        "cubes": cubes,
-        "mirror-box": mirror_box,
-        "mixed": mixed,
-        "spheres": spheres,
-        "glass": glass,
-        "materials": materials,
-        "teapot": teapot,
-        "cornell": cornell,
-    }
-)
+SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
+    "boxes": boxes,
+    "cubes": cubes,
+    "mirror-box": mirror_box,
+    "mixed": mixed,
+    "spheres": spheres,
+    "glass": glass,
+    "materials": materials,
+    "teapot": teapot,
+    "cornell": cornell,
+}

@@ -148,9 +148,9 @@ class Scene:
 
         Raises SceneError for an unknown name; the message lists the known ones.
         """
-        if name not in SCENES:
-            raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(SCENES)}")
-        return SCENES[name]()
+        if name not in BUILTIN:
+            raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(BUILTIN)}")
+        return BUILTIN[name]()
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -171,5 +171,5 @@ def _key_and_fill(name: str, low: NDArray[np.float64], high: NDArray[np.float64]
     )
 
 
-SCENES: dict[str, Callable[[], Scene]] = {}
-"""The built-in scenes by name. `scene.builtin`, which needs Scene, enters them."""
+BUILTIN: dict[str, Callable[[], Scene]] = {}
+"""The built-in scenes by name. They need Scene, so `raytracer` enters them."""

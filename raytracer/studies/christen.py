@@ -10,24 +10,30 @@ are bounces and the eye ray; calls of the kernels against the threshold; rays al
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
-import json
-import os
-import platform
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import shpy as sh
-from raytracer.errors import SceneError
-from raytracer.integrators.renderer import THRESHOLD, Renderer
+from raytracer.integrators.integrator import THRESHOLD, chosen
+from raytracer.integrators.renderer import Renderer
 from raytracer.kernels import stages
 from raytracer.scene.scene import Scene
-from raytracer.studies.tradeoff import new_figure
+from raytracer.studies.report import (
+    Told,
+    about,
+    counted_on,
+    csv_of,
+    devices_of,
+    finish,
+    in_time,
+    machine,
+    new_figure,
+    save_figure,
+    table,
+)  # fmt: skip
 
 __all__ = ["Case", "Measured", "Study", "study"]
 
@@ -49,7 +55,6 @@ _SOON = 0.5
 _MARKS = "os^"
 
 Clock = Callable[[], float]
-Told = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +114,8 @@ class Study:
         return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
 
     def _about(self) -> str:
-        backends = "; ".join(f"{name}: {device}" for name, device in self.backends.items())
-        left = f" {len(self.skipped)} measurements were left out for want of time." if self.skipped else ""
-        clock = "CPU time of all cores" if self.cpu else "wall time"
-        return f"Measured on {self.machine} ({backends}), {self.size[0]} x {self.size[1]} pixels, {clock}.{left}"
+        pictures = f"{self.size[0]} x {self.size[1]} pixels"
+        return about(self.machine, self.backends, pictures, self.cpu, len(self.skipped))
 
     def _tables(self) -> Iterable[str]:
         for title, key, values in (("Grid", "grid", GRIDS), ("Iterations", "iterations", ITERATIONS)):
@@ -162,38 +165,23 @@ class Study:
 
     def csv(self) -> str:
         """A line for each measurement."""
-        text = io.StringIO()
         rows = [
             dataclasses.asdict(m.case) | {"seconds": m.seconds, "rays": m.rays, "calls": sum(m.calls.values())}
             for m in self.measured
         ]
-        writer = csv.DictWriter(text, list(rows[0]) if rows else ["scene"])
-        writer.writeheader()
-        writer.writerows(rows)
-        return text.getvalue()
+        return csv_of(rows, "scene")
 
     def plot(self, path: str | Path) -> None:
         """Draw time, calls and rays; JSON and CSV of the same name go beside the picture. Raises as `new_figure`."""
-        path = Path(path)
-        figure = new_figure(path)
-        figure.set_size_inches(15, 12)
+        figure = new_figure(path, (15, 12))
         axes = figure.subplots(3, 3)
         for column, backend in enumerate(list(self.backends)[:3]):
             self._draw_times(axes[0, column], backend, "grid", f"{backend}: time against the size of the grid")
             self._draw_times(axes[1, column], backend, "iterations", f"{backend}: time against iterations")
         self._draw_calls(axes[2, 0])
         self._draw_alive(axes[2, 1], axes[2, 2])
-        for axis in axes.flat:
-            if axis.has_data():
-                axis.legend(fontsize=6)
-            else:
-                axis.set_axis_off()
-        with sh.files.replacing(path) as temporary:
-            figure.savefig(temporary, dpi=100)
-        with sh.files.replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
-        with sh.files.replacing(path.with_suffix(".csv")) as temporary:
-            temporary.write_text(self.csv())
+        finish(axes.flat, fontsize=6)
+        save_figure(figure, path, self.json(), self.csv(), dpi=100)
 
     def _draw_times(self, axis: Any, backend: str, key: str, title: str) -> None:
         for k, scene in enumerate(SCENES):
@@ -240,11 +228,6 @@ def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
     return list(measured.alive[::every]), list(measured.round_seconds[::every])
 
 
-def counted_on(backends: Sequence[str]) -> str:
-    """The backend that calls of kernels are counted on: they are the same on all, and OpenCL is fast."""
-    return "opencl" if "opencl" in backends else backends[0]
-
-
 def cases(backends: Sequence[str]) -> list[Case]:
     """Every case, each once, those first without which the others mean little. numpy, which is slow, has fewer."""
     fast = [name for name in backends if name != "numpy"]
@@ -286,45 +269,12 @@ def study(
     devices = devices_of(backends)
     wanted, measured = cases(list(devices)), []
     clock = time.process_time if cpu else time.perf_counter
-    end = time.monotonic() + 60 * minutes
     last: tuple[Case, Renderer] | None = None
-    for done, case in enumerate(wanted):
-        if progress is not None:
-            progress(done, len(wanted))
-        if time.monotonic() > end:
-            break
+    for case in in_time(wanted, minutes, progress):
         renderer = _renderer(case, last, clock)
         last = case, renderer
         measured.append(_measure(case, renderer, size, clock))
-    if progress is not None:
-        progress(len(wanted), len(wanted))
     return Study(machine(), devices, tuple(measured), tuple(wanted[len(measured) :]), size, cpu)
-
-
-def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
-    """The device of each backend, of all that are available if None are named.
-
-    Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
-    """
-    known = {b.name: b.devices[0].name for b in sh.backends() if b.available}
-    names = list(known) if backends is None else list(backends)
-    if not names:
-        raise SceneError("a study needs a backend: `raytracer doctor` says what is missing")
-    for name in names:
-        if name not in known:
-            raise sh.BackendUnavailable(f"{name} is not available", cure="raytracer doctor, which says why")
-    return {name: known[name] for name in names}
-
-
-def machine() -> str:
-    """The processor, as the system names it, and how many cores this process may use."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    name = platform.processor() or platform.machine()
-    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
-        if line.startswith("model name"):
-            name = line.partition(":")[2].strip()
-            break
-    return f"{name}, {cores} cores"
 
 
 def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> Renderer:
@@ -333,8 +283,8 @@ def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> R
         renderer = last[1]
     else:
         scene = Scene.builtin(SCENES[case.scene])
-        options: dict[str, Any] = {"backend": case.backend, "tracer": case.tracer, "grid": case.grid}
-        renderer = Renderer(scene, bounces=case.iterations - 1, accel="grid", **options)
+        options = {"tracer": case.tracer, "bounces": case.iterations - 1, "accel": "grid", "grid": case.grid}
+        renderer = Renderer(scene, integrator=chosen("whitted", options), backend=case.backend)
         renderer.render((8, 8))  # drivers compile once more when a kernel runs for the first time
     if renderer.staged is not None:
         renderer.staged.clock = clock
@@ -363,11 +313,3 @@ def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock
             break
     assert best is not None
     return best
-
-
-def table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A table of Markdown under its title; nothing if it has no rows."""
-    if not rows:
-        return ""
-    lines = [f"**{title}**", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join([*lines, *("| " + " | ".join(map(str, row)) + " |" for row in rows)])

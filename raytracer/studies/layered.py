@@ -11,10 +11,7 @@ errors over resolution, hit test and tolerance. Everything is beside the BVH and
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
-import json
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -25,9 +22,20 @@ import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.layered.cube import HITS
 from raytracer.meshes import Mesh
-from raytracer.studies.christen import Told, counted_on, devices_of, machine, table
 from raytracer.studies.layered_measuring import KINDS, SMALLER, Bench, Case, Measured, Model, models, unit
-from raytracer.studies.tradeoff import new_figure
+from raytracer.studies.report import (
+    Told,
+    about,
+    counted_on,
+    csv_of,
+    devices_of,
+    finish,
+    in_time,
+    machine,
+    new_figure,
+    save_figure,
+    table,
+)  # fmt: skip
 
 __all__ = ["FULL", "QUICK", "Plan", "Study", "cases", "study"]
 
@@ -71,14 +79,9 @@ class Study:
         return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
 
     def _about(self) -> str:
-        backends = "; ".join(f"{name}: {device}" for name, device in self.backends.items())
-        left = f" {len(self.skipped)} measurements were left out for want of time." if self.skipped else ""
-        clock = "CPU time of all cores" if self.cpu else "wall time"
         (width, height), small = self.plan.size, [n // SMALLER for n in self.plan.size]
-        return (
-            f"Measured on {self.machine} ({backends}), pictures of {width} x {height} pixels, errors and rays of "
-            f"{small[0]} x {small[1]}, {clock}.{left}"
-        )
+        pictures = f"pictures of {width} x {height} pixels, errors and rays of {small[0]} x {small[1]}"
+        return about(self.machine, self.backends, pictures, self.cpu, len(self.skipped))
 
     def _tables(self) -> Iterable[str]:
         for backend in self.backends:
@@ -116,11 +119,7 @@ class Study:
             for kind, wrong in m.wrong.items():
                 row |= {f"{kind} {k}": v for k, v in dataclasses.asdict(wrong).items()}
             rows.append(row | m.errors)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(rows[0]) if rows else ["model"])
-        writer.writeheader()
-        writer.writerows(rows)
-        return text.getvalue()
+        return csv_of(rows, "model")
 
     def plot(self, path: str | Path) -> None:
         """Draw times and errors, and pictures beside the exact one; JSON and CSV go beside them.
@@ -128,22 +127,13 @@ class Study:
         The pictures have the path's name with "-pictures" at its end. Raises as `new_figure`.
         """
         path = Path(path)
-        figure = new_figure(path)
-        figure.set_size_inches(15, 9)
+        figure = new_figure(path, (15, 9))
         axes = figure.subplots(2, 3)
         backend = next(iter(self.backends))
         self._draw_table(axes[0, 0], axes[0, 1], backend)
         self._draw_errors(axes.flat[2:], self.studied(backend))
-        for axis in axes.flat:
-            if axis.has_data():
-                axis.legend(fontsize=6, framealpha=0.4)
-            else:
-                axis.set_axis_off()
-        _save(figure, path)
-        with sh.files.replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
-        with sh.files.replacing(path.with_suffix(".csv")) as temporary:
-            temporary.write_text(self.csv())
+        finish(axes.flat, fontsize=6, framealpha=0.4)
+        save_figure(figure, path, self.json(), self.csv(), dpi=100)
         self.compare(path.with_stem(f"{path.stem}-pictures"))
 
     def _draw_table(self, build: Any, trace: Any, backend: str) -> None:
@@ -198,8 +188,7 @@ class Study:
         exact = [m.pixels for m in self._of(backend) if (m.case.model, m.case.accel) == (self.plan.studied, "bvh")]
         if not found or not exact:
             return
-        figure = new_figure(path)
-        figure.set_size_inches(4 * len(found) + 4, 6.6)
+        figure = new_figure(path, (4 * len(found) + 4, 6.6))
         axes = figure.subplots(2, 1 + len(found), squeeze=False)
         axes[0, 0].imshow(exact[0])
         axes[0, 0].set_title("exact")
@@ -211,12 +200,8 @@ class Study:
             axes[1, column].set_title(f"difference, times {_AMPLIFIED}")
         for axis in axes.flat:
             axis.set_axis_off()
-        _save(figure, path)
-
-
-def _save(figure: Any, path: Path) -> None:
-    with sh.files.replacing(path) as temporary:
-        figure.savefig(temporary, dpi=100)
+        with sh.files.replacing(path) as temporary:
+            figure.savefig(temporary, dpi=100)
 
 
 def _nested(value: Any) -> bool:
@@ -288,16 +273,9 @@ def study(
     wanted, measured = cases(list(devices), given, plan), []
     clock = time.process_time if cpu else time.perf_counter
     benches = {(m.name, name): Bench(m, name, plan.size, clock) for m in given for name in devices}
-    end = time.monotonic() + 60 * minutes
-    for done, case in enumerate(wanted):
-        if progress is not None:
-            progress(done, len(wanted))
-        if time.monotonic() > end:
-            break
+    for case in in_time(wanted, minutes, progress):
         framed = case.accel != "ldc" or (case.resolution in plan.framed and case.tolerance is None)
         measured.append(benches[case.model, case.backend].measure(case, framed=framed))
-    if progress is not None:
-        progress(len(wanted), len(wanted))
     return Study(machine(), devices, plan, tuple(measured), tuple(wanted[len(measured) :]), cpu)
 
 

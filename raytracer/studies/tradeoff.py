@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
-import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +27,13 @@ import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError
 from raytracer.image import Image, encoded
+from raytracer.integrators.integrator import Whitted
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
+from raytracer.studies.report import Told, new_figure, save_figure
 
-__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "new_figure", "reference", "tradeoff"]
-
-Told = Callable[[int, int], None]
-"""Called with the variants that are done and all variants."""
+__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "reference", "tradeoff"]
 
 Pixels = NDArray[np.float64]
 """(H, W, 3), as sRGB in [0, 1]."""
@@ -81,6 +79,11 @@ class Variant:
     accel: str
     bounces: int
 
+    @property
+    def integrator(self) -> Whitted:
+        """The integrator that renders it."""
+        return Whitted(**dataclasses.asdict(self))
+
     def __str__(self) -> str:
         return f"{self.precision} {self.math} {self.accel}, {self.bounces} bounces"
 
@@ -118,8 +121,7 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        found: tuple[Candidate, ...] = sh.accuracy.frontier(self.candidates, _worst)
-        return found
+        return tuple(self.candidates[n] for n in self._comparison.front)
 
     @property
     def pick(self) -> Candidate:
@@ -128,37 +130,22 @@ class Tradeoff:
         Of those whose times are not separable from its time, the closest (`sh.accuracy.pareto`). Raises SceneError
         where no candidate is close enough.
         """
-        picked = self._picked
-        if picked is not None:
-            return picked
-        nearest = min(self.candidates, key=_worst)
+        place: int | None = self._comparison.picked
+        if place is not None:
+            return self.candidates[place]
+        nearest = min(self.candidates, key=lambda c: c.worst)
         raise SceneError(
             f"no variant is within {self.max_error:g}/255: "
             f"the closest, {nearest.variant}, is {nearest.worst:.3g}/255 off"
         )
 
-    @property
-    def _kept(self) -> list[Candidate]:
-        return [c for c in self.candidates if c.worst <= self.max_error]
-
-    @property
-    def _picked(self) -> Candidate | None:
-        picked: Candidate | None = sh.accuracy.pareto.choose(self._kept, _worst)
-        return picked
-
     def table(self) -> str:
-        """The candidates as text, with a legend of its marks, columns and short names."""
-        text: str = self._comparison().table()
-        return text
+        """Return the candidates as text, with a legend of its marks, columns and short names."""
+        return str(self._comparison.table())
 
     def json(self) -> dict[str, Any]:
-        """Every candidate, for `json.dump`; `like_fastest` marks times that are not separable from the fastest's."""
-        comparison = self._comparison()
-        rows = [
-            dataclasses.asdict(c)
-            | {"frontier": n in comparison.front, "like_fastest": n in comparison.like, "best": n == comparison.picked}
-            for n, c in enumerate(self.candidates)
-        ]
+        """Return every candidate, for `json.dump`; `like_fastest` marks times not separable from the fastest's."""
+        rows = [dataclasses.asdict(c) | self._comparison.marks(n) for n, c in enumerate(self.candidates)]
         return {"scene": self.scene, "backend": self.backend, "max_error": self.max_error, "candidates": rows}
 
     def plot(self, path: str | Path) -> None:
@@ -166,24 +153,16 @@ class Tradeoff:
 
         Raises as `new_figure`.
         """
-        path = Path(path)
         figure = new_figure(path)
-        sh.accuracy.pareto_plot.draw(self._comparison(), figure)
-        with sh.files.replacing(path) as temporary:
-            figure.savefig(temporary, dpi=120)
-        with sh.files.replacing(path.with_suffix(".json")) as temporary:
-            temporary.write_text(json.dumps(self.json(), indent=1) + "\n")
+        sh.accuracy.pareto_plot.draw(self._comparison, figure)
+        save_figure(figure, path, self.json())
 
+    @cached_property
     def _comparison(self) -> Any:
-        """The candidates as tables and plots show them: an `sh.accuracy.pareto.Comparison`."""
-        place = {id(c): n for n, c in enumerate(self.candidates)}
-        kept, picked = self._kept, self._picked
+        """The candidates as tables and plots show them, and the choice: an `sh.accuracy.pareto.Comparison`."""
         return sh.accuracy.pareto.Comparison(
             title=f"{self.scene} on {self.backend}: time against error",
             points=tuple(map(self._point, self.candidates)),
-            front=tuple(place[id(c)] for c in self.frontier),
-            kept=place[id(kept[0])] if kept else None,
-            picked=None if picked is None else place[id(picked)],
             limit=self.max_error,
             budget=f"within {self.max_error:g}/255",
             headings=("variant", "ms", "quartiles", *self._meanings()),
@@ -199,10 +178,11 @@ class Tradeoff:
         cells = [f"{c.error['max']:.3g}", f"{c.error['off']:.2%}", f"{c.error['objects']:.2%}"]
         if "flip" in self._meanings():
             cells.append(f"{c.error['flip']:.4f}" if "flip" in c.error else "")
-        v, milliseconds = c.variant, (1e3 * c.spread[0], 1e3 * c.spread[1])
+        v, kept = c.variant, c.worst <= self.max_error
+        milliseconds, spread = 1e3 * c.seconds, (1e3 * c.spread[0], 1e3 * c.spread[1])
         mode = f"{v.precision} {v.math}"
         return sh.accuracy.pareto.Point(
-            str(v), str(v), v.accel, mode, 1e3 * c.seconds, milliseconds, c.worst, tuple(cells)
+            str(v), str(v), v.accel, mode, milliseconds, spread, c.worst, kept, tuple(cells)
         )
 
     def _meanings(self) -> dict[str, str]:
@@ -217,10 +197,6 @@ class Tradeoff:
         return names | {accel: _accelerator(accel) for accel in dict.fromkeys(v.accel for v in variants)}
 
 
-def _worst(candidate: Candidate) -> float:
-    return candidate.worst
-
-
 def _accelerator(name: str) -> str:
     """Return what finds the triangles that a ray hits, by its name."""
     if name in _ACCELERATORS:
@@ -228,25 +204,6 @@ def _accelerator(name: str) -> str:
     _, texels, *hit = name.split(":")
     test = "exact" if hit == ["triangle"] else "approximate"
     return f"secondary rays in a layered depth cube of {texels} x {texels} texels, with an {test} hit test"
-
-
-def new_figure(path: Path) -> Any:
-    """A matplotlib Figure that can be written to `path`.
-
-    Raises SceneError for an ending that is no picture's and without matplotlib, OSError where it, or JSON beside it,
-    cannot be written: FileNotFoundError where the folder does not exist.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise SceneError(f"plots need matplotlib: {sh.packages.install('matplotlib')}") from error
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    known = sorted(figure.canvas.get_supported_filetypes())
-    if path.suffix[1:].lower() not in known:
-        raise SceneError(f"{path}: plots are written as .{', .'.join(known)}, not as {path.suffix or 'this'}")
-    for written in (path, path.with_suffix(".json")):
-        sh.files.check_writable(written)
-    return figure
 
 
 def errors(image: Image, reference: Image) -> dict[str, float]:
@@ -315,7 +272,7 @@ def _measured(
     for done, variant in enumerate(variants, len(cameras)):
         told(done, total)
         try:
-            made.append((variant, Renderer(scene, backend=backend, **dataclasses.asdict(variant))))
+            made.append((variant, Renderer(scene, integrator=variant.integrator, backend=backend)))
         except sh.CompileError as error:
             skipped.append((str(variant), error.message))
         except SceneError as error:  # of a cube that memory does not hold
@@ -364,37 +321,32 @@ def _variants(scene: Scene, bounces: int) -> list[Variant]:
 def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
     """The picture in f64: on the backend, or on numpy where that has none."""
     accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # which differ in time alone
+    exact = Whitted(bounces=bounces, precision="f64", accel=accel)
     try:
-        return Renderer(scene, backend=backend, bounces=bounces, precision="f64", accel=accel)
+        return Renderer(scene, integrator=exact, backend=backend)
     except sh.CompileError as error:
         warnings.warn(
             f"the reference is rendered on numpy, which is slower: {backend} has no f64 ({error.message})",
             sh.ShpyWarning,
             stacklevel=2,
         )
-        return Renderer(scene, backend="numpy", bounces=bounces, precision="f64", accel=accel)
+        return Renderer(scene, integrator=exact, backend="numpy")
 
 
-def _times(made: Sequence[tuple[Variant, Renderer]]) -> list[list[float]]:
-    """Measure the seconds of each renderer, all in turn; in each round an untimed picture comes first."""
-    taken: list[list[float]] = [[] for _ in made]
-    for _ in range(ROUNDS):
-        for seconds, (_, renderer) in zip(taken, made, strict=True):
-            calls = max(1, int(_ENOUGH / _seconds(renderer, 1)))
-            seconds.append(_seconds(renderer, calls) / calls)
-    return taken
-
-
-def _seconds(renderer: Renderer, calls: int) -> float:
-    started = time.perf_counter()
-    for _ in range(calls):
-        renderer.render(SIZE)
-    return time.perf_counter() - started
+def _times(made: Sequence[tuple[Variant, Renderer]]) -> list[tuple[float, tuple[float, float]]]:
+    """Return the seconds of a picture by each renderer, the median of the rounds, and their quartiles."""
+    found: list[tuple[float, tuple[float, float]]] = sh.accuracy.pareto.timed(
+        [partial(renderer.render, SIZE) for _, renderer in made], ROUNDS, _ENOUGH
+    )
+    return found
 
 
 def _candidate(
-    variant: Variant, renderer: Renderer, taken: list[float], cameras: Sequence[Any], references: Sequence[Image]
+    variant: Variant,
+    renderer: Renderer,
+    taken: tuple[float, tuple[float, float]],
+    cameras: Sequence[Any],
+    references: Sequence[Image],
 ) -> Candidate:
-    low, middle, high = np.percentile(taken, [25, 50, 75]).tolist()
     found = [errors(renderer.render(SIZE, camera=c), r) for c, r in zip(cameras, references, strict=True)]
-    return Candidate(variant, middle, (low, high), found[0], max(found[1:], key=lambda e: e["rmse"]))
+    return Candidate(variant, *taken, found[0], max(found[1:], key=lambda e: e["rmse"]))

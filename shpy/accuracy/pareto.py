@@ -4,6 +4,7 @@ Stage: measure. `tradeoff` of programs and of pictures bring their candidates, f
 
     front = frontier(candidates, lambda c: c.error)
     comparison = Comparison("sqrt: time against error", points, ...)
+    points[comparison.picked]
     print(comparison.table())
     draw(comparison, figure)             # of pareto_plot
 
@@ -15,13 +16,17 @@ Tukey and Larsen, Variations of Box Plots, The American Statistician 32, 1978).
 from __future__ import annotations
 
 import textwrap
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Protocol, TypeVar
+
+import numpy as np
 
 from shpy.accuracy.report import columns
 
-__all__ = ["Comparison", "Point", "choose", "frontier", "names_of", "rivals", "separable"]
+__all__ = ["Comparison", "Point", "choose", "frontier", "names_of", "rivals", "separable", "timed"]
 
 PICK, FRONT, LIKE = "→", "*", "≈"
 """The marks of a table."""
@@ -100,12 +105,41 @@ def choose(kept: Iterable[Candidate], error: Callable[[Candidate], float]) -> Ca
     return found[-1] if found else None
 
 
+def timed(
+    calls: Sequence[Callable[[], object]], rounds: int, enough: float, tell: Callable[[int], None] | None = None
+) -> list[tuple[float, Spread]]:
+    """Measure calls, all in turn in each round: return the median seconds of each and the quartiles of the rounds.
+
+    In each round a call runs once more than it is timed: its first run finds the caches and the threads as another
+    call has left them. Runs that take less than `enough` seconds are timed several at once. `tell` is given the
+    number of rounds that are done.
+    """
+    taken: list[list[float]] = [[] for _ in calls]
+    for done in range(rounds):
+        if tell is not None:
+            tell(done)
+        for call, seconds in zip(calls, taken, strict=True):
+            count = max(1, int(enough / _seconds(call, 1)))
+            seconds.append(_seconds(call, count) / count)
+    if tell is not None:
+        tell(rounds)
+    found = (np.quantile(seconds, (0.25, 0.5, 0.75)).tolist() for seconds in taken)
+    return [(middle, (low, high)) for low, middle, high in found]
+
+
+def _seconds(call: Callable[[], object], count: int) -> float:
+    started = time.perf_counter()
+    for _ in range(count):
+        call()
+    return time.perf_counter() - started
+
+
 @dataclass(frozen=True)
 class Point:
     """One variant as the table and the plot of a trade-off show it.
 
     `name` is for the table, `label` for the plot; `series` has a colour, `mode` a marker. `time` is the median
-    of the rounds. `cells` are the rest of the row.
+    of the rounds. `kept` says if it may be chosen. `cells` are the rest of the row.
     """
 
     name: str
@@ -115,24 +149,21 @@ class Point:
     time: float
     spread: Spread
     error: float
+    kept: bool
     cells: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Points, fastest first, and how to show them.
+    """Points, fastest first, how to show them, and the choice among them.
 
-    `front`, `kept` and `picked` are places in `points`: the frontier, the fastest that keeps the `limit`, and the
-    choice, the latter None where there is none. `headings` are those of the columns: name, time, spread, error, and the
-    cells; `meanings` tells what is under a heading or behind a short name. `time` and `error` are what the axes show,
-    with units, `series` and `mode` what colours and markers stand for.
+    `headings` are those of the columns: name, time, spread, error, and the cells; `meanings` tells what is under a
+    heading or behind a short name. `time` and `error` are what the axes show, with units, `series` and `mode` what
+    colours and markers stand for.
     """
 
     title: str
     points: tuple[Point, ...]
-    front: Sequence[int]
-    kept: int | None
-    picked: int | None
     limit: float
     budget: str
     headings: tuple[str, ...]
@@ -143,13 +174,37 @@ class Comparison:
     mode: str
     skipped: tuple[tuple[str, str], ...] = field(default=())
 
-    @property
+    @cached_property
+    def front(self) -> tuple[int, ...]:
+        """The places of the points than which none is both faster and closer, fastest first."""
+        return self._places(frontier(self.points, _error))
+
+    @cached_property
+    def kept(self) -> int | None:
+        """The place of the fastest point that may be chosen, None where none may."""
+        return next((n for n, p in enumerate(self.points) if p.kept), None)
+
+    @cached_property
+    def picked(self) -> int | None:
+        """The place of the choice: of the points that may be chosen and are as fast as `kept`, the closest."""
+        found = choose((p for p in self.points if p.kept), _error)
+        return None if found is None else self._places([found])[0]
+
+    @cached_property
     def like(self) -> frozenset[int]:
         """The points whose times are not separable from that of the fastest that keeps the limit, without itself."""
         if self.kept is None:
             return frozenset()
         spread = self.points[self.kept].spread
         return frozenset(n for n, p in enumerate(self.points) if n != self.kept and not separable(p.spread, spread))
+
+    def _places(self, points: Iterable[Point]) -> tuple[int, ...]:
+        place = {id(p): n for n, p in enumerate(self.points)}
+        return tuple(place[id(p)] for p in points)
+
+    def marks(self, place: int) -> dict[str, bool]:
+        """Return the marks of a point for JSON."""
+        return {"frontier": place in self.front, "like_fastest": place in self.like, "best": place == self.picked}
 
     def table(self) -> str:
         """The points as text, what was not run, and a legend of the marks, columns and short names."""
@@ -177,6 +232,10 @@ class Comparison:
             yield from textwrap.wrap(
                 meaning, _WIDTH, initial_indent=f"  {name:{width}}  ", subsequent_indent=" " * (width + 4)
             )
+
+
+def _error(point: Point) -> float:
+    return point.error
 
 
 def _number(value: float) -> str:

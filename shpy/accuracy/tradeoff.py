@@ -9,9 +9,9 @@ Stage: measure. Takes a program (or a choice), a domain and a budget, gives a `T
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.measure import Variant, error_of, variants
-from shpy.accuracy.pareto import Comparison, Point, choose, frontier, names_of, rivals
+from shpy.accuracy.pareto import Comparison, Point, names_of, rivals, timed
 from shpy.accuracy.pareto_plot import draw as draw_comparison
 from shpy.accuracy.reference import Kind, Truth, evaluate
 from shpy.choice import Choice, combinations
@@ -77,12 +77,12 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        return frontier(self.candidates, _error)
+        return tuple(self.candidates[n] for n in self._comparison.front)
 
     @property
     def fastest(self) -> Candidate | None:
         """The fastest candidate that keeps the budget, on unseen inputs too."""
-        return next((c for c in self.candidates if c.held), None)
+        return None if self._comparison.kept is None else self.candidates[self._comparison.kept]
 
     @property
     def pick(self) -> Candidate:
@@ -91,9 +91,8 @@ class Tradeoff:
         Times of a busy machine vary: of those that are not separable from the fastest, the closest is chosen
         (`shpy.accuracy.pareto`). Raises ShpyError where no candidate keeps the budget.
         """
-        picked = self._picked
-        if picked is not None:
-            return picked
+        if self._comparison.picked is not None:
+            return self.candidates[self._comparison.picked]
         nearest = min(self.candidates, key=_error)
         raise ShpyError(
             f"no variant of {self.program} keeps {self.budget}: the closest, {nearest}, is {nearest.error:.3g} off",
@@ -102,24 +101,19 @@ class Tradeoff:
         )
 
     @property
-    def _picked(self) -> Candidate | None:
-        return choose((c for c in self.candidates if c.held), _error)
-
-    @property
     def best(self) -> Kernel:
         """The picked candidate, compiled."""
         return self.pick.kernel
 
     def table(self) -> str:
         """The candidates as text, with a legend of its marks, columns and short names."""
-        return self._comparison().table()
+        return self._comparison.table()
 
     def __str__(self) -> str:
         return self.table()
 
     def json(self) -> dict[str, Any]:
         """Every candidate, for `json.dump`; `like_fastest` marks times that are not separable from the fastest's."""
-        comparison = self._comparison()
         rows = [
             {
                 "backend": c.variant.backend,
@@ -131,9 +125,7 @@ class Tradeoff:
                 "error": c.error,
                 "code": c.code,
                 "held": c.held,
-                "frontier": n in comparison.front,
-                "like_fastest": n in comparison.like,
-                "best": n == comparison.picked,
+                **self._comparison.marks(n),
             }
             for n, c in enumerate(self.candidates)
         ]
@@ -146,13 +138,12 @@ class Tradeoff:
         Raises ShpyError without matplotlib, or for a path that is no picture.
         """
         figure = new_figure(10, 6)
-        draw_comparison(self._comparison(), figure)
+        draw_comparison(self._comparison, figure)
         save_figure(figure, Path(path), self.json())
 
+    @cached_property
     def _comparison(self) -> Comparison:
-        """The candidates as tables and plots show them."""
-        place = {id(c): n for n, c in enumerate(self.candidates)}
-        fastest, picked = self.fastest, self._picked
+        """The candidates as tables and plots show them, and the choice."""
         unit = "ULP" if self.budget.unit == "ulp" else "relative"
         budget = (
             f"within {self.budget.limit:g} ULP"
@@ -162,9 +153,6 @@ class Tradeoff:
         return Comparison(
             title=f"{self.program}: time against error",
             points=tuple(map(self._point, self.candidates)),
-            front=tuple(place[id(c)] for c in self.frontier),
-            kept=None if fastest is None else place[id(fastest)],
-            picked=None if picked is None else place[id(picked)],
             limit=self.budget.limit,
             budget=budget,
             headings=("variant", "ns/element", "quartiles", f"error ({self.budget.unit})", "code", "keeps the budget"),
@@ -181,7 +169,7 @@ class Tradeoff:
         picks = ", ".join(f"{name}={picked}" for name, picked in c.picks.items())
         label = "\n".join(filter(None, (str(c.variant), picks)))
         mode = c.variant.math or "default"
-        return Point(str(c), label, c.variant.backend, mode, c.ns, c.spread, c.error, (str(c.code), kept))
+        return Point(str(c), label, c.variant.backend, mode, c.ns, c.spread, c.error, bool(c.held), (str(c.code), kept))
 
     def _meanings(self) -> dict[str, str]:
         """Explain the columns and the short names of the table."""
@@ -313,27 +301,9 @@ class _Search:
         return largest
 
 
-def _seconds(candidate: Candidate, drawn: Samples, calls: int) -> float:
-    start = time.perf_counter()
-    for _ in range(calls):
-        candidate.kernel(*drawn.inputs)
-    return time.perf_counter() - start
-
-
 def _time(candidates: list[Candidate], drawn: Samples, rounds: int, tell: Callable[[int], None]) -> None:
-    """Set each candidate's time: all in turn, the median of the rounds and their quartiles.
-
-    In each round a candidate runs once more than it is timed: the first call finds the caches and the threads as
-    another candidate has left them. Short calls are timed several at once.
-    """
-    taken: list[list[float]] = [[] for _ in candidates]
-    for done in range(rounds):
-        tell(done)
-        for candidate, times in zip(candidates, taken, strict=True):
-            first = _seconds(candidate, drawn, 1)
-            calls = max(1, int(_ENOUGH / first))
-            times.append(_seconds(candidate, drawn, calls) / calls * 1e9 / drawn.count)
-    for candidate, times in zip(candidates, taken, strict=True):
-        low, candidate.ns, high = (float(v) for v in np.quantile(times, (0.25, 0.5, 0.75)))
-        candidate.spread = low, high
-    tell(rounds)
+    """Set each candidate's time and its quartiles."""
+    calls = [partial(candidate.kernel, *drawn.inputs) for candidate in candidates]
+    each = 1e9 / drawn.count
+    for candidate, (middle, (low, high)) in zip(candidates, timed(calls, rounds, _ENOUGH, tell), strict=True):
+        candidate.ns, candidate.spread = each * middle, (each * low, each * high)

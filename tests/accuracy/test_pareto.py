@@ -94,7 +94,7 @@ def many(count, seed, extremes=EXTREMES):
 
 def picture(t):
     figure = Figure(figsize=(10, 6), layout="constrained")
-    draw(t._comparison(), figure)
+    draw(t._comparison, figure)
     figure.draw_without_rendering()
     return figure, figure.axes[0]
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Scene, SceneError, cli, gallery, memory
-from raytracer.integrators import renderer
-from raytracer.scene.scene import SCENES
+from raytracer import Scene, SceneError, cli, gallery, memory, render, rendering
+from raytracer.scene.builtin import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 
@@ -34,7 +33,7 @@ def test_a_picture_that_does_not_fit_into_memory_is_refused_before_anything_runs
         raise AssertionError("something ran")
 
     monkeypatch.setattr(memory, "free_bytes", lambda: 40_000_000_000)
-    monkeypatch.setattr(renderer, "Renderer", fail)
+    monkeypatch.setattr(rendering, "Renderer", fail)
     path = tmp_path / "large.png"
     arguments = ["render", "boxes", "-o", str(path), "--backend", "numpy", "--size"]
     assert cli.main([*arguments, "32768x32768"]) == 1
@@ -47,9 +46,9 @@ def test_a_picture_that_does_not_fit_into_memory_is_refused_before_anything_runs
     assert not path.exists()
     monkeypatch.setattr(memory, "free_bytes", lambda: 20_000_000_000)
     with pytest.raises(SceneError, match="38,654,705,664 bytes"):
-        renderer.render(Scene.builtin("boxes"), (32768, 32768), backend="numpy")
+        render(Scene.builtin("boxes"), (32768, 32768), backend="numpy")
     with pytest.raises(AssertionError, match="something ran"):  # half as wide and high it fits
-        renderer.render(Scene.builtin("boxes"), (16384, 16384), backend="numpy")
+        render(Scene.builtin("boxes"), (16384, 16384), backend="numpy")
 
 
 def test_what_a_container_may_still_take(tmp_path):

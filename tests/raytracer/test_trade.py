@@ -116,7 +116,7 @@ def test_a_layered_cube_is_picked_and_rendered_where_it_wins(monkeypatch):
     bvh, cube = Variant("f32", "strict", "bvh", 0), Variant("f32", "strict", "ldc:24:triangle", 0)
     large = Variant("f32", "strict", "ldc:8192", 0)
     monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [bvh, cube, large])
-    monkeypatch.setattr(trade, "_times", lambda made: [[float(v == bvh)] for v, _ in made])
+    monkeypatch.setattr(trade, "_times", lambda made: [(float(v == bvh), (0.0, 0.0)) for v, _ in made])
     monkeypatch.setattr("raytracer.layered.building.free_bytes", lambda: 1)
     scene = Scene([box(), floor(8)], [LIGHT], name="box")
     with pytest.raises(SceneError, match="no variant is within"):

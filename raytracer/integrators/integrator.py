@@ -1,0 +1,210 @@
+"""Integrators: how a picture follows light, each a value that holds its own options.
+
+Stage: render. `render` and `Renderer` take one; `chosen` makes one of the keywords that they took before.
+
+>>> Path(samples=16)
+Path(bounces=8, samples=16, accel=None, grid=None, precision='f32', math='strict', secondary=None, seed=0)
+>>> chosen("whitted", {"tracer": "staged", "bounces": 1}).structure
+'grid'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isqrt
+from typing import Any, ClassVar, Final, Literal, TypedDict
+
+from raytracer.accel.choice import check
+from raytracer.accel.grid import MAX_PER_SIDE
+from raytracer.errors import SceneError
+from raytracer.layered.cube import LayeredCube, is_layered
+
+THRESHOLD: Final = 0.2
+"""The share of waiting rays in Christen's thesis."""
+MOST_BOUNCES: Final = 64
+MOST_SAMPLES: Final = 1 << 24
+"""Samples of a path traced pixel, at most: f32 does not hold every larger number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integrator:
+    """The options that every integrator has.
+
+    `accel` is "bvh", "grid" or "brute", which differ in time alone, None for the one that suits the integrator. A grid
+    has `grid` cells along each axis, None for as many as suit the triangles. `precision` and `math` are those of
+    `Program.compile`. Raises SceneError for options out of range, and for those that exclude each other.
+    """
+
+    bounces: int
+    samples: int
+    accel: str | None = None
+    grid: int | None = None
+    precision: str = "f32"
+    math: str = "strict"
+
+    _structure: ClassVar[str] = "bvh"
+
+    def __post_init__(self) -> None:
+        if not _is_whole(self.bounces, 0, MOST_BOUNCES):
+            raise SceneError(f"bounces is a number from 0 to {MOST_BOUNCES}, not {self.bounces!r}")
+        self._check_samples()
+        check(self.structure)
+        if self.grid is None:
+            return
+        if not _is_whole(self.grid, 1, MAX_PER_SIDE):
+            raise SceneError(f"a grid has from 1 to {MAX_PER_SIDE} cells along each axis, not {self.grid!r}")
+        if self.structure != "grid":
+            raise SceneError(f'grid={self.grid} is for accel="grid", not {self.structure!r}')
+
+    def _check_samples(self) -> None:
+        if not _is_whole(self.samples, 1, 64) or isqrt(self.samples) ** 2 != self.samples:
+            raise SceneError(f"samples is a square number from 1 to 64, not {self.samples!r}")
+
+    @property
+    def structure(self) -> str:
+        """The accelerator of the eye rays."""
+        return self._structure if self.accel is None or is_layered(self.accel) else self.accel
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whitted(Integrator):
+    """Light that comes from lights directly, in mirrors and through glass; one kernel follows a ray to its end.
+
+    A ray is mirrored or refracted at most `bounces` times. A pixel is the mean of `samples` eye rays, a square number,
+    on a regular grid; layers other than the colour are those of the middle one. `secondary`, a `LayeredCube`, finds
+    the hits of all rays but the eye's; `accel="ldc[:resolution[:hit]]"` makes one. Source: Whitted 1980.
+    """
+
+    bounces: int = 3
+    samples: int = 1
+    secondary: LayeredCube | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_cube(self)
+
+    @property
+    def is_plain(self) -> bool:
+        """Return True if nothing is said about how rays find triangles."""
+        return (self.accel, self.grid, self.secondary) == (None, None, None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Staged(Integrator):
+    """The pictures of `Whitted`, bit for bit, by kernels over streams of rays, for scenes without glass.
+
+    Rays walk through a grid or try every triangle. The intersector runs once the share `threshold` of the rays on
+    their way, from 0 to 1, waits for it. Source: Christen 2005.
+    """
+
+    bounces: int = 3
+    samples: int = 1
+    threshold: float = THRESHOLD
+
+    _structure: ClassVar[str] = "grid"
+
+    def __post_init__(self) -> None:
+        if self.accel is not None and is_layered(self.accel):
+            raise SceneError(_NO_CUBE)
+        super().__post_init__()
+        if self.structure == "bvh":
+            raise SceneError('the staged tracer goes through cells of a grid: accel="grid" or "brute", not "bvh"')
+        _check_threshold(self.threshold)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path(Integrator):
+    """An unbiased estimate of all light that surfaces scatter at most `bounces` times, from `samples` paths a pixel.
+
+    Random numbers are hashes of `seed`, from 0 to 2**32 - 1, the pixel, the sample and the dimension. Layers other
+    than the colour are those of the first sample. `secondary` is that of `Whitted`. Source: Kajiya 1986.
+    """
+
+    bounces: int = 8
+    samples: int = 64
+    secondary: LayeredCube | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.precision != "f32":
+            raise SceneError(f'integrator="path" works at precision="f32", not {self.precision!r}')
+        super().__post_init__()
+        _check_seed(self.seed)
+        _check_cube(self)
+
+    def _check_samples(self) -> None:
+        if not _is_whole(self.samples, 1, MOST_SAMPLES):
+            raise SceneError(f"samples is a number from 1 to {MOST_SAMPLES:,}, not {self.samples!r}")
+
+
+TRACERS: Final[Mapping[str, type[Integrator]]] = {"unified": Whitted, "staged": Staged}
+INTEGRATORS: Final = ("whitted", "path")
+Given = Integrator | Literal["whitted", "path"]
+_NO_CUBE: Final = 'secondary rays go through a layered depth cube with tracer="unified" alone'
+
+
+class Options(TypedDict, total=False):
+    """The keywords that name an integrator and its options one by one; None stands for the default."""
+
+    tracer: Literal["unified", "staged"]
+    bounces: int | None
+    samples: int | None
+    precision: str
+    math: str
+    accel: str | None
+    threshold: float
+    grid: int | None
+    seed: int
+    secondary: LayeredCube | None
+
+
+def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
+    """Return an integrator as it is, or the one that a name, "whitted" or "path", and `Options` stand for.
+
+    A `threshold` and a `seed` may be given to integrators that have none. Raises SceneError for an unknown name, and
+    for options that do not go together; TypeError for unknown options.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    if isinstance(integrator, Integrator):
+        if given:
+            name = next(iter(given))
+            raise SceneError(f"{name} belongs to the integrator: {type(integrator).__name__}({name}={given[name]!r})")
+        return integrator
+    if integrator not in INTEGRATORS:
+        raise SceneError(f"the integrator is one of {', '.join(map(repr, INTEGRATORS))}, not {integrator!r}")
+    tracer = given.pop("tracer", "unified")
+    if integrator == "path" and tracer != "unified":
+        raise SceneError(f'tracer={tracer!r} is for integrator="whitted": leave it out')
+    if tracer not in TRACERS:
+        raise SceneError(f"the tracer is one of {', '.join(map(repr, TRACERS))}, not {tracer!r}")
+    kind = Path if integrator == "path" else TRACERS[tracer]
+    if kind is Staged and given.pop("secondary", None) is not None:
+        raise SceneError(_NO_CUBE)
+    if kind is not Staged:
+        _check_threshold(given.pop("threshold", THRESHOLD))
+    if kind is not Path:
+        _check_seed(given.pop("seed", 0))
+    return kind(**given)
+
+
+def _check_threshold(threshold: Any) -> None:
+    if isinstance(threshold, bool) or not isinstance(threshold, int | float) or not 0 <= threshold <= 1:
+        raise SceneError(f"a threshold is a share from 0 to 1, not {threshold!r}")
+
+
+def _check_seed(seed: Any) -> None:
+    if not _is_whole(seed, 0, 2**32 - 1):
+        raise SceneError(f"a seed is a whole number from 0 to 2**32 - 1, not {seed!r}")
+
+
+def _check_cube(integrator: Whitted | Path) -> None:
+    secondary, accel = integrator.secondary, integrator.accel
+    if secondary is not None and not isinstance(secondary, LayeredCube):
+        raise SceneError(f"secondary is a LayeredCube, not {type(secondary).__name__}")
+    if integrator.precision != "f32" and (secondary is not None or (accel is not None and is_layered(accel))):
+        raise SceneError(f'a layered depth cube works at precision="f32", not {integrator.precision!r}')
+
+
+def _is_whole(value: Any, low: int, high: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high

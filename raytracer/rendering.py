@@ -1,0 +1,72 @@
+"""One picture of a scene: `render`.
+
+Stage: render. Above the integrators, and above the trade-off that chooses among them.
+
+    image = render(Scene.builtin("boxes"), integrator=Path(samples=64), backend="opencl")
+    image.save("boxes.png")
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Unpack
+
+from raytracer.errors import SceneError
+from raytracer.image import Image
+from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
+from raytracer.integrators.renderer import Progress, Renderer, Resume, checked_size
+from raytracer.scene.scene import Scene
+from raytracer.studies.tradeoff import fastest
+
+__all__ = ["render"]
+
+
+def render(
+    scene: Scene,
+    size: tuple[int, int] = (512, 512),
+    *,
+    integrator: Given = "whitted",
+    backend: str | None = None,
+    resume: Resume = None,
+    max_error: float | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[Options],
+) -> Image:
+    """Render a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
+
+    `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
+    directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
+    unbiased estimate of all light.
+
+    The options may also be keywords: `bounces`, `samples`, `precision`, `math`, `accel`, `grid`, `threshold`, `seed`
+    and `secondary`, of the integrator "whitted", with `tracer="staged"` of `Staged`, or "path".
+
+    With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file.
+
+    With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
+    rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
+
+    Raises SceneError for sizes and numbers that make no picture, pictures that do not fit into memory, options that do
+    not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend.
+    """
+    checked_size(size)  # before a scene is laid out and compiled
+    wanted = chosen(integrator, options)
+    if max_error is not None and scene.triangles:
+        return _within(max_error, scene, size, wanted, backend, progress)
+    return Renderer(scene, integrator=wanted, backend=backend).render(size, progress=progress, resume=resume)
+
+
+def _within(
+    max_error: float,
+    scene: Scene,
+    size: tuple[int, int],
+    wanted: Integrator,
+    backend: str | None,
+    progress: Progress | None,
+) -> Image:
+    """Render by the fastest variant that keeps an error."""
+    if not (isinstance(wanted, Whitted) and wanted.is_plain):
+        raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
+    variant, renderer = fastest(scene, max_error, backend, wanted.bounces)
+    image = renderer.render(size, samples=wanted.samples, progress=progress)
+    return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))
