@@ -19,7 +19,7 @@ import numpy as np
 
 from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.measure import Variant, error_of, variants
-from shpy.accuracy.pareto import Comparison, Point, names_of, rivals, timed
+from shpy.accuracy.pareto import Comparison, Point, frontier, names_of, rivals, timed
 from shpy.accuracy.pareto_plot import draw as draw_comparison
 from shpy.accuracy.reference import Kind, Truth, evaluate
 from shpy.choice import Choice, combinations
@@ -77,7 +77,7 @@ class Tradeoff:
     @property
     def frontier(self) -> tuple[Candidate, ...]:
         """The candidates than which none is both faster and closer, fastest first."""
-        return tuple(self.candidates[n] for n in self._comparison.front)
+        return frontier(self.candidates, _error)
 
     @property
     def fastest(self) -> Candidate | None:
