@@ -10,6 +10,12 @@ import subprocess
 import sys
 import textwrap
 
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.backends.opencl.device import machine_of
+
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 HEAD = """
 import json, os, pathlib
@@ -104,3 +110,21 @@ def test_lists_of_every_number_of_live_elements_share_their_code(tmp_path):
     )
     assert {"mark", "place"} < set(names := kernels(found["lists"]))
     assert len(names) == len(set(names))
+
+
+def test_a_compilation_hears_an_interrupt(monkeypatch):
+    """The wait for the first launch, during which the driver generates code, ends; the device serves what follows."""
+
+    @sh.program
+    def triple(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * 3
+
+    def interrupted(event):
+        event.wait()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(machine_of(None).waiter, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        triple.compile("opencl")
+    monkeypatch.undo()
+    assert triple.compile("opencl")(np.float32([1, 2])).tolist() == [3, 6]

@@ -242,8 +242,8 @@ class OpenCLExecutable:
         args += [_argument(zeros[name]) for name in self.kernel.params]
         args += [empty for _ in entry.outputs]
         self.compiled.set_args(*args)
-        machine.cl.enqueue_nd_range_kernel(machine.queue, self.compiled, (ANY_SIZE, 1), (self._group, 1))
-        machine.queue.finish()
+        enqueue = machine.cl.enqueue_nd_range_kernel
+        machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self._group, 1)))  # Ctrl-C is heard
         machine.give_back([empty])
 
     def run(self, call: Call) -> Array | None:
