@@ -25,10 +25,10 @@ from shpy import SH_FOR, SH_IF
 from shpy.backends.base import Options
 from shpy.backends.glsl import TARGET as GLSL
 from shpy.backends.glsl.printer import Printer
+from shpy.backends.numpy.device.run import TARGET as NUMPY
 from shpy.backends.numpy.printer import print_python
-from shpy.backends.numpy.runtime import TARGET as NUMPY
+from shpy.backends.opencl.device.run import TARGET as OPENCL
 from shpy.backends.opencl.printer import print_kernel
-from shpy.backends.opencl.runtime import TARGET as OPENCL
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Module
 from shpy.passes.pipeline import prepare

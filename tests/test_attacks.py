@@ -14,7 +14,7 @@ from test_threads import at_once
 import shpy as sh
 from raytracer import cli as rays
 from shpy import cli
-from shpy.backends import store
+from shpy.backends.device import store
 from shpy.run import kernel
 
 pytestmark = pytest.mark.slow
@@ -67,7 +67,7 @@ def test_killed_writers_tear_no_file(tmp_path):
 KEEPING = """
 import warnings
 warnings.simplefilter("error")
-from shpy.backends import store
+from shpy.backends.device import store
 keys = [store.key(str(k)) for k in range(3)]
 for key in keys:
     store.save(key, key.encode() * 20_000)

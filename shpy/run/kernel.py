@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backends.base import Backend, Call, Counts, Executable, Options
+from shpy.backends.device.listed import Listed
 from shpy.backends.dump import dump
-from shpy.backends.listed import Listed
 from shpy.backends.registry import backend as backend_named
 from shpy.backends.slow import announced
 from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError

@@ -12,7 +12,7 @@ from functools import partial
 
 import pytest
 
-from shpy.backends.opencl.background import Background, Refused
+from shpy.backends.opencl.device.background import Background, Refused
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_nobody_waits_for_a_task_whose_result_nobody_wants(elsewhere, tmp_path):
 COMPILING = """
 import os, signal, sys, time
 from functools import partial
-from shpy.backends.opencl.background import background
+from shpy.backends.opencl.device.background import background
 found = background().submit(os.getpid)
 pid = found.result(60)
 slow = background().submit(partial(time.sleep, 60))

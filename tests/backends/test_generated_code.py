@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.opencl.device import machine_of
+from shpy.backends.opencl.device.driver import machine_of
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 HEAD = """

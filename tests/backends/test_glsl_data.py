@@ -10,8 +10,8 @@ import pytest
 import shpy as sh
 from shpy.backends.base import TableData
 from shpy.backends.glsl import backend
-from shpy.backends.glsl.context import open_context
-from shpy.backends.glsl.textures import FOLD
+from shpy.backends.glsl.device.context import open_context
+from shpy.backends.glsl.device.textures import FOLD
 from shpy.ir.types import vec
 
 

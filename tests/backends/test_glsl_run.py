@@ -13,9 +13,10 @@ from shpy import (
     SH_DISCARD,
 )
 from shpy.backends.base import Call, Options
-from shpy.backends.glsl import backend, runtime
-from shpy.backends.glsl.context import Context
-from shpy.backends.glsl.runtime import refused, row_length
+from shpy.backends.glsl import backend
+from shpy.backends.glsl.device import run as runtime
+from shpy.backends.glsl.device.context import Context
+from shpy.backends.glsl.device.run import refused, row_length
 from shpy.backends.glsl.shader import Shader
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Loc, Module, Port

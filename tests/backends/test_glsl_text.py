@@ -135,7 +135,7 @@ def test_the_functions_of_the_prologue_stand_below_those_they_call() -> None:
 
 def test_division_of_places_by_way_of_floats_is_exact():
     """Quotients and remainders at multiples, beside them, and up to the largest number of elements of a texture."""
-    from shpy.backends.glsl.context import open_context
+    from shpy.backends.glsl.device.context import open_context
 
     context = open_context(0)
     rng = np.random.default_rng(7)

@@ -9,7 +9,7 @@ import pytest
 
 import shpy as sh
 from shpy.backends.glsl import backend as glsl
-from shpy.backends.opencl.device import machine_of
+from shpy.backends.opencl.device.driver import machine_of
 from shpy.run import kernel as kernels
 
 

@@ -7,7 +7,7 @@ import shpy as sh
 from shpy import SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
 from shpy.backends.base import Call, Options, TableData
 from shpy.backends.numpy import apart
-from shpy.backends.numpy.runtime import TARGET, NumpyBackend
+from shpy.backends.numpy.device.run import TARGET, NumpyBackend
 from shpy.backends.numpy.tables import Place, TableView
 from shpy.passes.pipeline import prepare
 

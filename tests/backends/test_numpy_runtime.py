@@ -5,8 +5,8 @@ import pytest
 
 import shpy as sh
 from shpy.backends.base import Call, Options, TableData
+from shpy.backends.numpy.device.run import NumpyBackend
 from shpy.backends.numpy.lanes import pick, put, put_aside, vector
-from shpy.backends.numpy.runtime import NumpyBackend
 from shpy.backends.numpy.tables import TableView
 from shpy.errors import BackendUnavailable
 from shpy.ir.builder import Builder

@@ -9,11 +9,11 @@ from backends.test_packet_shapes import halved, kept, moved, sloping
 from backends.test_packets import both, forms, same
 
 import shpy as sh
-from shpy.backends.opencl import device
-from shpy.backends.opencl.device import machine_of
+from shpy.backends.opencl.device import driver as device
+from shpy.backends.opencl.device.driver import machine_of
+from shpy.backends.opencl.device.trial import Trial, works
 from shpy.backends.opencl.packet_halves import declare_wide, try_wide
 from shpy.backends.opencl.packet_types import WIDER
-from shpy.backends.opencl.trial import Trial, works
 
 RNG = np.random.default_rng(9)
 each_wide = pytest.mark.parametrize("lanes", WIDER)

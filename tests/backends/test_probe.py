@@ -14,11 +14,12 @@ import pytest
 from backends.running import differs, flushes_denormals
 
 import shpy as sh
-from shpy.backends import probe
 from shpy.backends.base import Array, Options
-from shpy.backends.glsl.context import open_context
-from shpy.backends.opencl import device, trial
-from shpy.backends.opencl.device import machine_of
+from shpy.backends.device import probe
+from shpy.backends.glsl.device.context import open_context
+from shpy.backends.opencl.device import driver as device
+from shpy.backends.opencl.device import trial
+from shpy.backends.opencl.device.driver import machine_of
 from shpy.backends.registry import backend as backend_named
 from shpy.ir import ops
 from shpy.ir.types import Base, vec

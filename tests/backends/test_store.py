@@ -12,8 +12,8 @@ import warnings
 import pytest
 
 import shpy as sh
-from shpy.backends import store
-from shpy.backends.opencl.device import machine_of
+from shpy.backends.device import store
+from shpy.backends.opencl.device.driver import machine_of
 
 PROGRAM = """
 import numpy as np, shpy as sh

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 LIST = """
-from shpy.backends.glsl.context import open_context
+from shpy.backends.glsl.device.context import open_context
 from shpy.testing.conformance.cases import all_cases
 assert not open_context(0).limits.keeps_order
 
@@ -41,7 +41,7 @@ def test_the_conformance_list_without_precise():
 
 
 SOFTPIPE = """
-from shpy.backends.glsl.context import open_context
+from shpy.backends.glsl.device.context import open_context
 from shpy.testing.conformance.cases import all_cases
 limits = open_context(0).limits
 assert limits.keeps_denormals and not limits.stores_apart and not limits.fuses, limits

@@ -8,8 +8,8 @@ from backends.running import LANES
 
 import shpy as sh
 from shpy.backends.base import Collectives
-from shpy.backends.numpy.memory import NumpySpace
-from shpy.backends.opencl.memory import OpenCLSpace
+from shpy.backends.numpy.device.memory import NumpySpace
+from shpy.backends.opencl.device.memory import OpenCLSpace
 
 MOVED = ("numpy", "opencl", "glsl")
 """Targets of what moves elements: kernels of the backend's own, which know no lanes, or programs on GLSL."""

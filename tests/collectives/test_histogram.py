@@ -7,7 +7,7 @@ import pytest
 from collectives.generated import LARGE, assert_same_bits, computed, floats, generated, moved, stream
 
 import shpy as sh
-from shpy.backends.glsl import collective as glsl
+from shpy.backends.glsl.device import collective as glsl
 
 __all__ = ["computed", "moved"]
 

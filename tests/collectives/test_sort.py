@@ -7,7 +7,7 @@ import pytest
 from collectives.generated import LARGE, assert_same_bits, by_programs, computed, floats, generated, moved, stream
 
 import shpy as sh
-from shpy.backends.opencl import collective as opencl
+from shpy.backends.opencl.device import collective as opencl
 
 __all__ = ["by_programs", "computed", "moved"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.numpy import runtime
+from shpy.backends.numpy.device import run as runtime
 from shpy.ir.verifier import verify
 from shpy.passes.rejecting import find_rejection
 

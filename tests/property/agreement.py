@@ -261,7 +261,7 @@ def _leave_out_precise() -> None:
 
 
 def _ran_there(program: Tree, inputs: list[Array], precision: Precision, backend: str) -> Answers:
-    from shpy.backends.glsl.context import open_context
+    from shpy.backends.glsl.device.context import open_context
 
     assert not open_context(None).limits.keeps_order
     return ran(wanted(program, inputs, precision), backend)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.glsl.context import Context
-from shpy.backends.numpy.runtime import NumpyExecutable
-from shpy.backends.opencl.waiting import Waiter
-from shpy.backends.pace import Pace
+from shpy.backends.device.pace import Pace
+from shpy.backends.glsl.device.context import Context
+from shpy.backends.numpy.device.run import NumpyExecutable
+from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.registry import NAMES
 
 DISPATCH = {"numpy": (NumpyExecutable, "_run_tile"), "opencl": (Waiter, "wait"), "glsl": (Context, "go_on")}

@@ -1,6 +1,6 @@
 """Ctrl-C at a chosen place of a run: at a line of shpy's runtimes, or in a draw on the context's thread.
 
-A signal arrives between any two instructions of the main thread, so a trace function raises there. A draw runs on
+A signal may arrive at any line of the main thread, so a trace function raises there. A draw runs on
 another thread while the main one waits: there a real signal is sent, and the draw waits until the caller has let go.
 
     with at_line(40):
@@ -9,6 +9,7 @@ another thread while the main one waits: there a real signal is sent, and the dr
 
 from __future__ import annotations
 
+import linecache
 import os
 import signal
 import sys
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from shpy.backends.glsl.context import Context
+from shpy.backends.glsl.device.context import Context
 
 SHPY = Path(sys.modules["shpy"].__file__ or "").parent
 RUNTIMES = tuple(str(SHPY / part) for part in ("backends", "streams", "chains", "collectives"))
@@ -39,22 +40,36 @@ def at_line(after: int) -> Iterator[None]:
     """Raise Interrupted in this thread once so many lines of the runtimes were executed."""
     left = after
 
-    def look(frame: Any, event: str, _: Any) -> Any:
-        nonlocal left
+    def follow(frame: Any, event: str, _: Any) -> Any:
         if not frame.f_code.co_filename.startswith(RUNTIMES):
             return None
-        if event == "line":
-            left -= 1
-            if left == 0:
-                raise Interrupted
-        return look
+        entered: set[int] = set()
+
+        def count(frame: Any, event: str, _: Any) -> Any:
+            nonlocal left
+            if event == "line" and not _leaves_block(frame, entered):
+                left -= 1
+                if left == 0:
+                    raise Interrupted
+            return count
+
+        return count
 
     before = sys.gettrace()
-    sys.settrace(look)
+    sys.settrace(follow)
     try:
         yield
     finally:
         sys.settrace(before)
+
+
+def _leaves_block(frame: Any, entered: set[int]) -> bool:
+    """Return whether a frame is at a `with` that it has entered: there CPython handles no signal before `__exit__`."""
+    if not linecache.getline(frame.f_code.co_filename, frame.f_lineno).lstrip().startswith("with "):
+        return False
+    leaves = frame.f_lineno in entered
+    entered.add(frame.f_lineno)
+    return leaves
 
 
 @contextmanager

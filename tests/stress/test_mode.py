@@ -5,8 +5,8 @@ import pytest
 from stress.mode import GIVEN_BACK, TAKEN, stressed
 
 import shpy as sh
-from shpy.backends.opencl.device import machine_of
-from shpy.backends.pace import Pace
+from shpy.backends.device.pace import Pace
+from shpy.backends.opencl.device.driver import machine_of
 from shpy.backends.registry import backend as backend_named
 
 
@@ -29,8 +29,8 @@ def test_runs_are_split_into_few_and_many_dispatches_and_not_at_all():
 
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_run_takes_several_dispatches(backend, monkeypatch):
-    from shpy.backends.glsl.runtime import Runtime
-    from shpy.backends.opencl.waiting import Waiter
+    from shpy.backends.glsl.device.run import Runtime
+    from shpy.backends.opencl.device.waiting import Waiter
 
     seen = []
     seam, name = (Runtime, "_dispatch") if backend == "glsl" else (Waiter, "wait")
@@ -81,6 +81,6 @@ def test_nothing_of_it_stays():
     with stressed(1):
         pass
     assert list(Pace().parts(1)) == [(0, 1)]
-    assert Pace.parts.__module__ == "shpy.backends.pace"
-    assert backend_named("opencl").space(None).allocate.__func__.__module__ == "shpy.backends.opencl.memory"
+    assert Pace.parts.__module__ == "shpy.backends.device.pace"
+    assert backend_named("opencl").space(None).allocate.__func__.__module__ == "shpy.backends.opencl.device.memory"
     assert np.empty.__name__ == "empty"

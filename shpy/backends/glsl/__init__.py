@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options
-from shpy.backends.glsl.context import Context, open_context
-from shpy.backends.glsl.memory import GlslSpace
+from shpy.backends.device.probe import notes_of, refuse_wrong
+from shpy.backends.glsl.device.context import Context, open_context
+from shpy.backends.glsl.device.memory import GlslSpace
+from shpy.backends.glsl.device.run import Program, Runtime, unsupported
 from shpy.backends.glsl.printer import Printer
-from shpy.backends.glsl.runtime import Program, Runtime, unsupported
 from shpy.backends.glsl.spelling import FAST, NATIVE
-from shpy.backends.probe import notes_of, refuse_wrong
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
 from shpy.ir.nodes import Loc, Module, Value, Variable
 from shpy.ir.traverse import defined, variables_of

@@ -13,6 +13,7 @@ from typing import Final
 
 from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
+from shpy.backends.glsl.device.textures import FOLD
 from shpy.backends.glsl.exactness import precise_conditions, precise_operands
 from shpy.backends.glsl.nesting import sheltered_functions
 from shpy.backends.glsl.prologue import spelled
@@ -28,7 +29,6 @@ from shpy.backends.glsl.shader import (
     TableTexture,
 )
 from shpy.backends.glsl.spelling import Spelling
-from shpy.backends.glsl.textures import FOLD
 from shpy.backends.statements import text_of
 from shpy.ir.nodes import Function, Loop, Module, Status, Table, Value, Variable
 from shpy.ir.types import Base, Type, vec

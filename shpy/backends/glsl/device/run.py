@@ -17,11 +17,11 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Call, DeviceCall, TableData, TableMemory
-from shpy.backends.glsl.context import Context, check
-from shpy.backends.glsl.memory import GlslMemory, GlslSpace, own
+from shpy.backends.device.pace import Pace
+from shpy.backends.glsl.device.context import Context, check
+from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace, own
+from shpy.backends.glsl.device.textures import FOLD, Lent, Store, Target, read
 from shpy.backends.glsl.shader import FIRST, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
-from shpy.backends.glsl.textures import FOLD, Lent, Store, Target, read
-from shpy.backends.pace import Pace
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.types import Base, Type, vec

@@ -20,9 +20,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from shpy.backends import store
-from shpy.backends.probe import COUNT, FAULTS, hard_inputs, wrong_operations
-from shpy.backends.processes import Driver
+from shpy.backends.device import store
+from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, wrong_operations
+from shpy.backends.device.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.ieee import set_ieee_arithmetic
 from shpy.packages import install

@@ -18,8 +18,8 @@ from shpy.backends.base import Collectives
 from shpy.ir.types import Base, vec
 
 if TYPE_CHECKING:
-    from shpy.backends.glsl.context import Context
-    from shpy.backends.glsl.memory import GlslMemory, GlslSpace
+    from shpy.backends.glsl.device.context import Context
+    from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace
 
 __all__ = ["collectives"]
 

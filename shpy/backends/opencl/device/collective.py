@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Collectives, NodeTypes, Precision
-from shpy.backends.opencl.dispatch import LOCAL_SIZE
-from shpy.backends.opencl.memory import WORDS, OpenCLMemory, held
-from shpy.backends.opencl.trees import OpenCLTree, tree_of
+from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
+from shpy.backends.opencl.device.memory import WORDS, OpenCLMemory, held
+from shpy.backends.opencl.device.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, vec
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.device import Machine
-    from shpy.backends.opencl.memory import OpenCLSpace
+    from shpy.backends.opencl.device.driver import Machine
+    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["collectives"]
 

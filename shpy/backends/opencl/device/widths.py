@@ -23,14 +23,14 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
-from shpy.backends import store
 from shpy.backends.base import Array, Call, DeviceCall, Executable
-from shpy.backends.opencl.samples import Sample, sample_of, sample_on_device
+from shpy.backends.device import store
+from shpy.backends.opencl.device.samples import Sample, sample_of, sample_on_device
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.memory import OpenCLSpace
+    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["Builder", "Choosing", "Pending", "Sized", "measured_widths", "next_width"]
 

@@ -22,19 +22,19 @@ from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
 
-from shpy.backends import store
 from shpy.backends.base import Array, Device, Math
-from shpy.backends.opencl.absence import explain_absence, explain_cache
-from shpy.backends.opencl.compiler_trials import TRIALS
-from shpy.backends.opencl.dispatch import ANY_SIZE
-from shpy.backends.opencl.memory import OpenCLSpace
+from shpy.backends.device import store
+from shpy.backends.device.pace import Pace
+from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
+from shpy.backends.device.processes import Driver
+from shpy.backends.opencl.device.absence import explain_absence, explain_cache
+from shpy.backends.opencl.device.compiler_trials import TRIALS
+from shpy.backends.opencl.device.dispatch import ANY_SIZE
+from shpy.backends.opencl.device.memory import OpenCLSpace
+from shpy.backends.opencl.device.trial import Unfinished, works
+from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
-from shpy.backends.opencl.trial import Unfinished, works
-from shpy.backends.opencl.waiting import Waiter
-from shpy.backends.pace import Pace
-from shpy.backends.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
-from shpy.backends.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData

@@ -19,7 +19,7 @@ import numpy as np
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options, TableData
 from shpy.backends.dump import dump
 from shpy.backends.numpy.apart import Layout, lay_out
-from shpy.backends.numpy.memory import SPACE, NumpySpace, over_arrays
+from shpy.backends.numpy.device.memory import SPACE, NumpySpace, over_arrays
 from shpy.backends.numpy.printer import Printed, print_python
 from shpy.backends.numpy.tables import Listed, Place, TableView, places_of
 from shpy.errors import BackendUnavailable, CompileError

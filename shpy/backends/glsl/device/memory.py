@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, Executable
-from shpy.backends.glsl.context import VERTEX, check
-from shpy.backends.glsl.textures import FOLD, FORMATS, Target, as_texels, read, rounded, shown_texture, write
+from shpy.backends.glsl.device.context import VERTEX, check
+from shpy.backends.glsl.device.textures import FOLD, FORMATS, Target, as_texels, read, rounded, shown_texture, write
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
 
 if TYPE_CHECKING:
-    from shpy.backends.glsl.runtime import Runtime
+    from shpy.backends.glsl.device.run import Runtime
 
 __all__ = ["GlslMemory", "GlslSpace", "own"]
 
@@ -171,7 +171,7 @@ class GlslSpace:
     @cached_property
     def collectives(self) -> Collectives:
         """The operations that a GL device does by drawing points: scatters."""
-        from shpy.backends.glsl.collective import collectives  # here: few processes need it
+        from shpy.backends.glsl.device.collective import collectives  # here: few processes need it
 
         return collectives(self, self._context)
 

@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, TableData
-from shpy.backends.glsl.context import Context, check
+from shpy.backends.glsl.device.context import Context, check
 from shpy.errors import ShpyError
 from shpy.ir.types import Type
 

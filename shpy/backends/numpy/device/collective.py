@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Collectives
-from shpy.backends.numpy.memory import NumpyMemory
+from shpy.backends.numpy.device.memory import NumpyMemory
 from shpy.ir.types import Base, vec
 
 __all__ = ["COLLECTIVES"]

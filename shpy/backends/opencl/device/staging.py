@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Call
-from shpy.backends.opencl.memory import MEMORY
+from shpy.backends.opencl.device.memory import MEMORY
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.device.driver import Machine
     from shpy.ir.types import Type
 
 __all__ = ["Staged", "Stages", "is_small"]

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from shpy.backends.opencl.background import Refused, background
+from shpy.backends.opencl.device.background import Refused, background
 from shpy.errors import CompileError
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.device.driver import Machine
+    from shpy.backends.opencl.device.widths import Sized
     from shpy.backends.opencl.printer import Kernel
-    from shpy.backends.opencl.widths import Sized
 
 __all__ = ["Beside", "Compiled", "Facts"]
 

@@ -20,7 +20,7 @@ import numpy as np
 from shpy.backends.base import Call, DeviceCall, Executable
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.memory import OpenCLSpace
+    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["Sample", "sample_of", "sample_on_device"]
 

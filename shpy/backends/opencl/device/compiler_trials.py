@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from shpy.backends.opencl.device.trial import Trial
 from shpy.backends.opencl.packet_halves import try_wide
 from shpy.backends.opencl.packet_prologue import SIGNS
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.spelling import ELEMENTWISE
-from shpy.backends.opencl.trial import Trial
 
 __all__ = ["TRIALS"]
 

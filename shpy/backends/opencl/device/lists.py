@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import DeviceCall, Executable
-from shpy.backends.opencl.memory import WORDS, held
+from shpy.backends.opencl.device.memory import WORDS, held
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, vec
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.memory import OpenCLSpace
+    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["Lists"]
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, NodeTypes, Options, Precision
+from shpy.backends.device.probe import refuse_wrong
+from shpy.backends.opencl.device.run import PACKET_TARGET
 from shpy.backends.opencl.packet_trees import FOLD, SCAN, print_trees, tree_block
-from shpy.backends.opencl.runtime import PACKET_TARGET
-from shpy.backends.probe import refuse_wrong
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base
@@ -26,8 +26,8 @@ from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.device import Machine
-    from shpy.backends.opencl.memory import OpenCLMemory, OpenCLSpace
+    from shpy.backends.opencl.device.driver import Machine
+    from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
 
 __all__ = ["OpenCLTree", "tree_of"]
 

@@ -24,18 +24,18 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
-from shpy.backends.opencl.beside import Beside, Compiled, Facts
-from shpy.backends.opencl.device import Machine, devices, machine_of
-from shpy.backends.opencl.dispatch import ANY_SIZE, LOCAL_SIZE, PACKETS, Items, launch, starter
-from shpy.backends.opencl.memory import MEMORY, OpenCLMemory, OpenCLSpace
+from shpy.backends.device.pace import Pace
+from shpy.backends.device.probe import refuse_wrong
+from shpy.backends.opencl.device.beside import Beside, Compiled, Facts
+from shpy.backends.opencl.device.dispatch import ANY_SIZE, LOCAL_SIZE, PACKETS, Items, launch, starter
+from shpy.backends.opencl.device.driver import Machine, devices, machine_of
+from shpy.backends.opencl.device.memory import MEMORY, OpenCLMemory, OpenCLSpace
+from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged_array
+from shpy.backends.opencl.device.widths import Choosing, measured_widths, next_width
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.printer import Kernel, print_kernel
 from shpy.backends.opencl.spelling import ELEMENTWISE, FAST
-from shpy.backends.opencl.staging import Staged, Stages, is_small, staged_array
-from shpy.backends.opencl.widths import Choosing, measured_widths, next_width
-from shpy.backends.pace import Pace
-from shpy.backends.probe import refuse_wrong
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loc, Module, Status, Table

@@ -78,7 +78,7 @@ class NumpySpace:
     @property
     def collectives(self) -> Collectives:
         """numpy's own functions."""
-        from shpy.backends.numpy.collective import COLLECTIVES  # here: it makes memory of this module
+        from shpy.backends.numpy.device.collective import COLLECTIVES  # here: it makes memory of this module
 
         return COLLECTIVES
 

@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable, too_large
-from shpy.backends.opencl.dispatch import ANY_SIZE, LOCAL_SIZE
+from shpy.backends.opencl.device.dispatch import ANY_SIZE, LOCAL_SIZE
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.device.driver import Machine
 
 __all__ = ["MEMORY", "WORDS", "OpenCLMemory", "OpenCLSpace", "held"]
 
@@ -171,7 +171,7 @@ class OpenCLSpace:
     @cached_property
     def collectives(self) -> Collectives:
         """Kernels of the device's own."""
-        from shpy.backends.opencl.collective import collectives  # here: few processes need it
+        from shpy.backends.opencl.device.collective import collectives  # here: few processes need it
 
         return collectives(self, self._machine)
 
@@ -300,7 +300,7 @@ class OpenCLSpace:
 
     def lists(self, guarded: Executable, plain: Executable) -> Callable[[DeviceCall], Callable[[], None]]:
         """Return what prepares a run over a list of the elements that are alive."""
-        from shpy.backends.opencl.lists import Lists  # here: it needs this module
+        from shpy.backends.opencl.device.lists import Lists  # here: it needs this module
 
         return Lists(self, guarded, plain).ready
 

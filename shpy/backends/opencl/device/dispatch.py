@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from shpy.backends.pace import Pace
+from shpy.backends.device.pace import Pace
 
 if TYPE_CHECKING:
-    from shpy.backends.opencl.device import Machine
+    from shpy.backends.opencl.device.driver import Machine
 
 __all__ = ["ANY_SIZE", "LOCAL_SIZE", "PACKETS", "Items", "launch", "starter"]
 

@@ -140,7 +140,7 @@ def _started() -> subprocess.Popen[bytes]:
     if getattr(sys, "frozen", False) or not sys.executable:
         raise Refused("there is no Python to compile in another process")
     path = [str(p) for p in sys.path]
-    command = f"import sys; sys.path[:] = {path!r}; from shpy.backends.opencl.background import serve; serve()"
+    command = f"import sys; sys.path[:] = {path!r}; from shpy.backends.opencl.device.background import serve; serve()"
     # In a group of its own it does not hear Ctrl-C, which is for this process. It stays in the session: Linux weighs
     # priorities within a session only.
     group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {}

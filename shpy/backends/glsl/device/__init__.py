@@ -1,0 +1,1 @@
+"""GL devices: the context, memory in textures, runs, and collective operations."""

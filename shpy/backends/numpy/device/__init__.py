@@ -1,0 +1,1 @@
+"""The host as a device: memory, runs over tiles, and collective operations."""

@@ -1,0 +1,1 @@
+"""OpenCL devices: the driver, memory, runs, and collective operations."""
