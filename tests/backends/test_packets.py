@@ -1,7 +1,5 @@
 """OpenCL packets: the same bits as one element a work item, for every width, size, shape and way through a program."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
