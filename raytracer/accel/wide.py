@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, Bvh
+from raytracer.accel.bvh import COUNT_BITS, Bounds, Bvh
 from raytracer.meshes.mesh import levels_of, normals_of
 
 Ints = NDArray[np.int64]
@@ -55,23 +55,35 @@ class WideBvh:
     depth: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Binary:
+    """The nodes of the two-armed hierarchy: boxes (M, 3), which items each holds, its two children, -1 for a leaf."""
+
+    low: Bounds
+    high: Bounds
+    start: Ints
+    count: Ints
+    left: Ints
+    right: Ints
+
+
 def widen(bvh: Bvh, corners: NDArray[np.floating]) -> WideBvh:
-    """The wide form of a hierarchy over triangles with `corners` (N, 3, 3), all rounded to f32."""
-    start, count, left, right = _binary(bvh)
-    levels = _gathered(_shares(bvh, count, left, right), count, left, right)
+    """Return the wide form of a hierarchy over triangles with `corners` (N, 3, 3), all rounded to f32."""
+    tree = _with_small_leaves(_binary(bvh))
+    levels = _gathered(_shares(tree), tree)
     children = np.concatenate(levels)
     there = children >= 0
     kids = children[there]
-    is_block = np.concatenate([[False], count[kids] <= HALF])
+    is_block = np.concatenate([[False], tree.count[kids] <= HALF])
     records = np.zeros((len(is_block), ROWS, HALF), np.uint32)
-    records[~is_block] = _nodes(bvh, children, count)
+    records[~is_block] = _nodes(tree, children)
     blocks = kids[is_block[1:]]
-    records[is_block, : LEVEL + 1] = _blocks(bvh, corners, start[blocks], count[blocks])
+    records[is_block, : LEVEL + 1] = _blocks(bvh, corners, tree.start[blocks], tree.count[blocks])
     return WideBvh(records, len(levels))
 
 
-def _binary(bvh: Bvh) -> tuple[Ints, Ints, Ints, Ints]:
-    """For each node which of the items it holds, as start and count, and its two children, -1 for a leaf."""
+def _binary(bvh: Bvh) -> _Binary:
+    """Return the nodes of a hierarchy, with what follows from its links."""
     first, past = bvh.links[0].T.astype(np.int64)
     code = -1 - first
     held = np.where(first < 0, code & ((1 << COUNT_BITS) - 1), 0)
@@ -79,16 +91,36 @@ def _binary(bvh: Bvh) -> tuple[Ints, Ints, Ints, Ints]:
     end = np.where(past < 0, len(first), past)  # nodes are numbered depth first: here what a node holds ends
     left = np.where(first < 0, -1, first)
     right = np.where(first < 0, -1, past[np.maximum(first, 0)])
-    return before[:-1], before[end] - before[:-1], left, right
+    return _Binary(bvh.low, bvh.high, before[:-1], before[end] - before[:-1], left, right)
 
 
-def _shares(bvh: Bvh, count: Ints, left: Ints, right: Ints) -> Ints:
+def _with_small_leaves(tree: _Binary) -> _Binary:
+    """Return the nodes with two leaves in the box of each leaf that holds more triangles than a block.
+
+    A leaf of a `Bvh` has room for seven triangles, so two blocks hold them.
+    """
+    large = np.flatnonzero((tree.left < 0) & (tree.count > HALF))
+    if not len(large):
+        return tree
+    box = np.concatenate([np.arange(len(tree.count)), np.repeat(large, 2)])
+    start = np.concatenate([tree.start, np.stack([tree.start[large], tree.start[large] + HALF], axis=1).reshape(-1)])
+    count = np.concatenate(
+        [tree.count, np.stack([np.full(len(large), HALF), tree.count[large] - HALF], axis=1).reshape(-1)]
+    )
+    left, right = (np.concatenate([arm, np.full(2 * len(large), -1)]) for arm in (tree.left, tree.right))
+    left[large] = len(tree.count) + 2 * np.arange(len(large))
+    right[large] = left[large] + 1
+    return _Binary(tree.low[box], tree.high[box], start, count, left, right)
+
+
+def _shares(tree: _Binary) -> Ints:
     """(WIDTH + 1, M): how many of so many boxes are for what is left in a node; 0 if it had better be one box itself.
 
     From the bottom up: what a node holds costs, in so many boxes, the least that its children's cost in a part of them
     each; in one box the node's surface and what it costs in all boxes of a node.
     """
-    extent = (bvh.high - bvh.low).astype(np.float64)
+    count, left, right = tree.count, tree.left, tree.right
+    extent = (tree.high - tree.low).astype(np.float64)
     area = extent[:, 0] * extent[:, 1] + extent[:, 1] * extent[:, 2] + extent[:, 2] * extent[:, 0]
     cost = np.tile(area, (WIDTH + 1, 1))
     share = np.zeros((WIDTH + 1, len(area)), np.int64)
@@ -109,7 +141,7 @@ def _shares(bvh: Bvh, count: Ints, left: Ints, right: Ints) -> Ints:
     return share
 
 
-def _gathered(share: Ints, count: Ints, left: Ints, right: Ints) -> list[Ints]:
+def _gathered(share: Ints, tree: _Binary) -> list[Ints]:
     """Level by level, for each wide node the nodes whose boxes it has (n, WIDTH), -1 where there is none."""
     levels = []
     nodes = np.zeros(1, np.int64)
@@ -121,20 +153,20 @@ def _gathered(share: Ints, count: Ints, left: Ints, right: Ints) -> list[Ints]:
             node, whole = children[opened], boxes[opened]
             part = share[whole, node]
             beside = opened[0], opened[1] + part
-            children[opened], boxes[opened] = left[node], part
-            children[beside], boxes[beside] = right[node], whole - part
+            children[opened], boxes[opened] = tree.left[node], part
+            children[beside], boxes[beside] = tree.right[node], whole - part
         levels.append(children)
-        nodes = children[(children >= 0) & (count[children] > HALF)]
+        nodes = children[(children >= 0) & (tree.count[children] > HALF)]
     return levels
 
 
-def _nodes(bvh: Bvh, children: Ints, count: Ints) -> Words:
+def _nodes(tree: _Binary, children: Ints) -> Words:
     """The records of nodes with these children (n, WIDTH), whose own records follow in this order."""
     there = children >= 0
     sides = np.empty((len(children), 2, 3, WIDTH), np.float32)
-    sides[:, 0] = np.where(there[:, None], bvh.low[children].transpose(0, 2, 1), _FAR)
-    sides[:, 1] = np.where(there[:, None], bvh.high[children].transpose(0, 2, 1), -_FAR)
-    tags = np.cumsum(there, axis=1) - 1 | np.where(count[children] <= HALF, LEAF, 0)
+    sides[:, 0] = np.where(there[:, None], tree.low[children].transpose(0, 2, 1), _FAR)
+    sides[:, 1] = np.where(there[:, None], tree.high[children].transpose(0, 2, 1), -_FAR)
+    tags = np.cumsum(there, axis=1) - 1 | np.where(tree.count[children] <= HALF, LEAF, 0)
     family = there.sum(axis=1)
     nodes = np.zeros((len(children), ROWS, HALF), np.uint32)
     nodes[:, :TAGS].view(np.float32)[:] = sides.reshape(-1, TAGS, HALF)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from test_bvh import MESHES
 
+import raytracer.accel.bvh as bvh_module
 from raytracer.accel.bvh import COUNT_BITS, build_bvh
 from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, TAGS, WIDTH, widen
 
@@ -40,7 +41,10 @@ def held_by(record, is_block):
 @pytest.mark.parametrize("name", MESHES)
 def test_everything_is_there_once_and_in_its_box(name):
     corners = MESHES[name].astype(np.float32)
-    wide = widen(build_bvh(corners), corners)
+    everything_is_there_once_and_in_its_box(widen(build_bvh(corners), corners), corners)
+
+
+def everything_is_there_once_and_in_its_box(wide, corners):
     met, found = [0], []
     for node, low, high, child, is_block in boxes_of(wide):
         held = held_by(wide.records[child], is_block)
@@ -53,6 +57,17 @@ def test_everything_is_there_once_and_in_its_box(name):
             found += numbers.tolist()
     assert sorted(met) == list(range(len(wide.records)))
     assert sorted(found) == list(range(len(corners)))
+
+
+@pytest.mark.parametrize("number", [5, 6, 7, 60])
+def test_a_leaf_of_five_to_seven_triangles_becomes_two_blocks(monkeypatch, number):
+    monkeypatch.setattr(bvh_module, "MAX_LEAF", 7)
+    monkeypatch.setattr(bvh_module, "DESCENT", 9.0)  # leaves as large as they may be
+    corners = np.random.default_rng(number).random((number, 3, 3)).astype(np.float32)
+    bvh = build_bvh(corners)
+    links = bvh.links[0, :, 0]
+    assert ((-1 - links[links < 0]) % (1 << COUNT_BITS)).max() > HALF
+    everything_is_there_once_and_in_its_box(widen(bvh, corners), corners)
 
 
 def test_nodes_and_blocks_are_full():
