@@ -264,7 +264,7 @@ def _study(options: argparse.Namespace) -> int:
 
 
 def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, progress: Progress) -> Any:
-    """The study of a paper; few commands need their modules."""
+    """Run the study of a paper, whose module is imported here since few commands need it."""
     if paper == "layered":
         from raytracer.studies.layered import study as study_cubes
 
@@ -283,7 +283,7 @@ def _gallery(options: argparse.Namespace) -> int:
 
 
 def find_scene(name: str) -> Scene:
-    """The built-in scene of this name, else the file; SceneError if it is neither."""
+    """Return the built-in scene of this name, else read the file; SceneError if it is neither."""
     if name in SCENES:
         return Scene.builtin(name)
     if Path(name).suffix or Path(name).exists():
@@ -303,7 +303,7 @@ def _summary(image: Image) -> str:
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """A bar on the terminal that appears when the work takes long; without a terminal, a line every few seconds."""
+    """Show progress: a bar on a terminal once the work takes long; without a terminal, a line every few seconds."""
     if not sys.stderr.isatty() or find_spec("rich") is None:
         yield sh.command.progress_lines(title)
         return

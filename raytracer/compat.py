@@ -54,7 +54,7 @@ class RayMeshIntersector:
         multiple_hits: bool = True,
         max_hits: int | None = None,
     ) -> tuple[Any, ...]:
-        """The triangles that rays hit: `index_tri` (H,) and `index_ray` (H,) int64.
+        """Find the triangles that rays hit: return `index_tri` (H,) and `index_ray` (H,) int64.
 
         With `return_locations` also `locations` (H, 3); of hits at the same location only the first is given then.
         `multiple_hits=False` gives the nearest hit of each ray, `max_hits` as many at most.
@@ -81,7 +81,7 @@ class RayMeshIntersector:
     def intersects_location(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, **kwargs: Any
     ) -> tuple[NDArray[np.float64], Ints, Ints]:
-        """The different locations (H, 3) where rays hit the mesh, `index_ray` (H,) and `index_tri` (H,).
+        """Find the locations (H, 3) where rays hit the mesh; return them, `index_ray` (H,) and `index_tri` (H,).
 
         `multiple_hits` and `max_hits` are those of `intersects_id`.
         """
@@ -89,15 +89,15 @@ class RayMeshIntersector:
         return locations, ray, tri
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> Ints:
-        """The first triangle that each ray hits, (N,), -1 for none."""
+        """Return the first triangle that each ray hits, (N,), -1 for none."""
         return self._current()[0].intersect(ray_origins, ray_directions).triangle.astype(np.int64)
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each ray hits anything, (N,)."""
+        """Return True for each ray that hits anything, (N,)."""
         return self._current()[0].occluded(ray_origins, ray_directions)
 
     def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each point (N, 3) is inside the mesh, which has to be closed; undefined on its surface.
+        """Return True for each point (N, 3) inside the mesh, which has to be closed; undefined on its surface.
 
         trimesh decides, from the numbers of hits of two opposite rays.
         """
@@ -106,7 +106,7 @@ class RayMeshIntersector:
         return np.asarray(contains_points(self, points))
 
     def _current(self) -> tuple[Intersector, NDArray[np.float64]]:
-        """The intersector of the mesh as it is now, and its corners (F, 3, 3)."""
+        """Return the intersector of the mesh as it is now, and its corners (F, 3, 3)."""
         key = hash(self.mesh)
         if self._built is None or self._built[0] != key:
             mesh = Mesh(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
@@ -114,17 +114,17 @@ class RayMeshIntersector:
         return self._built[1:]
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is copied and pickled: not the kernels."""
+        """Return the state for copies and pickles, without the kernels."""
         return {**self.__dict__, "_built": None}
 
 
 def _size(corners: NDArray[np.float64]) -> float:
-    """The longest side of the box round triangles, 0 for none."""
+    """Return the longest side of the box round triangles, 0 for none."""
     return float(np.ptp(corners, axis=(0, 1)).max()) if len(corners) else 0.0
 
 
 def _locations(corners: NDArray[Any], origins: Any, directions: Any, weights: Any) -> NDArray[np.float64]:
-    """Where rays (H, 3) meet the planes of triangles (H, 3, 3); a mean of corners where they hardly cross them."""
+    """Return where rays (H, 3) meet planes of triangles (H, 3, 3); a mean of corners where almost parallel."""
     origins, directions = origins.astype(np.float64), directions.astype(np.float64)
     u, v = (weight.astype(np.float64)[:, None] for weight in weights)
     a, b, c = corners.transpose(1, 0, 2)
@@ -137,6 +137,6 @@ def _locations(corners: NDArray[Any], origins: Any, directions: Any, weights: An
 
 
 def _ranks(ray: Ints, kept: NDArray[np.bool_]) -> Ints:
-    """How many hits that are kept come before each hit on its ray."""
+    """Count for each hit the kept hits before it on its ray."""
     before: Ints = np.cumsum(kept) - kept
     return before - before[np.searchsorted(ray, ray)]

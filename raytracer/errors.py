@@ -19,7 +19,7 @@ class SceneError(ValueError):
 
 
 def users_line() -> str:
-    """The line outside of the ray tracer that is running, as `file.py:12`."""
+    """Return the line outside of the ray tracer that is running, as `file.py:12`."""
     frame, _ = _users_frame()
     return "?" if frame is None else f"{os.path.basename(frame.f_code.co_filename)}:{frame.f_lineno}"
 
@@ -31,7 +31,7 @@ def warn(message: str) -> None:
 
 
 def _users_frame() -> tuple[FrameType | None, int]:
-    """The innermost frame outside of the ray tracer, and how far it is from whoever calls this."""
+    """Return the innermost frame outside of the ray tracer, and its distance from the caller of this function."""
     frame: FrameType | None = sys._getframe(1)
     depth = 1
     while frame is not None and _is_ours(frame.f_code):
@@ -40,13 +40,13 @@ def _users_frame() -> tuple[FrameType | None, int]:
 
 
 def _is_ours(code: CodeType) -> bool:
-    """Whether a frame runs the ray tracer's code, or a constructor that dataclasses wrote, which has no file."""
+    """Return True for the ray tracer's code, and for a constructor that dataclasses wrote, which has no file."""
     written = code.co_filename == "<string>" and code.co_name == "__init__"
     return written or os.path.abspath(code.co_filename).startswith(_HOUSE)
 
 
 def place_of(program: Any) -> str:
-    """A function or program by name, with its line where that is known: `toon (file.py:12)`."""
+    """Return the name of a function or program, with its line where that is known: `toon (file.py:12)`."""
     name = getattr(program, "__name__", None) or getattr(program, "name", None) or type(program).__name__
     code = getattr(inspect.unwrap(program), "__code__", None)
     return f"{name} ({os.path.basename(code.co_filename)}:{code.co_firstlineno})" if code else str(name)

@@ -36,7 +36,7 @@ def encoded(pixels: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Stats:
-    """What a rendering took: times in seconds, rays and triangles in numbers, `features` what the kernel contains.
+    """The cost of a picture: times in seconds, numbers of rays and triangles, and the `features` of its kernel.
 
     `picked` is the variant that `max_error` chose, if it was given. Of the staged tracer `calls` says how often each
     kernel ran, and `alive` how many rays each round began with.
@@ -133,7 +133,7 @@ class Image:
 
 
 def writer(path: Path) -> Callable[[Image, str], None]:
-    """The function that writes to this path, found before anything is rendered; raises as `Image.save` does."""
+    """Return the function that writes to this path, before anything is rendered; raise as `Image.save` does."""
     ending = path.suffix.lower()
     if ending not in _WRITERS:
         raise SceneError(f"{path}: pictures are written as {', '.join(_WRITERS)}, not as {path.suffix or 'this'}")

@@ -40,7 +40,7 @@ _FARTHEST = 2.0**56
 
 
 class Hits(NamedTuple):
-    """What rays met, each of the rays' shape; t = infinity and triangle = -1 where nothing was met.
+    """The nearest hits of rays, each of the rays' shape; t = infinity and triangle = -1 where nothing was met.
 
     `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners. On
     a triangle far larger than the distance, `origin + t * direction` is closer to it.
@@ -164,7 +164,7 @@ class Intersector:
         *,
         leaving: bool = False,
     ) -> Hits:
-        """The nearest hit of each ray with t in [t_min, t_max); arguments and errors as in `Intersector`."""
+        """Find the nearest hit of each ray with t in [t_min, t_max); arguments and errors as in `Intersector`."""
         rays = self._rays(origins, directions, t_min, t_max)
         shape = rays.shape
         if self._has_nothing(rays):
@@ -184,7 +184,7 @@ class Intersector:
         *,
         leaving: bool = False,
     ) -> NDArray[np.bool_]:
-        """Whether anything is hit with t in [t_min, t_max), bools; arguments and errors as in `Intersector`."""
+        """Return True for each ray with a hit with t in [t_min, t_max); arguments and errors as in `Intersector`."""
         rays = self._rays(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
             return np.zeros(rays.shape, dtype=bool)
@@ -199,7 +199,7 @@ class Intersector:
         *,
         leaving: bool = False,
     ) -> NDArray[np.int32]:
-        """How many triangles each ray hits with t in [t_min, t_max), int32; arguments and errors as in `Intersector`.
+        """Count the triangles that each ray hits with t in [t_min, t_max), int32; arguments as in `Intersector`.
 
         A ray through an edge or a corner hits every triangle there.
         """
@@ -235,7 +235,7 @@ class Intersector:
         return AllHits(offsets, *columns)
 
     def _rounds(self, rays: Rays, leaving: bool) -> Iterator[tuple[NDArray[Any], ...]]:
-        """The hits of each walk in flat arrays: ray, place among the ray's hits, t, triangle, u and v."""
+        """Yield the hits of each walk in flat arrays: ray, place among the ray's hits, t, triangle, u and v."""
         here, after, done = np.arange(len(rays)), (-np.inf, -1), 0
         while len(here):
             going = rays[here] if done else rays
@@ -250,7 +250,7 @@ class Intersector:
             here, after, done = here[more], (last[more], triangle[more, -1]), done + triangle.shape[1]
 
     def closest_point(self, points: ArrayLike) -> Closest:
-        """The point of the mesh that is closest to each of `points` (..., 3).
+        """Find the point of the mesh that is closest to each of `points` (..., 3).
 
         Of triangles at the same distance that of the lowest number. Errors are a few roundings of float32 of the mesh's
         size and of the distance. Raises SceneError for other shapes, for what is no real number or not finite, and for
@@ -277,7 +277,7 @@ class Intersector:
         return Closest(found.reshape(given.shape), distance.reshape(shape), triangle.reshape(shape))
 
     def points(self, hits: Hits | AllHits) -> NDArray[np.float64]:
-        """The points of hits, (..., 3), as means of the triangles' corners; NaN where nothing was met.
+        """Return the points of hits, (..., 3), as means of the triangles' corners; NaN where nothing was met.
 
         Rays that go on from there take `leaving=True`.
         """
@@ -291,7 +291,7 @@ class Intersector:
         return found
 
     def _rays(self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike) -> Rays:
-        """The rays that a user gives, in the mesh's own coordinates."""
+        """Return the rays that a user gives in the mesh's own coordinates."""
         rays = Rays.of(origins, directions, t_min, t_max)
         if self._pose is None:
             return rays
@@ -309,7 +309,7 @@ class Intersector:
         return self._structure is None or not len(rays)
 
     def _run(self, name: str, rays: Rays, leaving: bool, *more: Any) -> tuple[tuple[Any, ...], bool]:
-        """The outputs of a query's kernel, and whether the rays had to be converted before it."""
+        """Run a query's kernel; return its outputs, and True if the rays had to be converted before it."""
         for exact in (False, True) if self._frame.is_direct else (True,):
             if exact:
                 rays.check()
@@ -321,7 +321,7 @@ class Intersector:
         return tuple(found), exact
 
     def _kernel(self, name: str, rays: Rays, leaving: bool, exact: bool) -> Any:
-        """The kernel for these rays. Those in a cube have little in common, wherever they come from."""
+        """Return the kernel for these rays. Rays in a cube diverge, wherever they come from."""
         key = name, self._walks_alone(rays), leaving, exact
         if key not in self._kernels:
             program = getattr(queries, name)(self._walk_for(*key[:3]), exact)
@@ -331,7 +331,7 @@ class Intersector:
         return self._kernels[key]
 
     def _walk_for(self, name: str, alone: bool, leaving: bool) -> Walk:
-        """The walk for a query. Of a grid a triangle is offered more than once, so a hierarchy is built for some."""
+        """Return the walk for a query. A grid may visit a triangle twice, so queries for several hits use a BVH."""
         roundoff = float(np.finfo(self._floats).eps) / 2
         bound = AheadBound(roundoff, START) if leaving else None
         assert self._structure is not None
@@ -347,7 +347,7 @@ class Intersector:
         return walk_with(structure, self._rows, self._target, bound)
 
     def _walks_alone(self, rays: Rays) -> bool:
-        """Whether rays walk through the hierarchy one by one."""
+        """Return True if rays walk through the hierarchy one by one."""
         if self._target != "opencl" or self._precision != "f32" or not isinstance(self._structure, Bvh):
             return False
         if np.any(rays.near < 0):
@@ -372,7 +372,7 @@ class Intersector:
 
 
 def alike(eye: NDArray[Any], ray: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> bool:
-    """Whether neighbouring rays (N, 3) go through much the same parts of a box.
+    """Return True if neighbouring rays (N, 3) go through much the same parts of a box.
 
     Judged by some groups of neighbours: at the middle of the box and a little farther on, half of the groups keep
     together to a tenth of the box's size. Packets and single rays are equally fast about there.

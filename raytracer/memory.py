@@ -48,7 +48,7 @@ def check_triangles(count: int) -> None:
 
 
 def free_bytes() -> int | None:
-    """The bytes that this process can still get, swap included; None where the system does not tell."""
+    """Return the bytes that this process can still get, swap included; None where the system does not tell."""
     found = [free for free in (_free_in_system(), *(_free_in_group(*group) for group in _GROUPS)) if free is not None]
     return min(found, default=None)
 

@@ -41,7 +41,7 @@ class Rays:
 
     @classmethod
     def of(cls, origins: Any, directions: Any, t_min: Any, t_max: Any) -> Rays:
-        """The rays in arrays of any leading shape; SceneError for shapes and types that do not fit."""
+        """Take rays from arrays of any leading shape; SceneError for shapes and types that do not fit."""
         eye, ray = triples("origins", origins), triples("directions", directions)
         if eye.shape != ray.shape:
             if eye.ndim == ray.ndim == 2:
@@ -55,7 +55,7 @@ class Rays:
         return len(self.eye)
 
     def __getitem__(self, places: NDArray[Any]) -> Rays:
-        """The rays at these places."""
+        """Return the rays at these places."""
         near, limit = (end[places] if end.ndim else end for end in (self.near, self.limit))
         return Rays(places.shape, self.eye[places], self.ray[places], near, limit)
 
@@ -74,13 +74,13 @@ class Rays:
                 raise SceneError(f"{what} contains NaN{where}")
 
     def _first(self, wrong: Any) -> str:
-        """The place of the first ray that is wrong, as an index of the user's array."""
+        """Return the place of the first ray that is wrong, as an index of the user's array."""
         index = np.unravel_index(int(np.argmax(wrong)), self.shape)
         return ", ".join(str(int(k)) for k in index) or "0"
 
 
 def triples(what: str, values: Any) -> Floats:
-    """An array (..., 3) of f32 or f64; SceneError for other shapes and for what is no number."""
+    """Return an array (..., 3) of f32 or f64; SceneError for other shapes and for other types than numbers."""
     array = _numbers(what, values)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise SceneError(f"{what} have the shape (..., 3), not {array.shape}")
@@ -88,7 +88,7 @@ def triples(what: str, values: Any) -> Floats:
 
 
 def _numbers(what: str, values: Any) -> Floats:
-    """An array of f32 or f64 that keeps all digits of the given one."""
+    """Return an array of f32 or f64 that keeps all digits of the given one."""
     try:
         array = np.asarray(values)
     except ValueError:
@@ -105,7 +105,7 @@ def _numbers(what: str, values: Any) -> Floats:
 
 
 def _ends(what: str, values: Any, shape: tuple[int, ...]) -> Floats:
-    """The begin or end of ranges: () or (N,)."""
+    """Return the begin or end of ranges: () or (N,)."""
     end = _numbers(what, values)
     if end.shape not in ((), shape):
         raise SceneError(f"{what} is a number or has the shape {shape}, not {end.shape}")
@@ -114,7 +114,7 @@ def _ends(what: str, values: Any, shape: tuple[int, ...]) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a rigid object stands: a place x of its own is at `turn @ x + offset`; `back` is the inverse of `turn`.
+    """The pose of a rigid object: its own point x is at `turn @ x + offset`; `back` is the inverse of `turn`.
 
     Rays are taken into the object's own coordinates, so that it keeps its accelerator. They keep their t.
     """
@@ -125,7 +125,7 @@ class Pose:
 
     @classmethod
     def of(cls, transform: Any) -> Pose:
-        """The pose of a matrix (4, 4); SceneError if it is not made of moves, rotations, mirrors and one scale."""
+        """Return the pose of a matrix (4, 4); SceneError for more than moves, rotations, mirrors and one scale."""
         matrix = affine(transform)
         turn = matrix[:3, :3]
         size = float(np.abs(turn).max())
@@ -138,7 +138,7 @@ class Pose:
         return cls(turn, np.linalg.inv(turn).astype(np.float64), matrix[:3, 3])
 
     def from_outside(self, rays: Rays) -> Rays:
-        """The rays in the object's own coordinates, in f64."""
+        """Return the rays in the object's own coordinates, in f64."""
         with np.errstate(all="ignore"):  # infinity and NaN are refused later
             eye, ray = (rays.eye - self.offset) @ self.back.T, rays.ray @ self.back.T
         return Rays(rays.shape, eye, ray, rays.near, rays.limit)
@@ -162,11 +162,11 @@ class Frame:
 
     @property
     def is_direct(self) -> bool:
-        """Whether a kernel can convert rays by itself."""
+        """True if a kernel can convert rays by itself."""
         return self.precision == "f32" and _DIRECT[0] <= self.scale <= _DIRECT[1]
 
     def inputs(self, rays: Rays, exact: bool) -> tuple[Any, ...]:
-        """What a kernel takes of rays: eye, ray, near, limit, origin, scale; all in its coordinates if `exact`."""
+        """Return the inputs of a kernel: eye, ray, near, limit, origin, scale; all in its coordinates if `exact`."""
         if exact:
             eye, ray, near, limit = self._converted(rays)
             return eye, ray, near, limit, np.zeros(3), 1.0
@@ -196,6 +196,6 @@ class Frame:
 
 
 def _exponents(ray: Floats) -> NDArray[Any]:
-    """By how many powers of two directions are divided, so that their largest component is in [1/4, 1/2)."""
+    """Return the powers of two that bring the largest component of directions into [1/4, 1/2)."""
     _, exponent = np.frexp(np.abs(ray).max(axis=1, initial=0).astype(np.float64))
     return np.asarray(exponent + 1)

@@ -1,4 +1,4 @@
-"""One picture of a scene: `render`.
+"""The picture of a scene: `render`.
 
 Stage: render. Above the integrators, and above the trade-off that chooses among them.
 

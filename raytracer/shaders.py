@@ -63,7 +63,7 @@ def wood(
 
 
 def spots(color: Triple = (0.70, 0.08, 0.05), size: float = 0.3, shine: float = 0.5) -> OfHit:
-    """A colour with a darker spot about each of some scattered points, `size` apart (Worley 1996)."""
+    """Return a colour with a darker spot about each of some scattered points, `size` apart (Worley 1996)."""
 
     def spots(hit: Hit) -> Surface:
         near = sh.library.worley(hit.position / size)
@@ -88,7 +88,7 @@ def bumps(depth: float = 0.15, size: float = 0.15) -> OfHit:
 
 
 def toon(steps: int = 3) -> OfLight:
-    """The cosine in a few steps, and a hard highlight."""
+    """Return the cosine in a few steps, and a hard highlight."""
 
     def toon(surface: Surface, light: sh.Vector3f) -> sh.Color3f:
         lit = sh.max(sh.dot(surface.normal, light), 0)
@@ -99,7 +99,7 @@ def toon(steps: int = 3) -> OfLight:
 
 
 def oren_nayar(roughness: float = 0.5) -> OfLight:
-    """A rough matte surface (Oren and Nayar 1994, equation 30); `roughness` is the deviation of slopes in radians."""
+    """Shade a rough matte surface (Oren and Nayar 1994, equation 30); `roughness`: deviation of slopes in radians."""
     square = roughness * roughness
     level, relief = 1 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
 

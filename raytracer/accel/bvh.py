@@ -57,7 +57,7 @@ class Bvh:
 
 
 def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> Bvh:
-    """The hierarchy of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`."""
+    """Build the BVH of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`."""
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
     lows, highs = triangles.min(axis=1), triangles.max(axis=1)
     levels, order = _cut(*_unit_boxes(lows, highs))
@@ -65,14 +65,14 @@ def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> B
 
 
 def _grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
-    """Rounded to `dtype` and grown by a rounding of their coordinates: nothing that they hold lies in a face."""
+    """Round boxes to `dtype` and grow them by a rounding of their coordinates, so that no triangle lies in a face."""
     largest = np.maximum(np.abs(lows), np.abs(highs)).max(axis=1, keepdims=True)
     grow = float(np.finfo(dtype).eps) * largest + GROWTH
     return (lows - grow).astype(dtype), (highs + grow).astype(dtype)
 
 
 def _unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """The boxes scaled into the unit cube, so that areas neither vanish nor overflow."""
+    """Scale boxes into the unit cube, so that areas neither vanish nor overflow."""
     low = lows.min(axis=0)
     size = float((highs - low).max()) or 1.0
     return ((lows - low) / size).astype(np.float32), ((highs - low) / size).astype(np.float32)
@@ -191,7 +191,7 @@ def _half_area(extent: Floats) -> Floats:
 
 
 def _flattened(levels: list[_Level], order: Ints, lows: Bounds, highs: Bounds) -> Bvh:
-    """The nodes of all levels numbered depth first, with their boxes from the bottom up and links from the top down."""
+    """Build the nodes of all levels, numbered depth first: boxes from the bottom up, links from the top down."""
     numbers = _depth_first(levels)
     total = sum(len(level.start) for level in levels)
     low, high = np.empty((total, 3), lows.dtype), np.empty((total, 3), lows.dtype)
@@ -222,13 +222,13 @@ def _flattened(levels: list[_Level], order: Ints, lows: Bounds, highs: Bounds) -
 
 
 def _reduced(reduce: np.ufunc, rows: Bounds, ends: Ints) -> Bounds:
-    """The reduction of rows[a:b] for each pair a < b that follow one another in `ends`."""
+    """Return the reduction of rows[a:b] for each pair a < b that follow one another in `ends`."""
     padded = np.concatenate([rows, rows[-1:]])
     return np.asarray(reduce.reduceat(padded, ends)[::2])
 
 
 def _depth_first(levels: list[_Level]) -> list[Ints]:
-    """The number of each node of each level, so that a first child follows its parent."""
+    """Return the number of each node of each level, so that a first child follows its parent."""
     sizes = [np.ones(len(level.start), np.int64) for level in levels]
     for level, size, below in zip(levels[-2::-1], sizes[-2::-1], sizes[:0:-1], strict=True):
         inner = level.child >= 0

@@ -1,4 +1,4 @@
-"""Which structure spares a ray most triangles: chosen by name.
+"""Accelerators by name: structures that spare a ray most of the triangles.
 
 Stage: accelerate. Takes corners (N, 3, 3), N > 0, gives a `Grid` or a `Bvh`; `kernels.walk` goes through either.
 
@@ -22,7 +22,7 @@ Corners = NDArray[np.floating]
 
 
 def build(accel: str, corners: Corners, precision: str = "f32", across: int | None = None) -> Grid | Bvh:
-    """The accelerator of this name, for a kernel that works at `precision`; SceneError if there is none.
+    """Build the accelerator of this name for a kernel that works at `precision`; SceneError for an unknown name.
 
     A grid has `across` cells along each axis, None for as many as suit the triangles.
     """
@@ -48,7 +48,7 @@ def _bvh(corners: Corners, precision: str) -> Bvh:
 
 
 def _brute(corners: Corners, _: str) -> Grid:
-    """None at all: a grid of one empty cell, with every triangle outside of it."""
+    """Return a grid of one empty cell with every triangle outside of it, so that a ray tries all of them."""
     items = np.arange(len(corners), dtype=np.int32)
     cells = np.full((1, 1, 1, 2), len(items), dtype=np.int32)
     return Grid(np.zeros(3), np.ones(3), (1, 1, 1), cells, items, len(items))

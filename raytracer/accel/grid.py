@@ -57,7 +57,7 @@ class Grid:
 
 
 def build_grid(corners: NDArray[np.floating], density: float = DENSITY, across: int | None = None) -> Grid:
-    """The grid of triangles with `corners` (N, 3, 3): `across` cells an axis, or about `density` for each triangle."""
+    """Build the grid of triangles with `corners` (N, 3, 3): `across` cells an axis, or about `density` a triangle."""
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
     large = far_larger(triangles)
     inside = np.flatnonzero(~large)
@@ -77,7 +77,7 @@ def build_grid(corners: NDArray[np.floating], density: float = DENSITY, across: 
 
 
 def far_larger(triangles: Floats) -> NDArray[np.bool_]:
-    """Which triangles span more than half of everything, if they are few; all of a scene of very few triangles."""
+    """Return True for each triangle that spans more than half of everything, if these are few; for all of very few."""
     if len(triangles) <= MAX_OUTSIDE // 2:
         return np.ones(len(triangles), dtype=bool)
     spans = np.linalg.norm(triangles.max(axis=1) - triangles.min(axis=1), axis=1)
@@ -87,7 +87,7 @@ def far_larger(triangles: Floats) -> NDArray[np.bool_]:
 
 
 def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
-    """A box round the triangles inside the grid, a little larger than they are and nowhere flat.
+    """Return a box round the triangles inside the grid, a little larger than they are and nowhere flat.
 
     It grows by the roundings of its own sides too, which may be more than its size where it lies far from 0.
     """
@@ -135,7 +135,7 @@ def _touched(triangles: Floats, low: Floats, cell: Floats, shape: tuple[int, int
 
 
 def _chunks(counts: Ints) -> list[tuple[int, int]]:
-    """Runs of triangles with about as many candidate pairs as fit in memory at once."""
+    """Yield runs of triangles with about as many candidate pairs as fit in memory at once."""
     if not len(counts):
         return []
     run = np.cumsum(counts) // _PAIRS_AT_ONCE
@@ -144,7 +144,7 @@ def _chunks(counts: Ints) -> list[tuple[int, int]]:
 
 
 def _overlap(triangles: Floats, owner: Ints, where: Floats, margin: Floats) -> NDArray[np.bool_]:
-    """Whether triangle `owner[k]` meets the unit cube at `where[k]` grown by `margin`; box tests are done already."""
+    """Return True where triangle `owner[k]` meets the unit cube at `where[k]` grown by `margin`; boxes meet already."""
     half = 0.5 + margin
     edges = np.roll(triangles, -1, axis=1) - triangles
     normal = np.cross(edges[:, 0], edges[:, 1])

@@ -19,7 +19,7 @@ WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "
 
 
 def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the kernels' coordinates begin, (3,): 0, or near the middle of triangles that lie far from 0.
+    """Return the origin of the kernels' coordinates, (3,): 0, or near the middle of triangles that lie far from 0.
 
     So what a scene looks like does not depend on where it stands. It is a multiple of a power of two that is about the
     size of the scene, so that subtracting it takes nothing from coordinates that were rounded already.

@@ -161,7 +161,7 @@ def _gathered(share: Ints, tree: _Binary) -> list[Ints]:
 
 
 def _nodes(tree: _Binary, children: Ints) -> Words:
-    """The records of nodes with these children (n, WIDTH), whose own records follow in this order."""
+    """Return the records of nodes with these children (n, WIDTH), whose own records follow in this order."""
     there = children >= 0
     sides = np.empty((len(children), 2, 3, WIDTH), np.float32)
     sides[:, 0] = np.where(there[:, None], tree.low[children].transpose(0, 2, 1), _FAR)

@@ -1,1 +1,1 @@
-"""How surfaces look: materials and their textures."""
+"""The appearance of surfaces: materials and their textures."""

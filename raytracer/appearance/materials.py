@@ -1,4 +1,4 @@
-"""What a surface looks like: the coefficients of Phong's model and how much it mirrors, or programs that say so.
+"""The material of a surface: the coefficients of Phong's model, mirror and glass, textures, or programs.
 
 Stage: scene description. A `Material` belongs to a mesh; `layout` puts the materials of a scene into a table.
 
@@ -139,7 +139,7 @@ class Material:
 
     @property
     def may_mirror(self) -> bool:
-        """Whether any point of the surface can have a mirror image, or be clear."""
+        """True if any point of the surface can mirror or be clear."""
         numbers = self.numbers
         return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
 

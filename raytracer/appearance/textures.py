@@ -81,7 +81,7 @@ class Texture:
 
 
 def _read(path: Path, alpha: bool) -> NDArray[Any]:
-    """The pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits; or its alpha."""
+    """Read the pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits; or its alpha."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
     try:
@@ -99,7 +99,7 @@ def _read(path: Path, alpha: bool) -> NDArray[Any]:
 
 @contextmanager
 def opened(source: Path | BinaryIO) -> Iterator[Any]:
-    """A picture of Pillow's from a file or its contents, not decoded yet; it raises whatever Pillow raises.
+    """Open a picture with Pillow, from a file or its contents, without decoding it; raise whatever Pillow raises.
 
     Pillow's warnings are not shown: it warns of half as many pixels as it refuses, and of faults that it mends.
     Raises SceneError where Pillow is missing, and for a picture with more than 16384 pixels along a side.
@@ -124,7 +124,7 @@ def opened(source: Path | BinaryIO) -> Iterator[Any]:
 
 
 def _scans(file: Any) -> int:
-    """How many scans a JPEG file has: each of a few bytes may change all pixels."""
+    """Count the scans of a JPEG file: each of a few bytes may change all pixels."""
     place = file.tell()
     file.seek(0)
     count: int = file.read().count(b"\xff\xda")
@@ -133,7 +133,7 @@ def _scans(file: Any) -> int:
 
 
 def pixels_of(picture: Any) -> NDArray[Any]:
-    """The pixels of a picture of Pillow's, without alpha: uint8, or float32 in [0, 1] where it has 16 bits."""
+    """Return the pixels of a Pillow picture without alpha: uint8, or float32 in [0, 1] where it has 16 bits."""
     if picture.mode.startswith("I"):
         return np.asarray(picture, dtype=np.float32) / np.float32(65535)
     if picture.mode == "F":
@@ -142,7 +142,7 @@ def pixels_of(picture: Any) -> NDArray[Any]:
 
 
 def alpha_of(picture: Any) -> Any:
-    """The alpha of a picture of Pillow's as a grey picture; None if it has none."""
+    """Return the alpha of a Pillow picture as a grey picture; None if it has none."""
     if picture.mode in ("P", "PA"):  # whose colours may be clear
         picture = picture.convert("RGBA")
     return picture.getchannel("A") if "A" in picture.getbands() else None

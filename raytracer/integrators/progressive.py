@@ -38,7 +38,7 @@ Progress = Callable[[int, int], None]
 
 
 def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, seed: int) -> str:
-    """A digest of what decides a picture but its size: scene, camera, seed and bounces.
+    """Return a digest of everything that decides a picture but its size: scene, camera, seed and bounces.
 
     It does not tell programs of materials and lights from each other.
     """
@@ -108,7 +108,7 @@ def passes(
 def resumed(
     resume: Image | str | PathLike[str], size: tuple[int, int], origin: str, samples: int
 ) -> tuple[Layers, int]:
-    """The layers of a picture to continue, and the number of its samples; SceneError for that of something else."""
+    """Return the layers of a picture to continue and the number of its samples; SceneError for another picture."""
     image = resume if isinstance(resume, Image) else Image.load(resume)
     height, width = image.depth.shape
     name = "the picture to resume" if isinstance(resume, Image) else str(resume)

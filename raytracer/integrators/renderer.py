@@ -114,7 +114,7 @@ class Renderer:
         self.__dict__.update(self._kinds[kind])
 
     def _compiled(self, camera: Camera) -> dict[str, Any]:
-        """The kernels for a camera's projection, as attributes."""
+        """Compile the kernels for a camera's projection; return them as attributes."""
         started, rays = time.perf_counter(), eye_rays_of(camera)
         if isinstance(self._tracer, PathTracer):
             program = self._tracer.program(rays)
@@ -269,7 +269,7 @@ class Renderer:
 
 
 def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
-    """The program of the whole picture: makes the eye ray of each pixel of a band and traces it."""
+    """Record the program of a picture, which makes the eye ray of each pixel of a band and traces it."""
 
     @sh.program
     def picture() -> Pixel:
@@ -305,7 +305,7 @@ def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
 
 
 def _unset(width: int, height: int) -> dict[str, Any]:
-    """The layers of a picture, to be filled, in the order of `Pixel`."""
+    """Return the layers of a picture, to be filled, in the order of `Pixel`."""
     return {
         "pixels": np.empty((height, width, 3), dtype=np.float32),
         "depth": np.empty((height, width), dtype=np.float32),

@@ -96,7 +96,7 @@ class StagedTracer:
         return self.programs["traverse"].params["at_once"]
 
     def trace(self, shape: tuple[int, int]) -> Any:
-        """The layers of a band of `shape` = (height, width), as arrays in a Pixel; the log goes on."""
+        """Trace a band of `shape` = (height, width); return its layers as arrays in a Pixel. The log goes on."""
         streams = {name: sh.Stream.empty(shape, type_, **self._place) for name, type_ in self._streams.items()}
         layers = Pixel(*(sh.Stream.empty(shape, type_, **self._place) for type_ in _LAYERS))  # type: ignore[arg-type]
         band = {**streams, **layers._asdict()}
@@ -145,7 +145,7 @@ class StagedTracer:
         return bool(self.compacts and rays <= band["state"].size * SPARSE and band["state"].size > LEAST)
 
     def _dense(self, band: dict[str, Any], chosen: str, names: Sequence[str]) -> tuple[dict[str, Any], Any]:
-        """Copies of some streams with the rays alone that the kernel `chosen` says, and the places that these had."""
+        """Copy the rays of streams that the kernel `chosen` selects; return the copies and the rays' places."""
         self.log.calls["compact"] += 1
         state, index = sh.compact(band["state"], self._run(chosen, band).outputs)
         few = {name: state if name == "state" else sh.gather(band[name], index) for name in names}

@@ -1,4 +1,4 @@
-"""What a ray meets first: the boxes of a hierarchy, nearer child first, each with a link past what it holds.
+"""The walk through a BVH: the boxes of a hierarchy, nearer child first, each with a link past its contents.
 
 Stage: kernel. An iteration looks into one node: a ray that meets its box goes on inside, another ray goes past.
 
@@ -60,7 +60,7 @@ class BvhIntersector:
         self.vote = sh.any_lane if together else sh.Attrib1b
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit, self.accept)
         self._collect_before(limit, hit, ray, eye, near, near, any_hit)
         return hit
@@ -104,7 +104,7 @@ class BvhIntersector:
             SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))
 
     def meets(self, box: BoxTest, node: Any, reach: Any) -> Any:
-        """Whether the ray meets a node's box before `reach`."""
+        """Return True if the ray meets a node's box before `reach`."""
         return box(self.boxes[2 * node].xyz, self.boxes[2 * node + 1].xyz, reach)
 
     def try_leaf(self, leaf: Any, near: Any, test: TriangleTest, hit: Hit) -> None:
@@ -118,7 +118,7 @@ class BvhIntersector:
 
 
 class BoxTest:
-    """What a ray needs to be tried against many boxes, with a margin for rounding."""
+    """The constants of a ray for tests against many boxes, with a margin for rounding."""
 
     def __init__(self, ray: Any, eye: Any, near: Any, margin: float, steepest: float) -> None:
         self.inverse = sh.clamp(1 / ray, -steepest, steepest)  # finite, so that 0 times it is 0
@@ -126,7 +126,7 @@ class BoxTest:
         self.forward = isinstance(near, float | int) and near >= 0
 
     def __call__(self, low: Any, high: Any, reach: Any) -> Any:
-        """Whether the ray meets the box before `reach`."""
+        """Return True if the ray meets the box before `reach`."""
         t0, t1 = (low - self.eye) * self.inverse, (high - self.eye) * self.inverse
         first, last = lower(t0, t1), higher(t0, t1)
         enter = higher(higher(self.near, first.x), higher(first.y, first.z))

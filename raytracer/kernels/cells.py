@@ -35,7 +35,7 @@ class CellBox:
 
 
 class CellWalk:
-    """Where a ray is: in cell `voxel` (x, y, z) from the distance `t` on; at `far` it has left the grid.
+    """The place of a ray: in cell `voxel` (x, y, z) from the distance `t` on; at `far` it has left the grid.
 
     A ray that misses the grid begins with t >= far, and so does one that is NaN: it is nowhere.
     """

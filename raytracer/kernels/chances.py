@@ -37,7 +37,7 @@ class Chances:
         self.number = sh.Param(sh.Attrib1u, self.count, name=f"{name}_count")
 
     def choose(self, which: Any, instead: Any) -> tuple[Any, Any, Any]:
-        """The place, number and density of the choice that two hashed words make."""
+        """Return the place, number and density of the choice that two hashed words make."""
         if self.count == 1:
             only = self.table[0]
             return sh.Attrib1i(0), sh.Attrib1i(only.w), sh.float_from_bits(only.z)
@@ -48,12 +48,12 @@ class Chances:
         return place, sh.Attrib1i(chosen.w), sh.float_from_bits(chosen.z)
 
     def density_at(self, place: Any) -> Any:
-        """The density of the choice at a place."""
+        """Return the density of the choice at a place."""
         return sh.float_from_bits(self.table[place if self.count > 1 else 0].z)
 
 
 def alias_table(weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The thresholds, in parts of `ONE`, below which a choice stands, and what is chosen instead."""
+    """Return the thresholds, in parts of `ONE`, below which a choice stands, and the choice that replaces it."""
     count = len(weights)
     shares = weights * (count / weights.sum())
     aliases = np.arange(count)

@@ -135,7 +135,7 @@ class Emitters:
         found.around[:] = True
 
     def density_of(self, hit: Hit, ray: Any, face: Any) -> Any:
-        """The density, per steradian, with which `aim` chooses the direction in which a shining triangle was hit."""
+        """Return the density, per steradian, with which `aim` chooses the direction to the triangle that was hit."""
         return self.per_glow * self.surfaces.glow_at(hit).w * hit.l * hit.l / abs(sh.dot(face, ray))
 
 
@@ -161,7 +161,7 @@ class Environment:
         self.picture = sh.Texture2D(padded(image), filter=light.picture.filter, name="environment")
 
     def radiance(self, ray: Any) -> Any:
-        """The light from the direction of a unit vector."""
+        """Return the light from the direction of a unit vector."""
         if self.light.color is not None:
             return self.color
         if self.light.program is not None:
@@ -174,7 +174,7 @@ class Environment:
         return self.picture(sh.TexCoord2f(column * (1 / (width + 2)), row * (1 / (height + 2))))
 
     def sample(self, surface: ShadedPoint, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
-        """A direction, and its density, by two hashed words and two numbers in [0, 1)."""
+        """Sample a direction, and its density, by two hashed words and two numbers in [0, 1)."""
         if self.cells is None:
             cosine = sh.sqrt(1 - u)
             return around(surface.normal, cosine, v), cosine * (1 / pi)
@@ -185,7 +185,7 @@ class Environment:
         return sh.normalize(sh.Vector3f(-radius * sh.sin(angle), height, radius * sh.cos(angle))), density
 
     def density_at(self, ray: Any, surface: ShadedPoint) -> Any:
-        """The density with which `sample` chooses a direction from a surface."""
+        """Return the density with which `sample` chooses a direction from a surface."""
         if self.cells is None:
             return sh.max(sh.dot(surface.normal, ray), 0.0) * (1 / pi)
         row = sh.clamp(sh.Attrib1i((1 - ray.y) * (self.rows / 2)), 0, self.rows - 1)
@@ -194,19 +194,19 @@ class Environment:
 
 
 def turn_of(ray: Any) -> Any:
-    """Where a direction lies across an equirectangular picture, from 0 to 1."""
+    """Return the place of a direction across an equirectangular picture, from 0 to 1."""
     return sh.atan2(ray.x, -ray.z) * (1 / (2 * pi)) + 0.5
 
 
 def padded(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A picture with one more texel on each side: the columns go round, and beyond a pole is its other side."""
+    """Pad a picture by one texel on each side: columns wrap around, and beyond a pole lies its other side."""
     half = image.shape[1] // 2
     tall = np.concatenate([np.roll(image[:1], half, axis=1), image, np.roll(image[-1:], half, axis=1)])
     return np.concatenate([tall[:, -1:], tall, tall[:, :1]], axis=1)
 
 
 def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:
-    """The mean brightness of parts of the sphere that are equally large: rows by height, columns by angle.
+    """Return the mean brightness of parts of the sphere of equal area: rows by height, columns by angle.
 
     The light of a texel is spread as far as filtering spreads it, so that no cell is missed, where texels are large.
     """
@@ -229,7 +229,7 @@ def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:
 def shining_triangles(
     layout: Layout, surfaces: SurfaceTables
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """The numbers of the triangles that shine, their areas, and how bright they are expected to be."""
+    """Return the numbers of the triangles that shine, their areas, and their expected brightness."""
     glows = surfaces.glow[layout.material_of, 3]
     a, b, c = layout.triangles[:, :3].reshape(-1, 3, 3).swapaxes(0, 1)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2

@@ -16,7 +16,7 @@ __all__ = ["EyeRays", "eye_rays_of"]
 
 
 class EyeRays:
-    """Those of a perspective picture; a band of it begins at the row `first_row`."""
+    """The eye rays of a perspective picture; a band of it begins at the row `first_row`."""
 
     def __init__(self) -> None:
         self.eye = sh.Param(sh.Point3f, (0, 0, 0), name="eye")
@@ -26,17 +26,17 @@ class EyeRays:
         self.first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
 
     def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
-        """The ray through a pixel of the band, of unit length, and where it starts."""
+        """Return the ray through a pixel of the band, of unit length, and its origin."""
         ray = sh.normalize(self.through(row, column))
         return ray, sh.Point3f(self.eye)
 
     def through(self, row: Any, column: Any) -> Any:
-        """A vector along the eye ray through a pixel of the band, as long along the line of sight as 1."""
+        """Return a vector along the eye ray through a pixel of the band, as long along the line of sight as 1."""
         return self.corner + (column + 0.5) * self.across + (row + self.first_row + 0.5) * self.down
 
 
 class LensRays(EyeRays):
-    """Those through a thin lens, each through a point of its own (Pharr, Jakob and Humphreys 2023, section 5.2.3)."""
+    """The eye rays through a thin lens, each through another point (Pharr, Jakob and Humphreys 2023, section 5.2.3)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,7 +45,7 @@ class LensRays(EyeRays):
         self.lens_above = sh.Param(sh.Vector3f, (0, 0, 0), name="lens_above")
 
     def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
-        """The ray through a pixel of the band, of unit length, and where it starts."""
+        """Return the ray through a pixel of the band, of unit length, and its origin."""
         if lens is None:
             place = column, sh.Attrib1i(row + self.first_row)
             lens = [sh.unit_float(sh.hash(*place, k)) for k in range(2)]
@@ -57,16 +57,16 @@ class LensRays(EyeRays):
 
 
 class ParallelRays(EyeRays):
-    """Those of an orthographic picture: `eye` is where the ray of its corner starts, `corner` where all of them go."""
+    """The eye rays of an orthographic picture: `eye` is the origin of the corner's ray, `corner` their direction."""
 
     def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
-        """The ray through a pixel of the band, of unit length, and where it starts."""
+        """Return the ray through a pixel of the band, of unit length, and its origin."""
         ray = sh.normalize(self.corner)
         return ray, self.eye + (column + 0.5) * self.across + (row + self.first_row + 0.5) * self.down
 
 
 class PanoramaRays:
-    """Those of all directions; `size` is the picture's width and height."""
+    """The eye rays of a panorama; `size` is the picture's width and height."""
 
     def __init__(self) -> None:
         self.eye = sh.Param(sh.Point3f, (0, 0, 0), name="eye")
@@ -77,7 +77,7 @@ class PanoramaRays:
         self.first_row = sh.Param(sh.Attrib1f, 0, name="first_row")
 
     def __call__(self, row: Any, column: Any, lens: Any = None) -> tuple[Any, Any]:
-        """The ray through a pixel of the band, of unit length, and where it starts."""
+        """Return the ray through a pixel of the band, of unit length, and its origin."""
         azimuth = 2 * pi * ((column + 0.5) / self.size.x - 0.5)
         height = pi * (0.5 - (row + self.first_row + 0.5) / self.size.y)
         level = sh.sin(azimuth) * self.right + sh.cos(azimuth) * self.forward
@@ -86,7 +86,7 @@ class PanoramaRays:
 
 
 def eye_rays_of(camera: Camera) -> EyeRays | PanoramaRays:
-    """The eye rays of a camera's kind."""
+    """Return the eye rays of a camera's kind."""
     if camera.projection == "perspective":
         return LensRays() if camera.aperture else EyeRays()
     return ParallelRays() if camera.projection == "orthographic" else PanoramaRays()

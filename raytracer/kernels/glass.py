@@ -134,12 +134,12 @@ class GlassTracer(Tracer):
 
 
 def brightest(color: Any) -> Any:
-    """The largest channel."""
+    """Return the largest channel."""
     return sh.max(sh.max(color.r, color.g), color.b)
 
 
 def refracted(surface: ShadedPoint) -> tuple[Any, Any]:
-    """The share of unpolarised light that is mirrored, by Fresnel's equations, and the direction of the rest.
+    """Return the share of unpolarised light that is mirrored, by Fresnel's equations, and the refracted direction.
 
     The share is 1 where all is mirrored, beyond the critical angle. Where an interpolated normal would send the ray
     back outside, it is turned into the surface. (Pharr, Jakob and Humphreys 2023, sections 9.3 and 9.5)

@@ -1,4 +1,4 @@
-"""What a ray meets first: the scene box, then the uniform grid cell by cell.
+"""The walk through a uniform grid: the scene's box, then cell by cell.
 
 Stage: kernel. The `intersector` of Moreno-Fortuny and McCool with its two loops in one: an iteration either tries one
 triangle or goes on to the next cell (3D-DDA, Amanatides and Woo 1987), so that rays that run side by side wait for
@@ -31,7 +31,7 @@ class GridIntersector:
         self.box = CellBox(grid.low, grid.cell, grid.shape)
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
@@ -56,7 +56,7 @@ class GridIntersector:
                 self.enter(cells, item, end)
 
     def walk(self, ray: Any, eye: Any, near: Any) -> CellWalk:
-        """The cells that a ray goes through from the distance `near` on."""
+        """Return the cells that a ray goes through from the distance `near` on."""
         return CellWalk(self.box, ray, eye, near)
 
     def try_next(self, test: TriangleTest, item: Any, near: Any, hit: Hit) -> None:

@@ -97,20 +97,20 @@ class Projected:
         self.slope = (-across / along) * size[0], (-down / along) * size[1]
 
     def depth(self, column: Any, row: Any) -> Any:
-        """The depth of the triangle's plane at the centre of a texel."""
+        """Return the depth of the triangle's plane at the centre of a texel."""
         x, y, depth = self.corners[0]
         ahead = (sh.Attrib1f(column) + 0.5 - x) * self.slope[0]
         return depth + ahead + (sh.Attrib1f(row) + 0.5 - y) * self.slope[1]
 
 
 def largest_axis(v: Any) -> Any:
-    """The axis of a vector's largest component, the first of equal ones."""
+    """Return the axis of a vector's largest component, the first of equal ones."""
     size = abs(v)
     return sh.cond((size.x >= size.y) & (size.x >= size.z), 0, sh.cond(size.y >= size.z, 1, 2))
 
 
 def turned(v: Any, axis: Any) -> tuple[Any, Any, Any]:
-    """The components of a vector along the columns, the rows and the depth of an image."""
+    """Return the components of a vector along the columns, the rows and the depth of an image."""
     by_x, by_y = axis == 0, axis == 1
     return (
         sh.cond(by_x, v.y, sh.cond(by_y, v.z, v.x)),
@@ -120,7 +120,7 @@ def turned(v: Any, axis: Any) -> tuple[Any, Any, Any]:
 
 
 def texels_between(begin: Any, end: Any, resolution: Any, conservative: bool) -> tuple[Any, Any]:
-    """The first texel that an interval reaches, and how many."""
+    """Return the first texel that an interval reaches, and how many."""
     if conservative:
         first, last = sh.floor(begin - MARGIN), sh.floor(end + MARGIN)
     else:
@@ -130,7 +130,7 @@ def texels_between(begin: Any, end: Any, resolution: Any, conservative: bool) ->
 
 
 def span_of(corners: Sequence[Any], low: Any, high: Any) -> tuple[Any, Any]:
-    """Where a triangle begins and ends along the columns, between two heights; it begins beyond its end for nowhere."""
+    """Return the begin and end of a triangle along the columns, between two heights; where it is not, begin > end."""
     begin, end = sh.Attrib1f(FAR), sh.Attrib1f(-FAR)
     for k in range(3):
         (x0, y0, _), (x1, y1, _) = corners[k], corners[(k + 1) % 3]
@@ -215,7 +215,7 @@ def samples_of_spans() -> Any:
 
 
 def bits_below(count: Any) -> Any:
-    """The first bits of two words, as many as `count`, clamped to what they have."""
+    """Return the first bits of two words, as many as `count`, clamped to what they have."""
     inside = sh.clamp(count - sh.Attrib2i(0, 32), 0, 32)
     return sh.cond(inside == 32, sh.Attrib2u(0xFFFFFFFF), (sh.Attrib2u(1) << sh.Attrib2u(sh.min(inside, 31))) - 1)
 

@@ -1,4 +1,4 @@
-"""What a ray meets first: the samples of a layered depth cube, block by block and texel by texel.
+"""The walk through a layered depth cube: its samples, block by block and texel by texel.
 
 Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.4. The images
 are walked one after the other, each hit shortening the rest of the way; first that along the ray's largest component,
@@ -85,7 +85,7 @@ class LayeredIntersector:
         self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
@@ -171,7 +171,7 @@ class LayeredIntersector:
             last[:] = sh.cond(before, last, middle)
 
     def depth(self, item: Any) -> Any:
-        """The depth of a sample."""
+        """Return the depth of a sample."""
         sample: Any = self.samples[item]
         return sh.float_from_bits(sample.x)
 
@@ -217,19 +217,19 @@ class Image:
         self.last = sh.Attrib1f(sh.cond(self.low <= self.high, higher(*ends), -1.0))
 
     def begin(self) -> Any:
-        """Where the walk begins."""
+        """Return the distance at which the walk begins."""
         return sh.Attrib1f(self.first)
 
     def end(self) -> Any:
-        """Where the walk ends."""
+        """Return the distance at which the walk ends."""
         return lower(self.way.end, self.last)
 
     def at(self, t: Any) -> Any:
-        """The column and row at a distance from the start."""
+        """Return the column and row at a distance from the start."""
         return self.place + t * self.pace
 
     def depths(self, begin: Any, end: Any) -> tuple[Any, Any]:
-        """The least and the largest depth of samples to which the ray comes near between two distances."""
+        """Return the least and the largest depth of samples to which the ray comes near between two distances."""
         a, b = self.depth + begin * self.deepening, self.depth + lower(end, self.end()) * self.deepening
         return lower(a, b) - self.slack, higher(a, b) + self.slack
 
@@ -325,7 +325,7 @@ class DepthTest:
             hit.uv[:] = sh.TexCoord2f(b, c) / whole
 
     def weights(self, number: Any, t: Any) -> tuple[Any, Any, Any]:
-        """The weights of corners 1 and 2, and of all, at the ray's point moved into a triangle along its image."""
+        """Return the weights of corners 1 and 2, and of all, at the ray's point moved in its image into a triangle."""
         rows = self.triangles[number]
         axis = largest_axis(sh.Vector3f(*(row.w for row in rows)))
         point = self.way.eye + t * self.way.ray

@@ -1,4 +1,4 @@
-"""How a surface scatters light in path tracing: a matt lobe and a glossy one, as functions and as densities.
+"""The BSDF of a surface in path tracing: a matt lobe and a glossy one, as functions and as densities.
 
 Stage: kernel. The matt lobe is Lambert's. The glossy lobe is Phong's with the factor that keeps its energy at
 grazing light below `specular` (Lafortune and Willems 1994, Using the Modified Phong Reflectance Model).
@@ -20,7 +20,7 @@ class Lobes:
         self.highlights = highlights
 
     def shine(self, surface: ShadedPoint, light: Any) -> tuple[Any, Any]:
-        """The radiance toward the viewer for radiance 1 in each steradian about `light`, and `sample`'s density there.
+        """Return the radiance toward the viewer for radiance 1 a steradian about `light`, and `sample`'s density there.
 
         The radiance is 0 for a light behind the surface or its triangle.
         """
@@ -40,7 +40,7 @@ class Lobes:
         return sh.cond(sh.dot(surface.face, light) > 0, value, 0.0), density
 
     def sample(self, surface: ShadedPoint, which: Any, turn: Any, away: Any) -> Any:
-        """A direction by three numbers in [0, 1): about the normal, or about the mirrored ray of the viewer."""
+        """Sample a direction by three numbers in [0, 1): about the normal, or about the mirrored ray of the viewer."""
         if not self.highlights:
             return around(surface.normal, sh.sqrt(1 - away), turn)
         glossy = which < self.glossy_share(surface)
@@ -49,14 +49,14 @@ class Lobes:
         return around(axis, sh.pow(1 - away, exponent), turn)
 
     def glossy_share(self, surface: ShadedPoint) -> Any:
-        """The probability of the glossy lobe: its part of the light that is scattered under light from everywhere."""
+        """Return the probability of the glossy lobe: its part of what is scattered under light from everywhere."""
         diffuse, specular, _ = surface.coefficients
         matt = diffuse * largest(surface.color)
         return sh.cond(specular > 0, specular / (specular + matt), 0.0)
 
 
 def around(axis: Any, cosine: Any, turn: Any) -> Any:
-    """The unit vector at an angle of this cosine to the unit vector `axis`, turned about it by `turn` of a circle."""
+    """Return the unit vector at an angle of this cosine to the unit `axis`, turned about it by `turn` of a circle."""
     across, beside = frame(axis)
     angle = (2 * pi) * turn
     sine = sh.sqrt(sh.max(1 - cosine * cosine, 0.0))
@@ -73,5 +73,5 @@ def frame(axis: Any) -> tuple[Any, Any]:
 
 
 def largest(color: Any) -> Any:
-    """The largest of a colour's components."""
+    """Return the largest of a colour's components."""
     return sh.max(color.x, color.y, color.z)

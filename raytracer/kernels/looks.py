@@ -71,7 +71,7 @@ class Looks:
             self.programs = sh.Table(np.array(self._numbers, np.int32), sh.Attrib2i, "programs")
 
     def __bool__(self) -> bool:
-        """Whether there are textures or programs."""
+        """Return True if there are textures or programs."""
         return bool(self.surfaces or self.shades or self.textured)
 
     def describe(self, material: Any, hit: Hit, given: dict[str, Any]) -> None:
@@ -106,11 +106,11 @@ class Looks:
         return found
 
     def shade_of(self, material: Any) -> Any:
-        """The number of a material's `shade`; 0 for Phong's model."""
+        """Return the number of a material's `shade`; 0 for Phong's model."""
         return self._numbers[0][1] if self.count == 1 else self.programs[material].y
 
     def shade(self, number: Any, surface: Surface, light: Any, phong: Callable[[], Any]) -> Any:
-        """The colour under white light from the direction `light` by the `shade` of this number."""
+        """Return the colour under white light from the direction `light` by the `shade` of this number."""
         if not self.several:
             return ask_shade(self.shades[0], surface, light)
         shown = sh.Color3f(0, 0, 0)
@@ -123,7 +123,7 @@ class Looks:
         return shown
 
     def _where(self, material: Any, column: int, number: int) -> AbstractContextManager[Any]:
-        """A branch for the materials that have a program; none where all have it."""
+        """Return a branch for the materials that have a program; none where all have it."""
         if self._columns[column] == {number}:
             return nullcontext()
         return SH_IF(self.programs[material][column] == number)

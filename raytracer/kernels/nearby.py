@@ -46,7 +46,7 @@ class BoxDistances:
         self.point = point
 
     def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
-        """The keys of a node's boxes, in two halves; see `keys_of`."""
+        """Return the keys of a node's boxes, in two halves; see `keys_of`."""
         found = []
         for half in range(2):
             sides = []
@@ -87,14 +87,14 @@ class TriangleDistances:
 
 
 def on_segment(start: Axes, side: Axes) -> Axes:
-    """The point of a segment from `start` along `side` that is closest to 0: `start` if the side has no length."""
+    """Return the point closest to 0 of a segment from `start` along `side`: `start` if the side has no length."""
     square = product(side, side)
     part = sh.clamp(-product(start, side) / sh.cond(square > 0, square, 1.0), 0.0, 1.0)
     return [p + part * along for p, along in zip(start, side, strict=True)]
 
 
 def on_plane(starts: list[Axes], sides: list[Axes], normal: Axes) -> tuple[Any, Axes]:
-    """Whether the point of a triangle's plane that is closest to 0 is inside the triangle, and that point.
+    """Return the point of a triangle's plane that is closest to 0, after True if it is inside the triangle.
 
     A side is not the difference of corners relative to 0, which may be far away: its rounding errors are those of its
     own length. So a point that is taken for inside is outside by no more than a rounding of its distance.
@@ -105,12 +105,12 @@ def on_plane(starts: list[Axes], sides: list[Axes], normal: Axes) -> tuple[Any, 
 
 
 def cross(a: Axes, b: Axes) -> Axes:
-    """The vector product."""
+    """Return the vector product."""
     return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
 
 def closest_point(walk: WideIntersector) -> Any:
-    """The program for the way to the closest point of a mesh, in the kernel's coordinates."""
+    """Record the program that finds the way to the closest point of a mesh, in the kernel's coordinates."""
 
     @sh.program
     def closest_point(point: sh.Point3f) -> Closest:

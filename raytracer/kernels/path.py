@@ -1,4 +1,4 @@
-"""What light a path brings to the eye: path tracing with a ray to one light from each surface.
+"""Path tracing: the light that a path brings to the eye, with a ray to one light from each surface.
 
 Stage: kernel. The estimate of Kajiya (1986, The Rendering Equation). Both ways of finding a light, aiming at it and
 meeting it by chance, are combined by the power heuristic with exponent 2 (Veach 1997, section 9.2). One loop with one
@@ -57,16 +57,16 @@ class Sample:
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
 
     def word(self, dimension: int) -> Any:
-        """A hashed word of the surface that the path has reached."""
+        """Return a hashed word of the surface that the path has reached."""
         return sh.hash(self.key, sh.Attrib1u(self.depth * DIMENSIONS + (EYE + dimension)))
 
     def random(self, dimension: int) -> Any:
-        """A number in [0, 1) of the surface that the path has reached."""
+        """Return a number in [0, 1) of the surface that the path has reached."""
         return sh.unit_float(self.word(dimension))
 
 
 def power(density: Any, other: Any) -> Any:
-    """The share of a light that counts where one way finds it with this density, and the other way with that one.
+    """Return the weight of a sample of this density where the other way has the density `other` (power heuristic).
 
     It is density**2 / (density**2 + other**2), without squares that leave the range of numbers.
     """
@@ -120,7 +120,7 @@ class PathTracer:
         }
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
-        """The program of a band of the picture, from the mean of the samples before to that with the new ones."""
+        """Record the program of a band of the picture, from the mean of the samples before to the mean with the new."""
 
         @sh.program
         def paths(mean: sh.Color3f) -> Pixel:

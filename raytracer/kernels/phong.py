@@ -11,12 +11,12 @@ import shpy as sh
 
 
 def diffuse_lobe(normal: Any, light: Any) -> Any:
-    """The cosine between the unit vectors `normal` and `light`; 0 for a light behind the surface."""
+    """Return the cosine between the unit vectors `normal` and `light`; 0 for a light behind the surface."""
     return sh.max(sh.dot(normal, light), 0.0)
 
 
 def highlight(view: Any, normal: Any, light: Any, shininess: Any) -> Any:
-    """How much of a light the shiny surface mirrors to the viewer; `view` and `light` point away from the surface."""
+    """Return the share of a light that a shiny surface mirrors to the viewer; `view` and `light` point away from it."""
     mirrored = sh.reflect(-light, normal)
     along = sh.dot(mirrored, view)
     strength = sh.pow(sh.max(along, 0.0), shininess)

@@ -35,14 +35,14 @@ class Nearest(NamedTuple):
 
 
 class Met(NamedTuple):
-    """Whether a ray meets anything, and whether it is no ray."""
+    """The result of `occluded`: `met`, and whether the ray was none."""
 
     met: sh.Attrib1b
     wrong: sh.Attrib1b
 
 
 class Counted(NamedTuple):
-    """How many triangles a ray meets, and whether it is no ray."""
+    """The result of `count`: the triangles that a ray meets, and whether it was none."""
 
     number: sh.Attrib1i
     wrong: sh.Attrib1b
@@ -83,16 +83,16 @@ class GivenRay:
         self.limit = sh.cond(right, self.inside(limit), -FAR)
 
     def inside(self, t: Any) -> Any:
-        """A distance of the user's in the kernel's coordinates."""
+        """Convert a distance of the user's to the kernel's coordinates."""
         return t if self.pace is None else sh.clamp(t * self.pace, -FAR, FAR)
 
     def outside(self, t: Any, number: Any) -> Any:
-        """A distance in the kernel's coordinates as one of the user's; infinite where the triangle's number is -1."""
+        """Convert a distance of the kernel's to the user's coordinates; infinite where the triangle's number is -1."""
         return sh.cond(number >= 0, t if self.pace is None else t / self.pace, sh.Attrib1f(float("inf")))
 
 
 def intersect(walk: Walk, exact: bool) -> Any:
-    """The program for the nearest hit of a ray at a distance in [near, limit)."""
+    """Record the program that finds the nearest hit of a ray at a distance in [near, limit)."""
 
     @sh.program
     def intersect(
@@ -106,7 +106,7 @@ def intersect(walk: Walk, exact: bool) -> Any:
 
 
 def occluded(walk: Walk, exact: bool) -> Any:
-    """The program for whether a ray meets anything at a distance in [near, limit)."""
+    """Record the program that tells whether a ray meets anything at a distance in [near, limit)."""
 
     @sh.program
     def occluded(
@@ -120,7 +120,7 @@ def occluded(walk: Walk, exact: bool) -> Any:
 
 
 def count(walk: Walk, exact: bool) -> Any:
-    """The program for the number of triangles that a ray meets at a distance in [near, limit)."""
+    """Record the program that counts the triangles that a ray meets at a distance in [near, limit)."""
 
     @sh.program
     def count(
@@ -135,7 +135,7 @@ def count(walk: Walk, exact: bool) -> Any:
 
 
 def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
-    """The program for the next `size` hits of a ray in [near, limit) after the hit (`after`, `number`).
+    """Record the program that lists the next `size` hits of a ray in [near, limit) after the hit (`after`, `number`).
 
     `after` is in the kernel's coordinates; -infinity and -1 come before the first hit. The outputs are hits in fours,
     the last hit's distance in the kernel's coordinates, and whether it is no ray.
@@ -170,5 +170,5 @@ def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
 
 
 def list_more(walk: Walk, exact: bool) -> Any:
-    """The program for the next hits of rays that are known to have many; see `list_hits`."""
+    """Record the program that lists the next hits of rays that are known to have many; see `list_hits`."""
     return list_hits(walk, exact, MANY)

@@ -62,7 +62,7 @@ class Hit(_Known):
 
 
 class Surface(_Known):
-    """What a material's `surface` says of a point; what it leaves open is as the material says.
+    """The result of a material's `surface` at a point; fields that it leaves out are those of the material.
 
     `color` is linear RGB, `diffuse`, `specular` and `shininess` Phong's coefficients, `reflectivity` the share of the
     mirror image, `transmission` the share that is clear, `ior` its refractive index, `emission` the linear radiance
@@ -116,7 +116,7 @@ class Surface(_Known):
 
     @classmethod
     def known(cls, sources: Sources) -> Surface:
-        """A surface of which everything is known."""
+        """Return a surface all of whose fields are known."""
         made = cls()
         made._sources = sources
         return made
@@ -137,12 +137,12 @@ class Examined:
 
 
 def fields_of(cls: type[_Known]) -> Mapping[str, Any]:
-    """The fields of a Hit or Surface and their types, in order."""
+    """Return the fields of a Hit or Surface and their types, in order."""
     return get_type_hints(cls)
 
 
 def converted(cls: Any, value: Any, what: str, where: str) -> Any:
-    """A value of the language; SceneError that begins with `where` for one that is none."""
+    """Convert a value to the language; SceneError, which begins with `where`, for one that cannot be."""
     try:
         return cls(value)
     except (sh.ShpyError, TypeError, ValueError) as error:
@@ -184,7 +184,7 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
 
 
 def _readers(known: _Known) -> Sources:
-    """What reads the fields of a Hit or Surface, by name."""
+    """Return the functions that read the fields of a Hit or Surface, by name."""
     return {name: partial(getattr, known, name) for name in known._sources}
 
 

@@ -140,7 +140,7 @@ SHADED: dict[str, Any] = {"ray": Ray, "light": Light, "point": Point, "pixel": P
 
 
 def point_of(tracer: Tracer) -> Any:
-    """The struct of a tracer's shaded points."""
+    """Return the struct of a tracer's shaded points."""
     return ProgrammedPoint if tracer.surfaces.looks.shades else Point
 
 
@@ -155,7 +155,7 @@ WRITES = {
 
 
 def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
-    """The programs of a tracer's stages by name; its accelerator is a grid."""
+    """Record the programs of a tracer's stages; return them by name. Its accelerator is a grid."""
     walk = tracer.intersector
     assert isinstance(walk, GridIntersector)
     at_once = sh.Param(sh.Attrib1i, AT_ONCE, name="at_once")

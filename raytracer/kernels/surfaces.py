@@ -33,7 +33,7 @@ FAINT = 2.0**-64
 
 
 class ShadedPoint:
-    """What is known of the point that was hit last, from its hit until its last shadow ray."""
+    """The interaction at the point that was hit last, from its hit until its last shadow ray."""
 
     def __init__(self, shades: bool = False, clear: bool = False) -> None:
         inter = sh.Point3f()  # moved off the surface, to the side that it is seen from
@@ -83,7 +83,7 @@ class SurfaceTables:
 
     @cached_property
     def scale(self) -> Any:
-        """What the scene's lengths are multiplied by."""
+        """The factor of the scene's lengths."""
         return sh.Param(sh.Attrib1f, self.layout.scale, name="scale")
 
     @cached_property
@@ -123,14 +123,14 @@ class SurfaceTables:
         return self.describe(hit, surface, point, side, emission)
 
     def behind(self, hit: Hit, ray: Any, eye: Any) -> Any:
-        """The point that was hit, moved off the surface to the side that the ray comes out on."""
+        """Return the point that was hit, moved off the surface to the side that the ray comes out on."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
 
     def passed(self, hit: Hit, ray: Any) -> Any:
-        """The share (r, g, b) of the light that comes to a hit through the material and goes on through its surface."""
+        """Return the share (r, g, b) of the light at a hit that went through the material and leaves by the surface."""
         material = self.material_at(hit)
         clear = self.glass[2 * material].x
         if "transmission" in self.looks.textured:
@@ -143,12 +143,12 @@ class SurfaceTables:
         return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
 
     def kept(self, hit: Hit, inside: Any) -> Any:
-        """The share of the light that a way inside leaves, by the law of Beer: 1 for a way outside."""
+        """Return the share of the light that a way inside leaves, by Beer's law: 1 for a way outside."""
         absorption = self.glass[2 * self.material_at(hit) + 1].rgb
         return sh.cond(inside, sh.exp(-(hit.l / self.scale) * absorption), sh.Color3f(1, 1, 1))
 
     def place(self, hit: Hit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
-        """The point that was hit, and how far it may be off the triangle's plane.
+        """Return the point that was hit, and how far it may be off the triangle's plane.
 
         It is that mean of the corners which `hit` says, or where the ray meets the plane if that is known far better.
         """
@@ -161,11 +161,11 @@ class SurfaceTables:
         return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
     def material_at(self, hit: Hit | Candidate) -> Any:
-        """The number of the material that was hit."""
+        """Return the number of the material that was hit."""
         return 0 if self.material_of is None else self.material_of[hit.id]
 
     def glow_at(self, hit: Hit) -> Any:
-        """The emission of the material that was hit, and how bright that is expected to be; see `glow_rows`."""
+        """Return the emission of the material that was hit, and its expected brightness; see `glow_rows`."""
         return self.emissions[self.material_at(hit)]
 
     def paint(self, hit: Hit, surface: ShadedPoint, number: Any) -> Any:
@@ -187,11 +187,11 @@ class SurfaceTables:
         return self.looks.number_at("cutout", self.material_at(hit), lambda: self.uv_at(hit), 1.0) >= CUTOFF
 
     def uv_at(self, hit: Hit | Candidate) -> Any:
-        """The uv coordinates, interpolated."""
+        """Interpolate the uv coordinates."""
         return barylerp(hit, *rows_of(self.uvs, hit))
 
     def vertex_color(self, hit: Hit) -> Any:
-        """The colours at the corners, interpolated; white where there are none."""
+        """Interpolate the colours at the corners; white where there are none."""
         if self.colors is None:
             return sh.Color3f(1, 1, 1)
         return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
@@ -227,22 +227,22 @@ class SurfaceTables:
         return reflectivity
 
     def world(self, point: Any) -> Any:
-        """A point in the scene's coordinates."""
+        """Return a point in the scene's coordinates."""
         place = point / self.scale
         return place if self.origin is None else place + self.origin
 
     def object_at(self, hit: Hit) -> Any:
-        """The number of the mesh that was hit."""
+        """Return the number of the mesh that was hit."""
         return 0 if self.object_of is None else self.object_of[hit.id]
 
     def lights_seen(self, surface: ShadedPoint, count: Any) -> Any:
-        """How many of the lights show on the surface: none on a perfect mirror, which no shadow ray need start from."""
+        """Return the number of lights that show on the surface: 0 on a perfect mirror, which needs no shadow rays."""
         if not self.dark:
             return count
         return sh.cond((surface.coefficients.x > 0) | (surface.coefficients.y > 0), count, 0)
 
     def shade(self, surface: ShadedPoint, light: Any) -> Any:
-        """The colour under white light from direction `light`."""
+        """Return the colour under white light from direction `light`."""
         if not self.looks.shades:
             return self.phong(surface, light)
         seen = shaders.Surface.known(
@@ -261,7 +261,7 @@ class SurfaceTables:
         return self.looks.shade(surface.shade, seen, light, lambda: self.phong(surface, light))
 
     def phong(self, surface: ShadedPoint, light: Any) -> Any:
-        """The colour under white light from direction `light` in Phong's model."""
+        """Return the colour under white light from direction `light` in Phong's model."""
         diffuse, specular, shininess = surface.coefficients
         shade = diffuse * diffuse_lobe(surface.normal, light) * surface.color
         if self.highlights:
@@ -320,18 +320,18 @@ def glow_rows(layout: Layout, looks: Looks) -> Rows:
 
 
 def rows_of(table: Any, hit: Hit | Candidate) -> tuple[Any, Any, Any]:
-    """The rows of the three corners of the triangle that was hit."""
+    """Return the rows of the three corners of the triangle that was hit."""
     first = 3 * hit.id
     return table[first], table[first + 1], table[first + 2]
 
 
 def barylerp(hit: Hit | Candidate, a: Any, b: Any, c: Any) -> Any:
-    """What is `a`, `b`, `c` at the corners of the triangle, at the point that was hit: linear interpolation."""
+    """Interpolate linearly between `a`, `b` and `c` at the corners of the triangle that was hit."""
     return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
 
 
 def depth(from_corner: Any, normal: Any) -> Any:
-    """How far a point lies below the plane through a corner across its normal, as a vector along the normal.
+    """Return how far a point lies below the plane of a corner and its normal, as a vector along the normal.
 
     Moving the point up by what its three corners say brings it onto the curved surface that the triangles stand for,
     so that the edge of its shadow is not made of triangles (Hanika 2021, Ray Tracing Gems II, chapter 4).

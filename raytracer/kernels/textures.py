@@ -35,7 +35,7 @@ class Atlas:
         self.filters = {t.filter for t in textures}
 
     def sample(self, number: Any, uv: Any) -> Any:
-        """The linear colour of texture `number` at `uv`: (0, 0) is the lower left corner of the picture."""
+        """Return the linear colour of texture `number` at `uv`: (0, 0) is the lower left corner of the picture."""
         start, width, height, mode = self.pictures[number]
         size = sh.Attrib2f(width, height)
         place = sh.Attrib2f(self.wrapped(uv.x, mode), self.wrapped(1 - uv.y, mode)) * size
@@ -48,12 +48,12 @@ class Atlas:
         return found
 
     def nearest(self, place: Any, start: Any, width: Any, size: Any) -> Any:
-        """The texel that lies there."""
+        """Return the texel at `place`."""
         cell = sh.Attrib2i(sh.clamp(sh.floor(place), 0, size - 1))
         return self.texels[start + cell.y * width + cell.x].rgb
 
     def linear(self, place: Any, start: Any, width: Any, height: Any, mode: Any) -> Any:
-        """The four texels about there, interpolated."""
+        """Interpolate the four texels around `place`."""
         corner = sh.floor(place - 0.5)
         part = place - 0.5 - corner
         cell = sh.Attrib2i(corner)
@@ -67,18 +67,18 @@ class Atlas:
         return sh.mix(top, bottom, part.y)
 
     def wrapped(self, x: Any, mode: Any) -> Any:
-        """A coordinate in [0, 1]."""
+        """Wrap a coordinate into [0, 1]."""
         ways = {"repeat": sh.fract(x), "clamp": sh.clamp(x, 0, 1), "mirror": 1 - abs(1 - 2 * sh.fract(0.5 * x))}
         return self._chosen(ways, mode)
 
     def cell(self, k: Any, count: Any, mode: Any) -> Any:
-        """The row or column of a texel that may lie beside the picture."""
+        """Return the row or column of a texel that may lie beside the picture."""
         across = sh.cond(k < 0, count - 1, sh.cond(k >= count, 0, k))
         edge = sh.clamp(k, 0, count - 1)
         return self._chosen({"repeat": across, "clamp": edge, "mirror": edge}, mode)
 
     def _chosen(self, ways: dict[Any, Any], mode: Any) -> Any:
-        """The value for the wrap that the mode says, of those that textures have."""
+        """Select the value for the wrap that the mode says, among those that textures have."""
         used = [wrap for wrap in WRAPS if wrap in self.wraps]
         found = ways[used[0]]
         for wrap in used[1:]:

@@ -26,7 +26,7 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 
 class Pixel(NamedTuple):
-    """What the tracer gives for an eye ray: the layers of an `Image`."""
+    """The result of an eye ray: the layers of an `Image`."""
 
     color: sh.Color3f
     depth: sh.Attrib1f
@@ -50,7 +50,7 @@ class Path:
 
     @classmethod
     def eye_ray(cls, bounces: Any) -> Path:
-        """The path of an eye ray that has met nothing yet."""
+        """Return the path of an eye ray that has met nothing yet."""
         color = sh.Color3f(0, 0, 0)
         scolor = sh.Color3f(0, 0, 0)
         rn = sh.Attrib2f(1, 0)
@@ -169,14 +169,14 @@ class Tracer:
         return finished
 
     def note(self, pixel: Pixel, hit: Hit, surface: ShadedPoint) -> None:
-        """The layers show the first surface that the eye ray hits."""
+        """Set the layers to the first surface that the eye ray hits."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
         pixel.object[:] = self.surfaces.object_at(hit)
 
 
 def background_pixel(color: Any, rays: Any) -> Pixel:
-    """The layers where nothing is hit."""
+    """Return the layers where nothing is hit."""
     depth = sh.Attrib1f(inf)
     normal = sh.Normal3f(0, 0, 0)
     number = sh.Attrib1i(-1)
@@ -190,7 +190,7 @@ def reflect(surface: ShadedPoint, ray: Any, eye: Any) -> None:
 
 
 def mirrored(surface: ShadedPoint) -> Any:
-    """The mirrored ray; where an interpolated normal would send it into the surface, it is turned back outside."""
+    """Return the mirrored ray, turned back outside where an interpolated normal would send it into the surface."""
     mirrored = sh.reflect(-surface.view, surface.normal)
     below = sh.min(sh.dot(mirrored, surface.face), 0.0)
     return mirrored - (2 * below) * surface.face

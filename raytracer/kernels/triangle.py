@@ -1,4 +1,4 @@
-"""Where a ray meets a triangle.
+"""The intersection of a ray with a triangle.
 
 Stage: kernel. Recorded into the walk of an accelerator. The triangle is seen along the ray: its corners, projected on
 the plane across the ray's largest component, lie round the origin if the ray meets it (Woop, Benthin and Wald 2013).
@@ -76,7 +76,7 @@ class Hit:
 
     @classmethod
     def held_in(cls, place: Any, accept: Accept | None = None) -> Hit:
-        """The hit whose variables are those of `place`."""
+        """Return the hit whose variables are those of `place`."""
         hit = cls.__new__(cls)
         hit.l, hit.uv, hit.id, hit.accept = place.l, place.uv, place.id, accept
         return hit
@@ -122,26 +122,26 @@ class Sight:
         self.slope = (x / self.pace, y / self.pace)
 
     def turned(self, v: Any) -> tuple[Any, Any, Any]:
-        """The components of a vector along x, y and z as they are turned."""
+        """Return the components of a vector along x, y and z as they are turned."""
         x, y = sh.cond(self.by_x, v.y, v.x), sh.cond(self.by_xy, v.z, v.y)
         return x, y, sh.cond(self.by_x, v.x, sh.cond(self.by_xy, v.y, v.z))
 
     def edges(self, a: Any, b: Any, c: Any) -> tuple[Any, Any, Any]:
-        """The edge functions of a triangle, opposite to each of its corners, which are relative to the ray's origin."""
+        """Return the edge functions of a triangle opposite to its corners, which are relative to the ray's origin."""
         (ax, ay), (bx, by), (cx, cy) = map(self.project, (a, b, c))
         return bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
 
     def project(self, p: Any) -> tuple[Any, Any]:
-        """A point relative to the ray's origin, seen along the ray."""
+        """Project a point, relative to the ray's origin, along the ray."""
         return p[0] - self.slope[0] * p[2], p[1] - self.slope[1] * p[2]
 
     def distance(self, weights: Sequence[Any], whole: Any, depths: Sequence[Any], plane: PlaneView) -> Any:
-        """How far it is to a mean of corners that lie so deep along z; `whole` is the sum of their weights."""
+        """Return the distance to a mean of corners with these depths along z; `whole` is the sum of their weights."""
         t = product(weights, depths) / (whole * self.pace)
         return plane.improve(t, highest(*(abs(depth) for depth in depths)))
 
     def span(self, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
-        """Where the ray enters and where it leaves the box round a triangle: before it enters where it misses it."""
+        """Return the distances at which a ray enters and leaves the box round a triangle; leave < enter for a miss."""
         sides = [[corner[k] * self.inverse[k] for corner in (a, b, c)] for k in range(3)]
         enter = highest(*(lowest(*side) - growth for side, growth in zip(sides, self.growth, strict=True)))
         leave = lowest(*(highest(*side) + growth for side, growth in zip(sides, self.growth, strict=True)))
@@ -162,11 +162,11 @@ class Triangles:
         self.numbers = numbers
 
     def __getitem__(self, k: Any) -> list[Any]:
-        """The three rows of triangle `k`."""
+        """Return the three rows of triangle `k`."""
         return [self.rows[3 * k + corner] for corner in range(3)]
 
     def number(self, k: Any) -> Any:
-        """The number of the triangle at place `k`."""
+        """Return the number of the triangle at place `k`."""
         return k if self.numbers is None else self.numbers[k]
 
 
@@ -185,7 +185,7 @@ class PlaneView:
         self.size = abs(level) + product(size, [abs(eye[k]) for k in range(3)])
 
     def improve(self, t: Any, large: Any) -> Any:
-        """The distance to the plane, or `t`, a mean of corners as far as `large`, if its error is not far larger."""
+        """Return the distance to the plane; or `t`, a mean of corners within `large`, if that is not far worse."""
         return sh.cond(self.is_better(t, large), self.height / self.slope, t)
 
     def is_better(self, t: Any, large: Any) -> Any:
@@ -197,12 +197,12 @@ class PlaneView:
         return PLANE * self.error_at(t) < large * lower(abs(self.slope) * EDGE_ON, 1.0)
 
     def error_at(self, t: Any) -> Any:
-        """How far a point of the ray at the distance `t` may seem to be off the plane, in roundings."""
+        """Return the distance, in roundings, by which the ray's point at `t` may seem to be off the plane."""
         return self.size + abs(t) * self.pace
 
 
 class TriangleTest:
-    """What a ray needs to be tried against many triangles; `bound` is for rays that may start from one."""
+    """The constants of a ray for tests against many triangles; `bound` is for rays that may start from one."""
 
     def __init__(self, ray: Any, eye: Any, bound: AheadBound | None = None) -> None:
         self.sight, self.bound = Sight(ray, eye), bound
@@ -266,22 +266,22 @@ def meets(enter: Any, leave: Any, near: Any) -> Any:
 
 
 def within(enter: Any, leave: Any, t: Any) -> Any:
-    """The distance `t` of a hit, or that end of its box which it lies beyond by more than the part `REACH / 2`."""
+    """Return the distance `t` of a hit, or the end of its box that it exceeds by more than the part `REACH / 2`."""
     return higher(lower(t, leave + (REACH / 2) * abs(leave)), enter - (REACH / 2) * abs(enter))
 
 
 def product(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    """The scalar product of vectors that are given by components."""
+    """Return the scalar product of vectors that are given by components."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def same_side(a: Any, b: Any, c: Any) -> Any:
-    """Whether no two of the numbers, which are never NaN, have opposite signs."""
+    """Return True if no two of the numbers, which are never NaN, have opposite signs."""
     return (lowest(a, b, c) >= 0) | (highest(a, b, c) <= 0)
 
 
 def is_ray(ray: Any, eye: Any) -> Any:
-    """Whether these are a direction and a place: nothing NaN or infinite, and somewhere to go."""
+    """Return True for a direction and a place: finite numbers, and a direction that is not zero."""
     along = abs(ray.x) + abs(ray.y) + abs(ray.z)
     return (along > 0) & (along + (abs(eye.x) + abs(eye.y) + abs(eye.z)) <= FAR)
 
@@ -297,20 +297,20 @@ def farther(distance: Any) -> Any:
 
 
 def lower(a: Any, b: Any) -> Any:
-    """The lower of two numbers that are never NaN, which costs less than `min`."""
+    """Return the lower of two numbers that are never NaN, which costs less than `min`."""
     return sh.cond(a < b, a, b)
 
 
 def higher(a: Any, b: Any) -> Any:
-    """The higher of two numbers that are never NaN."""
+    """Return the higher of two numbers that are never NaN."""
     return sh.cond(a < b, b, a)
 
 
 def lowest(*numbers: Any) -> Any:
-    """The lowest of numbers that are never NaN."""
+    """Return the lowest of numbers that are never NaN."""
     return reduce(lower, numbers)
 
 
 def highest(*numbers: Any) -> Any:
-    """The highest of numbers that are never NaN."""
+    """Return the highest of numbers that are never NaN."""
     return reduce(higher, numbers)

@@ -38,7 +38,7 @@ class Walk(Protocol):
     accept: Accept | None
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         ...
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
@@ -91,7 +91,7 @@ class AloneWalk:
 
 
 def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk | SplitWalk:
-    """The walk through a scene for rays of unit length that may start from a triangle.
+    """Return the walk through a scene for rays of unit length that may start from a triangle.
 
     `scattered`: rays that come of eye rays soon have little in common with their neighbours, as after matt surfaces and
     in glass. Where packets would walk the union of their ways through many triangles, each of them walks alone.
@@ -111,7 +111,7 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
 
 
 def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> Hit:
-    """The nearest hit of a ray before `limit`, which `is_eye` tells from a secondary one; `any_hit` as in `Walk`."""
+    """Find the nearest hit of a ray before `limit`; `is_eye` tells eye rays from others, `any_hit` as in `Walk`."""
     if not isinstance(walk, SplitWalk):
         return walk(ray, eye, 0.0, limit, any_hit)
     hit = Hit(limit, walk.accept)
@@ -123,7 +123,7 @@ def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, 
 
 
 def walk_through(structure: Structure, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
-    """The walk through a structure over `triangles` (see `layout.triangle_rows`), in the way that suits a backend.
+    """Return the walk through a structure over `triangles` (see `triangle_rows`) in the way that suits a backend.
 
     `roundoff` is for rays of unit length that may start from a triangle (see `AheadBound`).
     """
@@ -132,7 +132,7 @@ def walk_through(structure: Structure, triangles: Any, backend: str, roundoff: f
 
 
 def walk_with(structure: Structure, triangles: Any, backend: str, bound: AheadBound | None) -> Walk:
-    """The walk as in `walk_through`, with the bound of rays that may start from a triangle."""
+    """Return the walk as in `walk_through`, with the bound of rays that may start from a triangle."""
     if isinstance(structure, LayeredCube):
         return LayeredIntersector(structure, triangles, bound)
     if isinstance(structure, Bvh):

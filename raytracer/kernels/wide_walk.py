@@ -1,4 +1,4 @@
-"""What one ray meets first: eight boxes at a time, and four triangles at a time.
+"""The walk of one ray alone through a BVH: eight boxes at a time, and four triangles at a time.
 
 Stage: kernel, for rays that have little in common with their neighbours. Vectors of four hold what boxes or triangles
 say to one ray, so a CPU's vectors are full though the ray walks alone. What such a ray waits for is the way from one
@@ -72,7 +72,7 @@ class WideIntersector:
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """The nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
         hit = Hit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
@@ -141,12 +141,12 @@ class WideIntersector:
             SH_UNTIL((bits == 0) | (hit.id >= 0))
 
     def number(self, read: Any) -> Any:
-        """A record's number as it is read: the last at most, as it is anyway, so that it is known to be in range."""
+        """Clamp a record's number to the last one, which it never exceeds, so that it is known to be in range."""
         return sh.Attrib1i(sh.min(read, sh.Attrib1u(self.last)))
 
 
 def keys_of(halves: list[tuple[Any, Any, Any]]) -> list[Any]:
-    """The keys of boxes, of four each: where they begin, 0 or beyond, whether they are met, and their tags.
+    """Return the keys of boxes, of four each: the begin, 0 or beyond, whether they are met, and their tags.
 
     A key is where the box begins, its last bits the box's tag; NONE for a box that is not met.
     """
@@ -157,31 +157,31 @@ def keys_of(halves: list[tuple[Any, Any, Any]]) -> list[Any]:
 
 
 def least_of(keys: list[Any]) -> Any:
-    """The least of eight keys, in each of four components."""
+    """Return the least of eight keys, in each of four components."""
     least = sh.min(*keys)
     least = sh.min(least, least.zwxy)
     return sh.min(least, least.yxwz)
 
 
 def greatest_of(keys: list[Any]) -> Any:
-    """The greatest of eight keys, in each of four components."""
+    """Return the greatest of eight keys, in each of four components."""
     greatest = sh.max(*keys)
     greatest = sh.max(greatest, greatest.zwxy)
     return sh.max(greatest, greatest.yxwz)
 
 
 def beyond(least: Any, keys: list[Any]) -> list[Any]:
-    """The keys that are greater, which are all but one if it is the least, and NONE in the place of that."""
+    """Return the keys, with NONE in the place of those that are not greater than `least`."""
     return [sh.cond(half > least, half, sh.Attrib4u(NONE)) for half in keys]
 
 
 def child(key: Any, first: Any) -> Any:
-    """The number of a box's record, by the tag in its key."""
+    """Return the number of a box's record, by the tag in its key."""
     return first + sh.Attrib1i(key & (LEAF - 1))
 
 
 class Stack:
-    """What is still to be looked into: the record's number and the box's key, which says where the box begins."""
+    """Boxes that are still to be visited: the record's number and the box's key, which holds the box's begin."""
 
     def __init__(self, size: int) -> None:
         held = sh.Array(sh.Attrib2u, size)
@@ -216,7 +216,7 @@ class Stack:
 
 
 class NodeTest:
-    """What a ray needs to be tried against eight boxes at a time.
+    """The constants of a ray for tests against eight boxes at a time.
 
     Which side of a box a ray comes to first is known from the ray's sign, so `first` and `last` are rows of a node.
     """
@@ -230,11 +230,11 @@ class NodeTest:
         self.last = [4 * axis + 6 - first for axis, first in enumerate(self.first)]
 
     def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
-        """The keys of a node's boxes, in two halves; see `keys_of`."""
+        """Return the keys of a node's boxes, in two halves; see `keys_of`."""
         return keys_of(self.halves(records, row, reach))
 
     def bits(self, records: Any, row: Any, reach: Any) -> Any:
-        """A bit for each of a node's boxes that is met, at the place that is the box's tag."""
+        """Return a bit for each of a node's boxes that is met, at the place that is the box's tag."""
         one, none = sh.Attrib4u(1), sh.Attrib4u(0)
         first, last = (sh.cond(met, one << tags, none) for _, met, tags in self.halves(records, row, reach))
         some = first | last
@@ -242,7 +242,7 @@ class NodeTest:
         return (some | some.yxwz).x
 
     def halves(self, records: Any, row: Any, reach: Any) -> list[tuple[Any, Any, Any]]:
-        """Of four boxes each: where they begin, whether they are met before `reach`, and their tags."""
+        """Return for four boxes each: their begin, whether they are met before `reach`, and their tags."""
 
         def along(axis: int, side: Any, inverse: Any) -> Any:
             return (sh.float_from_bits(records[row + side]) - self.eye[axis]) * inverse[axis]
@@ -288,5 +288,5 @@ class BlockTest:
                 hit.offer(met[k], t[k], numbers[k], (wb[k], wc[k], whole[k]))
 
     def side(self, records: Any, row: Any, axis: int) -> Any:
-        """A coordinate of a corner of each triangle, relative to the ray's origin."""
+        """Return a coordinate of a corner of each triangle, relative to the ray's origin."""
         return sh.float_from_bits(records[row + self.rows[axis]]) - self.sight.eye[axis]

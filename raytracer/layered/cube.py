@@ -161,7 +161,7 @@ class LayeredCube:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What decides a cube, besides its triangles."""
+        """The options that decide a cube, besides its triangles."""
         return {
             "resolution": self.resolution, "block": self.block, "hit": self.hit,
             "tolerance": self.tolerance, "conservative": self.conservative,
@@ -236,7 +236,7 @@ def _apart(corners: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.
 def _frame(
     corners: NDArray[np.float64], resolution: int, block: int, tolerance: float | None, hit: str
 ) -> NDArray[np.float32]:
-    """The raster over the box of `corners`, which are those of a kernel; see `kernels.layered_raster`."""
+    """Return the raster over the box of `corners`, which are those of a kernel; see `kernels.layered_raster`."""
     frame = np.zeros((8, 4))
     low, high = (end(corners, axis=(0, 1), initial=0) for end in (np.min, np.max)) if len(corners) else np.zeros((2, 3))
     largest = float((high - low).max()) or 1.0

@@ -147,7 +147,7 @@ class _Device:
 
 
 def _by_texel(layers: list[list[NDArray[np.float32]]], resolution: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The offsets of texels, and the triangles of layers put together texel by texel."""
+    """Put the triangles of layers together texel by texel; return the offsets of texels, and the triangles."""
     counts = np.zeros((3, resolution**2), np.int64)
     for count, image in zip(counts, layers, strict=True):
         for layer in image:

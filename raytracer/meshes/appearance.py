@@ -1,4 +1,4 @@
-"""What a mesh file says of a surface, as a `Material` of Phong's model.
+"""Materials of mesh files as materials of Phong's model.
 
 Stage: scene description. The readers of files give an `Appearance`: a metallic-roughness material (glTF 2.0, section
 3.9 and appendix B) or the words of an MTL file. These two functions are the only place that knows what becomes of them.
@@ -150,7 +150,7 @@ def _lobe(
 
 
 def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
-    """The meaning of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
+    """Return the meaning of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
 
     The picture of a material that blends cuts out at 0.5, so that its shadows are as the surface is.
     """
@@ -241,13 +241,13 @@ def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:
 
 
 def _number(words: Mapping[str, list[str]], name: str, default: float) -> float:
-    """The last number of a statement; the default where it is missing."""
+    """Return the last number of a statement; the default where it is missing."""
     given = words.get(name, [])
     return float(given[-1]) if given else default
 
 
 def _rgb(words: Mapping[str, list[str]], name: str, default: float) -> Triple:
-    """The colour of a statement; one number stands for three."""
+    """Return the colour of a statement; one number stands for three."""
     given = [float(word) for word in words.get(name, [default])]
     if len(given) == 1:
         given *= 3

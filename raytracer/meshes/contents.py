@@ -26,7 +26,7 @@ _PLY_BYTES: Final = {
 
 
 def text_of(data: bytes) -> str:
-    """A text in UTF-8 or UTF-16 with a byte-order mark, in UTF-8, or else in Latin-1."""
+    """Decode a text: UTF-8 or UTF-16 with a byte-order mark, UTF-8, or else Latin-1."""
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             return data[len(mark) :].decode(encoding, "replace")
@@ -37,7 +37,7 @@ def text_of(data: bytes) -> str:
 
 
 def stl(data: bytes) -> bytes:
-    """An STL file: binary with as many triangles as it declares, or text."""
+    """Check an STL file, which is binary with as many triangles as it declares, or text; return what trimesh takes."""
     count = int.from_bytes(data[80:_STL_HEAD], "little") if len(data) >= _STL_HEAD else 0
     if len(data) >= _STL_HEAD and len(data) == _STL_HEAD + _STL_TRIANGLE * count:
         return data
@@ -54,7 +54,7 @@ def stl(data: bytes) -> bytes:
 
 
 def ply(data: bytes) -> bytes:
-    """A PLY file: at least as many elements as the header declares."""
+    """Check a PLY file, which has at least as many elements as its header declares; return what trimesh takes."""
     if data.startswith(tuple(mark for mark, _ in _MARKS)):
         data = _ascii(text_of(data))
     found = re.search(rb"end_header[ \t]*\r?\n", data)
@@ -95,7 +95,7 @@ def _elements(head: str) -> Iterator[tuple[str, int, int]]:
 
 
 def off(data: bytes) -> bytes:
-    """An OFF file."""
+    """Return an OFF file as trimesh takes it."""
     return _ascii(text_of(data))
 
 

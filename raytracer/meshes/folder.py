@@ -26,7 +26,7 @@ _LONGEST = 60
 
 
 class Notices:
-    """What a mesh file holds in vain, and which of the files that it names could not be read."""
+    """The parts of a mesh file that are ignored, and the files that it names and that could not be read."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -43,7 +43,7 @@ class Notices:
         self.missing.setdefault(shown(name), shown(reason, 200))
 
     def text(self) -> str:
-        """What is ignored, in one line; "" where nothing is."""
+        """Return what is ignored, in one line; "" where nothing is."""
         entries = [f"{what} ({count})" for what, count in self.ignored.items()]
         return f"{self.file}: ignored: {_listed(entries)}" if entries else ""
 
@@ -84,17 +84,17 @@ class Folder:
         return found
 
     def read(self, name: str) -> bytes:
-        """The contents of a file; see `find`."""
+        """Read a file; see `find`."""
         return self.find(name).read_bytes()
 
     def _inside(self, name: str) -> Path | None:
-        """The path of a name, links followed; None if it leads out of the folder."""
+        """Return the path of a name, links followed; None if it leads out of the folder."""
         path = (self.root / name).resolve()
         return path if path.is_relative_to(self.root) else None
 
 
 def shown(text: str, longest: int = _LONGEST) -> str:
-    """A text from a file as it is shown: one line of printable characters, and not too long."""
+    """Return a text from a file as it is shown: one line of printable characters, and not too long."""
     line = " ".join(text.split())
     line = "".join(c if c.isprintable() else "?" for c in line)
     cut = (longest - 3) // 2

@@ -31,7 +31,7 @@ _GREY = (102, 102, 102)
 
 
 def mesh_of(part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
-    """A trimesh.Trimesh as a Mesh, of its own material unless another is given.
+    """Convert a trimesh.Trimesh to a Mesh, of its own material unless another is given.
 
     Normals are those that `part` has computed or was given; without any, corners are smoothed. Colours of vertices and
     faces are taken for sRGB. Raises SceneError for what is no Trimesh.
@@ -43,7 +43,7 @@ def mesh_of(part: Any, *, material: Material | None = None, name: str | None = N
 
 
 def parts_of(thing: Any, notices: Notices) -> Iterator[Instance]:
-    """The meshes of a trimesh.Trimesh or trimesh.Scene, in their places, named by the nodes of the scene's graph."""
+    """Yield the meshes of a trimesh.Trimesh or trimesh.Scene in their places, named by the graph's nodes."""
     pictures = Pictures(notices)
     if not hasattr(thing, "graph"):
         yield Instance(_mesh(thing, None, _name(thing), pictures, notices), np.eye(4))
@@ -100,7 +100,7 @@ def _linear(colors: Any) -> NDArray[np.float64]:
 
 
 def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
-    """The material of a PBRMaterial or SimpleMaterial, whose numbers are linear."""
+    """Convert a PBRMaterial or SimpleMaterial, whose numbers are linear."""
     if given is None:
         return PLAIN
     if hasattr(given, "materials"):
@@ -132,7 +132,7 @@ def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
 
 
 def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture | None:
-    """The picture of a material or its alpha, known by its contents, as scenes of trimesh hold copies."""
+    """Return the picture of a material or its alpha. Its contents are the key, as scenes of trimesh hold copies."""
     if image is None:
         return None
     try:
@@ -144,7 +144,7 @@ def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture 
 
 
 def _simple(given: Any, picture: Any, notices: Notices) -> Material:
-    """The material of a SimpleMaterial: its grey default is no colour, and no factor of an image."""
+    """Convert a SimpleMaterial; its grey default is no colour, and no factor of an image."""
     diffuse = np.asarray(getattr(given, "diffuse", _GREY))[:3]
     plain = tuple(diffuse.tolist()) == _GREY
     if picture is None and plain:
@@ -158,6 +158,6 @@ def _simple(given: Any, picture: Any, notices: Notices) -> Material:
 
 
 def texture_file(header: str) -> str | None:
-    """The name of the picture in the header of a PLY file, where MeshLab writes it as a comment."""
+    """Return the name of the picture in the header of a PLY file, where MeshLab writes it as a comment."""
     found = re.search(r"^comment\s+TextureFile\s+(\S.*?)\s*$", header, re.MULTILINE | re.IGNORECASE)
     return found[1] if found else None

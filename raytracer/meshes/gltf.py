@@ -67,7 +67,7 @@ class Document:
         return [name for name in map(str, self.tree.get("extensionsUsed", [])) if name not in _TRANSLATED]
 
     def all(self, key: str) -> list[dict[str, Any]]:
-        """The entries of one of the file's lists."""
+        """Return the entries of one of the file's lists."""
         if key not in self._lists:
             found = self.tree.get(key, [])
             if not (isinstance(found, list) and all(isinstance(entry, dict) for entry in found)):
@@ -76,14 +76,14 @@ class Document:
         return self._lists[key]
 
     def one(self, key: str, number: Any) -> dict[str, Any]:
-        """The entry of one of the file's lists that has this number."""
+        """Return the entry of one of the file's lists that has this number."""
         entries = self.all(key)
         if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < len(entries):
             raise SceneError(f"it names number {shown(str(number))} of its {key}, and there are {len(entries)}")
         return entries[number]
 
     def array(self, number: Any) -> NDArray[Any]:
-        """The rows (N, width) of an accessor: floats, or integers unless they are said to be normalized."""
+        """Return the rows (N, width) of an accessor: floats, or integers unless it is normalized."""
         accessor = self.one("accessors", number)
         if number not in self._arrays:
             self._arrays[number] = self._array(accessor)
@@ -94,7 +94,7 @@ class Document:
         return not {"bufferView", "sparse"}.isdisjoint(self.one("accessors", number))
 
     def bytes_of(self, view: Any) -> memoryview:
-        """The bytes of a buffer view; they are not copied."""
+        """Return the bytes of a buffer view; they are not copied."""
         entry = self.one("bufferViews", view)
         start, length = _count(entry.get("byteOffset", 0)), _count(entry["byteLength"])
         buffer = self._buffer(entry["buffer"])
@@ -103,7 +103,7 @@ class Document:
         return memoryview(buffer)[start : start + length]
 
     def uri(self, uri: str) -> bytes:
-        """The bytes of a data URI, or of a file in the folder."""
+        """Return the bytes of a data URI, or of a file in the folder."""
         if uri.startswith("data:"):
             head, comma, body = uri.partition(",")
             if not comma or not head.endswith(";base64"):
@@ -152,7 +152,7 @@ class Document:
 
 
 def _container(data: bytes) -> tuple[str, bytes]:
-    """The text of the JSON and the binary chunk of a GLB file, or of a text."""
+    """Return the text of the JSON and the binary chunk of a GLB file, or of a text."""
     if not data.startswith(_MAGIC):
         return text_of(data), b""
     if len(data) < 20:
@@ -174,7 +174,7 @@ def _container(data: bytes) -> tuple[str, bytes]:
 
 
 def _count(value: Any) -> int:
-    """A whole number of JSON that is not negative."""
+    """Return a whole number of JSON that is not negative."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise SceneError(f"{shown(str(value))!r} is no number of elements or bytes")
     return value

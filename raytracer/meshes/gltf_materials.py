@@ -42,7 +42,7 @@ class GltfMaterials:
         self._read: dict[tuple[Any, bool], Material] = {}
 
     def uv_set(self, number: Any) -> int:
-        """The number of the uv coordinates that the pictures of a material are read at."""
+        """Return the number of the uv coordinates that the pictures of a material are read at."""
         used = {} if number is None else self._textures(self.document.one("materials", number))
         return int(next(iter(used.values()), {}).get("texCoord", 0))
 
@@ -51,7 +51,7 @@ class GltfMaterials:
         return number is not None and self.document.one("materials", number).get("alphaMode") in _ALPHA_MODES
 
     def get(self, number: Any, has_uv: bool) -> Material:
-        """The material of this number for a mesh; its pictures are left out where the mesh has no uv coordinates."""
+        """Return the material of this number for a mesh, without pictures where the mesh has no uv coordinates."""
         entry = self.document.one("materials", number)
         used = self._textures(entry)
         places = self.uv_set(number)
@@ -67,14 +67,14 @@ class GltfMaterials:
         return self._read[key]
 
     def _textures(self, entry: dict[str, Any]) -> dict[str, dict[str, Any]]:
-        """What a material says of the textures that are read, by our names for them."""
+        """Return the textures of a material by our names for them."""
         look, clear = entry.get("pbrMetallicRoughness", {}), _extension(entry, "transmission")
         found = {"color": look.get("baseColorTexture"), "roughness": look.get("metallicRoughnessTexture")}
         found |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
         return {name: texture for name, texture in found.items() if texture}
 
     def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> Material:
-        """A material with these textures (section 3.9)."""
+        """Make a material with these textures (section 3.9)."""
         look = entry.get("pbrMetallicRoughness", {})
         color = _numbers(look.get("baseColorFactor", (1, 1, 1, 1)), 4)
         for key, what in _MAPS.items():
@@ -96,7 +96,7 @@ class GltfMaterials:
         return metallic_roughness(self._clear(found, entry, used.get("transmission")))
 
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
-        """What alpha does (section 3.9.4): a mask cuts out, blending makes clear what the factor alone says."""
+        """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear by the factor alone."""
         mode, cutoff = entry.get("alphaMode", "OPAQUE"), float(entry.get("alphaCutoff", 0.5))
         if mode not in _ALPHA_MODES:
             return Alpha()
@@ -104,7 +104,7 @@ class GltfMaterials:
         return alpha_of(mode, factor, cutoff, picture, self.notices)
 
     def _clear(self, found: MetallicRoughness, entry: dict[str, Any], used: dict[str, Any] | None) -> MetallicRoughness:
-        """A material with the share that is clear, and what is in the body behind it."""
+        """Return a material with the share that is clear, and what is in the body behind it."""
         factor = float(_extension(entry, "transmission").get("transmissionFactor", 0))
         if factor <= 0:
             return found
@@ -123,7 +123,7 @@ class GltfMaterials:
         )
 
     def _picture(self, used: dict[str, Any] | None, *, alpha: bool = False) -> Picture | None:
-        """The picture of a texture that a material uses; None, with a notice, where it cannot be read."""
+        """Return the picture of a texture that a material uses; None, with a notice, where it cannot be read."""
         if not used:
             return None
         texture = self.document.one("textures", used.get("index"))
@@ -149,7 +149,7 @@ class GltfMaterials:
 
 
 def _ior(entry: dict[str, Any]) -> float:
-    """The refractive index of a material (KHR_materials_ior): 0 stands for a surface that mirrors all."""
+    """Return the refractive index of a material (KHR_materials_ior): 0 stands for a surface that mirrors all."""
     found = float(_extension(entry, "ior").get("ior", 1.5))
     if not 0 <= found < math.inf:
         raise SceneError(f"the ior of a material is 0, or 1 and more, not {found}")
@@ -167,13 +167,13 @@ def _absorption(volume: dict[str, Any]) -> Triple:
 
 
 def _extension(entry: dict[str, Any], name: str) -> dict[str, Any]:
-    """What an extension of KHR_materials says of a material; {} where it is not used."""
+    """Return an extension of KHR_materials of a material; {} where it is not used."""
     found: dict[str, Any] = entry.get("extensions", {}).get(f"KHR_materials_{name}", {})
     return found
 
 
 def _numbers(values: Any, count: int) -> list[float]:
-    """The components of a factor; too few of them are a ValueError."""
+    """Return the components of a factor; too few of them are a ValueError."""
     found = [float(x) for x in values]
     if len(found) != count:
         raise ValueError(f"a factor of a material has {count} numbers, not {len(found)}")

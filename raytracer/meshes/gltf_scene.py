@@ -58,7 +58,7 @@ class GltfScene:
             notices.ignore(extension)
 
     def instances(self) -> list[Instance]:
-        """The parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
+        """Return the parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
         found = []
         for node in self.nodes:
             if "mesh" not in node.entry:
@@ -72,7 +72,7 @@ class GltfScene:
         return found
 
     def camera(self, low: Matrix, high: Matrix) -> Camera | None:
-        """The first perspective camera, aimed at a point as far away as the middle of the box from `low` to `high`."""
+        """Return the first perspective camera, aimed as far away as the middle of the box from `low` to `high`."""
         cameras = [node for node in self.nodes if "camera" in node.entry]
         found: Camera | None = None
         for node in cameras:
@@ -86,7 +86,7 @@ class GltfScene:
         return found
 
     def lights(self, middle: Matrix) -> list[PlacedLight]:
-        """The lights of KHR_lights_punctual, scaled together: where all shine on one surface at `middle`, it gets 1.
+        """Return the lights of KHR_lights_punctual, scaled together: a surface at `middle` that all shine on gets 1.
 
         A file gives them in lux and candela, for an exposure that it does not give.
         """
@@ -103,7 +103,7 @@ class GltfScene:
         return [_colored(light, color / most) for light, color in found] if most > 0 else []
 
     def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, Matrix] | None:
-        """A light, and how bright it is at `middle`."""
+        """Return a light, and how bright it is at `middle`."""
         color = float(entry.get("intensity", 1)) * np.asarray(entry.get("color", (1, 1, 1)), dtype=np.float64)
         kind, place = entry.get("type"), matrix[:3, 3]
         if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
@@ -178,7 +178,7 @@ def _without_bytes(primitive: dict[str, Any]) -> str:
 
 
 def _nodes(document: Document) -> Iterator[Node]:
-    """The nodes of the default scene, parents first, in the file's order (section 3.5)."""
+    """Return the nodes of the default scene, parents first, in the file's order (section 3.5)."""
     entries, scenes = document.all("nodes"), document.all("scenes")
     if scenes:
         roots = document.one("scenes", document.tree.get("scene", 0)).get("nodes", [])
@@ -203,7 +203,7 @@ def _nodes(document: Document) -> Iterator[Node]:
 
 
 def _local(entry: dict[str, Any]) -> Matrix:
-    """The matrix of a node: its own, or translation, rotation and scale (section 3.5.3)."""
+    """Return the matrix of a node: its own, or translation, rotation and scale (section 3.5.3)."""
     if "matrix" in entry:
         given = np.asarray(entry["matrix"], dtype=np.float64).reshape(4, 4).T.copy()
         if np.allclose(given[3], (0, 0, 0, 1)):  # but for rounding in the text
@@ -224,7 +224,7 @@ def _local(entry: dict[str, Any]) -> Matrix:
 
 
 def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
-    """The triangles (F, 3) of a list (mode 4), strip (5) or fan (6) of vertices (section 3.7.2.1)."""
+    """Return the triangles (F, 3) of a list (mode 4), strip (5) or fan (6) of vertices (section 3.7.2.1)."""
     if mode == 4:
         return order[: len(order) // 3 * 3].reshape(-1, 3)
     k = np.arange(max(0, len(order) - 2))
@@ -234,7 +234,7 @@ def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 
 def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
-    """A perspective camera (section 3.10.3): it looks along its own -z."""
+    """Make a perspective camera (section 3.10.3): it looks along its own -z."""
     angle, aspect = float(lens["yfov"]), float(lens.get("aspectRatio", 1))
     if aspect < 1:
         angle = 2 * math.atan(aspect * math.tan(angle / 2))

@@ -57,7 +57,7 @@ class Contents:
 
 
 def load_mesh(path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
-    """The triangles of a file, all parts in their places, as one mesh.
+    """Read the triangles of a file, all parts in their places, as one mesh.
 
     The file's normals are kept; without any, corners are smoothed where faces meet at a small angle. Vertex colours and
     uv coordinates are kept; materials are not, as a mesh has one: `Scene.load` reads them. An sh.ShpyWarning says so,
@@ -76,7 +76,7 @@ def load_mesh(path: str | PathLike[str], *, material: Material | None = None) ->
 
 
 def load_contents(path: str | PathLike[str]) -> Contents:
-    """The meshes of a file with names and materials, its camera and lights; what is left out is an sh.ShpyWarning.
+    """Read the meshes of a file with names and materials, camera and lights; warn (sh.ShpyWarning) of what is left out.
 
     Errors are those of `load_mesh`.
     """
@@ -181,7 +181,7 @@ class Library:
         self._made: dict[tuple[str, bool], Material | None] = {}
 
     def material(self, name: str | None, mesh: Mesh) -> Material | None:
-        """The material of this name for a mesh; None if no library has it."""
+        """Return the material of this name for a mesh; None if no library has it."""
         if name is None or name not in self.words:
             if name is not None and (self.words or not self.files):
                 self.notices.ignore("names of materials that are not described")
@@ -206,7 +206,7 @@ class Library:
             return None
 
     def _names(self, line: str) -> list[str]:
-        """The files of a line: one with spaces in its name if it is there, else several."""
+        """Return the files of a line: one with spaces in its name if it is there, else several."""
         try:
             self.folder.find(line)
         except (OSError, SceneError):
@@ -214,7 +214,7 @@ class Library:
         return [line]
 
     def _picture(self, words: list[str], read: bool, *, mask: bool = False) -> Picture | None:
-        """The picture of a statement; with `mask` its alpha, where it has some."""
+        """Return the picture of a statement; with `mask` its alpha, where it has some."""
         if not (words and read):
             return None
         given = picture_words(words)
@@ -230,7 +230,7 @@ class Library:
 
 
 def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    """A PLY, STL or OFF file: one mesh, and of PLY the picture that MeshLab names in a comment."""
+    """Read a PLY, STL or OFF file: one mesh, and of PLY the picture that MeshLab names in a comment."""
     import trimesh
 
     kind = path.suffix.lower()
@@ -244,7 +244,7 @@ def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool)
 
 
 def _painted(mesh: Mesh, name: str | None, folder: Folder, notices: Notices) -> Mesh:
-    """The mesh with the picture of this name, or with a material that suits it without one."""
+    """Return the mesh with the picture of this name, or with a material that suits it without one."""
     if name is not None and mesh.uv is None:
         notices.ignore("pictures of meshes without uv coordinates")
     picture = None

@@ -96,7 +96,7 @@ class Mesh:
         return array
 
     def _of_unit_length(self, normals: Floats) -> Floats:
-        """Normals (F, 3, 3) divided by their lengths, those of the faces where they are zero.
+        """Divide normals (F, 3, 3) by their lengths; where they are zero, take those of the faces.
 
         What has length 1 already, but for rounding to binary32, stays as it is.
         """
@@ -112,7 +112,7 @@ class Mesh:
         return f"<Mesh {self.name}: {', '.join([f'{len(self):,} triangles', *parts])}>"
 
     def __len__(self) -> int:
-        """The number of triangles."""
+        """Return the number of triangles."""
         return len(self.faces)
 
     @property
@@ -132,7 +132,7 @@ class Mesh:
         return any(normals_of(self.vertices[part]).any() for part in parts)
 
     def with_material(self, material: Material) -> Mesh:
-        """The same mesh of another material."""
+        """Return the same mesh of another material."""
         return dataclasses.replace(self, material=material)
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
@@ -146,7 +146,7 @@ class Mesh:
         return dataclasses.replace(self, vertices=vertices, normals=normals)
 
     def transformed(self, matrix: ArrayLike) -> Mesh:
-        """Transformed by a matrix (4, 4) that multiplies columns (x, y, z, 1), as glTF's and trimesh's do.
+        """Transform by a matrix (4, 4) that multiplies columns (x, y, z, 1), as glTF's and trimesh's do.
 
         Normals stay across their surfaces, and a matrix that mirrors turns the faces over, so that the outside stays
         outside. Raises SceneError for other shapes, numbers that are not finite, and a last row that is not 0 0 0 1.
@@ -222,7 +222,7 @@ def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
 
 
 def affine(matrix: ArrayLike) -> Floats:
-    """A matrix (4, 4) in f64; SceneError if it has another shape, is not finite, or its last row is not 0 0 0 1."""
+    """Return a matrix (4, 4) in f64; SceneError if it has another shape, is not finite, or ends not in 0 0 0 1."""
     try:
         found = np.asarray(matrix, dtype=np.float64)
     except (TypeError, ValueError):
@@ -245,14 +245,14 @@ def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
 
 
 def normals_of(corners: Floats) -> Floats:
-    """Unit normals (N, 3) of triangles (N, 3, 3), by the right-hand rule; zero for a triangle without area."""
+    """Return the unit normals (N, 3) of triangles (N, 3, 3), by the right-hand rule; zero for one without area."""
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     # Each edge by itself, so that the product of tiny ones does not vanish.
     return _unit(np.cross(_scaled(one), _scaled(other)))
 
 
 def levels_of(corners: Floats, normals: Floats) -> Floats:
-    """How far the planes of triangles (N, 3, 3) are from 0 along their unit normals (N, 3)."""
+    """Return the distances of the planes of triangles (N, 3, 3) from 0 along their unit normals (N, 3)."""
     nearest = corners[np.arange(len(corners)), np.abs(corners).max(axis=2).argmin(axis=1)]
     x, y, z = (nearest * normals).T  # each sum by itself: what einsum gives depends on how arrays lie in memory
     return np.asarray(x + y + z)
@@ -272,7 +272,7 @@ def _scaled(vectors: Floats) -> Floats:
 
 
 def _places(vertices: Floats) -> Ints:
-    """A number for each vertex (V, 3), the same for those at the same place."""
+    """Return a number for each vertex (V, 3), the same for those at the same place."""
     order = np.lexsort(vertices.T)
     ordered = vertices[order]
     number = np.zeros(len(order), np.int64)
@@ -281,7 +281,7 @@ def _places(vertices: Floats) -> Ints:
 
 
 def _grouped(place: Ints, units: Floats) -> tuple[Ints, Ints]:
-    """The group of each corner, and the first corner of each group: corners at one place with similar normals.
+    """Group corners at one place with similar normals: return each corner's group, and each group's first corner.
 
     Where few corners meet, each is a group of its own.
     """

@@ -57,7 +57,7 @@ class Obj:
     skipped: Counter[str] = field(default_factory=Counter)
 
     def meshes(self, default: str) -> Iterator[tuple[Part, Mesh]]:
-        """The parts as meshes of the default material, named `default` where the file has no name; faces are fans."""
+        """Return the parts as meshes of the default material, unnamed ones named `default`; faces are fans."""
         vertices, textures, normals = self.numbers
         places, colors = _split(vertices)
         uv, across = _table(textures, 2), _table(normals, 3)  # once for all parts, of which there may be many
@@ -117,7 +117,7 @@ def read_obj(text: str) -> Obj:
 
 
 def _said(line: str) -> str:
-    """A line without its comment; a name may have a # in it."""
+    """Return a line without its comment; a name may have a # in it."""
     return re.split(r"(?:^|\s)#", line, maxsplit=1)[0].strip() if "#" in line else line.strip()
 
 
@@ -191,7 +191,7 @@ def _rows(table: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.f
 
 
 def read_mtl(text: str) -> dict[str, Words]:
-    """The materials of a library by name; of a statement that comes twice, the last one counts."""
+    """Read the materials of a library by name; of a statement that comes twice, the last one counts."""
     found: dict[str, Words] = {}
     current: Words = {}
     for line in text.splitlines():

@@ -31,7 +31,7 @@ Pixels = NDArray[Any]
 
 
 class Budget:
-    """How many pixels are left of `MOST`, for pictures that come one after the other."""
+    """The pixels that are left of `MOST` for further pictures."""
 
     def __init__(self, notices: Notices) -> None:
         self.notices = notices
@@ -89,13 +89,13 @@ class Picture:
         return not np.isin(self.pixels, (0, 255 if self.pixels.dtype == np.uint8 else 1)).all()
 
     def mean(self) -> NDArray[np.float64]:
-        """The mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
+        """Return the mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
         step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))
         found = self.made("mean", lambda: _linear(self.pixels[::step, ::step]).mean(axis=(0, 1), dtype=np.float64))
         return np.asarray(np.broadcast_to(found, 3))
 
     def fitting(self, count: int) -> Pixels:
-        """The pixels (h, w, 1 or 3) for `count` textures to be made of, fewer of them where the budget ends."""
+        """Return the pixels (h, w, 1 or 3) for `count` textures to be made of, fewer of them where the budget ends."""
         factor = self.budget.factor(self.pixels.shape[1], self.pixels.shape[0], count)
         part = slice(factor // 2, None, factor)
         return self.pixels[part, part]
@@ -114,7 +114,7 @@ class Picture:
 
 
 def channel(pixels: Pixels, number: int) -> NDArray[np.float32]:
-    """One channel of pixels (H, W, 1 or 3) as it is, (H, W) in [0, 1]."""
+    """Return one channel of pixels (H, W, 1 or 3) without decoding, (H, W) in [0, 1]."""
     found = pixels[..., min(number, pixels.shape[2] - 1)]
     return found.astype(np.float32) / np.float32(255 if found.dtype == np.uint8 else 1)
 
@@ -176,7 +176,7 @@ class Pictures:
             return None
 
     def _fitted(self, picture: Any) -> Pixels:
-        """The pixels of a picture of Pillow's, as many as the budget has."""
+        """Return the pixels of a picture of Pillow's, as many as the budget has."""
         factor = self._read_budget.factor(*picture.size)
         if factor > 1:
             picture = (picture if picture.mode in ("L", "RGB") else picture.convert("RGB")).reduce(factor)

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = False) -> Mesh:
-    """A box of 12 triangles; `inward` turns its faces so that it is a room."""
+    """Make a box of 12 triangles; `inward` turns its faces so that it is a room."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
@@ -38,7 +38,7 @@ def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = 
 
 
 def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
-    """A square of two triangles in the plane y = 0, facing up."""
+    """Make a square of two triangles in the plane y = 0, facing up."""
     s = size / 2
     corners = [[-s, 0, -s], [-s, 0, s], [s, 0, s], [s, 0, -s]]
     uv = [[0, 1], [0, 0], [1, 0], [1, 1]]
@@ -46,7 +46,7 @@ def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
 
 
 def checkerboard(size: float, squares: int, light: Triple, dark: Triple, material: Material = PLAIN) -> Mesh:
-    """A floor of `squares` by `squares` in two colours: 2 * squares**2 triangles."""
+    """Make a floor of `squares` by `squares` in two colours: 2 * squares**2 triangles."""
     lines = np.linspace(-size / 2, size / 2, squares + 1)
     x, z = (g.reshape(-1) for g in np.meshgrid(lines, lines, indexing="ij"))
     i, j = (g.reshape(-1) for g in np.mgrid[:squares, :squares])
@@ -59,7 +59,7 @@ def checkerboard(size: float, squares: int, light: Triple, dark: Triple, materia
 
 
 def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, segments: int = 64) -> Mesh:
-    """A sphere of `rings` bands, 2 * segments * (rings - 1) triangles."""
+    """Make a sphere of `rings` bands, 2 * segments * (rings - 1) triangles."""
     vertices, faces = lattice(rings, segments, closed=False)
     theta, phi = np.pi * vertices[:, 0], 2 * np.pi * vertices[:, 1]
     around = np.where(theta < np.pi, np.sin(theta), 0.0)  # exactly one pole, where sin(pi) is not quite 0
@@ -73,7 +73,7 @@ def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, 
 def torus(
     radius: float = 1.0, tube: float = 0.35, material: Material = PLAIN, *, segments: int = 96, sides: int = 48
 ) -> Mesh:
-    """A ring about the y axis: 2 * segments * sides triangles."""
+    """Make a ring about the y axis: 2 * segments * sides triangles."""
 
     def ring(t: Floats) -> Floats:
         return np.stack([radius * np.sin(t), np.zeros_like(t), radius * np.cos(t)], axis=1)
@@ -85,7 +85,7 @@ def knot(
     p: int = 2, q: int = 3, radius: float = 1.0, tube: float = 0.3, material: Material = PLAIN,
     *, segments: int = 400, sides: int = 40,
 ) -> Mesh:  # fmt: skip
-    """A tube along the (p, q) torus knot: 2 * segments * sides triangles."""
+    """Make a tube along the (p, q) torus knot: 2 * segments * sides triangles."""
 
     def curve(t: Floats) -> Floats:
         r = radius * (1 + 0.45 * np.cos(q * t))
@@ -95,7 +95,7 @@ def knot(
 
 
 def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAIN, *, segments: int = 64) -> Mesh:
-    """A closed cylinder about the y axis: 4 * segments triangles; its caps are flat, its side is smooth."""
+    """Make a closed cylinder about the y axis: 4 * segments triangles; its caps are flat, its side is smooth."""
     angle = 2 * np.pi * np.arange(segments) / segments
     rim = np.stack([radius * np.sin(angle), np.zeros(segments), radius * np.cos(angle)], axis=1)
     up = np.array([0, height / 2, 0])
@@ -128,7 +128,7 @@ def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
 def _tube(
     curve: Callable[[Floats], Floats], tube: float, segments: int, sides: int, material: Material, name: str
 ) -> Mesh:
-    """A tube of radius `tube` along a closed curve over [0, 2 pi), its cross sections turned as little as possible."""
+    """Make a tube of radius `tube` along a closed curve over [0, 2 pi), whose cross sections turn the least."""
     parameters, faces = lattice(segments, sides, closed=True)
     t = 2 * np.pi * np.arange(segments) / segments
     step = 1e-4

@@ -75,7 +75,7 @@ def _section(profile: Sequence[tuple[float, float, float, float, float]]) -> Flo
 
 
 def _sampled(control: Floats, divisions: int, material: Material) -> Mesh:
-    """The mesh of a surface that is closed around its columns; its first row may be a pole."""
+    """Return the mesh of a surface that is closed around its columns; its first row may be a pole."""
     rows, columns = control.shape[0] // 3, control.shape[1] // 3
     along, along_slope = _bernstein(rows, divisions, closed=False)
     around, around_slope = _bernstein(columns, divisions, closed=True)

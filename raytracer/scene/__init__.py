@@ -1,1 +1,1 @@
-"""What is rendered: meshes under lights before a camera, and the tables that kernels read of it."""
+"""Scenes: meshes under lights before a camera, and the tables that kernels read."""

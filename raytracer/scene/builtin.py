@@ -153,7 +153,7 @@ def glass() -> Scene:
 
 
 def materials() -> Scene:
-    """A ball for each shader of `raytracer.shaders`, a texture, a mirror and glass: 71,454 triangles."""
+    """Balls, one for each shader of `raytracer.shaders`, a texture, a mirror and glass: 71,454 triangles."""
     stripes = np.zeros((8, 8, 3)) + [0.05, 0.25, 0.35]
     stripes[::2, ::2] = stripes[1::2, 1::2] = [0.85, 0.80, 0.62]
     looks = [
@@ -232,7 +232,7 @@ def _planks(hit: Hit) -> Surface:
 
 
 def cornell() -> Scene:
-    """The Cornell box: two blocks in a room under an area light, 38 triangles, for `--integrator path`.
+    """Cornell box: two blocks in a room under an area light, 38 triangles, for `--integrator path`.
 
     Lengths are in millimetres and the camera's place as they were measured at Cornell (Goral and others 1984; Cornell
     University Program of Computer Graphics 1998, Cornell Box Data). Walls have colours instead of spectra; the light's
@@ -265,13 +265,13 @@ def cornell() -> Scene:
 
 
 def _quads(corners: Sequence[Triple], quads: Sequence[tuple[int, ...]], material: Material, name: str) -> Mesh:
-    """A mesh of quadrilaterals, two triangles each."""
+    """Return a mesh of quadrilaterals, two triangles each."""
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
     return Mesh(corners, faces, material=material, name=name)
 
 
 def _block(base: Sequence[tuple[float, float]], height: float, material: Material, name: str) -> Mesh:
-    """A block on the floor with these corners (x, z) and vertical sides: 10 triangles."""
+    """Return a block on the floor with these corners (x, z) and vertical sides: 10 triangles."""
     corners = [(x, y, z) for y in (0.0, height) for x, z in base]
     sides = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]
     return _quads(corners, [*sides, (4, 5, 6, 7)], material, name)

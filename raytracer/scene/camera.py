@@ -45,7 +45,7 @@ class Intrinsics:
     size: tuple[int, int]
 
     def view(self, eye: Vector, width: int, height: int) -> View:
-        """The vectors that give the eye rays of a picture of `width` by `height` pixels."""
+        """Return the vectors that give the eye rays of a picture of `width` by `height` pixels."""
         across, down, corner = np.reshape(self.matrix, (3, 3)).T
         return View(eye, corner, across * (self.size[0] / width), down * (self.size[1] / height))
 
@@ -109,7 +109,7 @@ class Camera:
         return right, np.cross(right, forward), forward
 
     def view(self, width: int, height: int) -> View:
-        """The vectors that give a perspective picture's eye rays, `width` by `height` pixels; row 0 is the top one."""
+        """Return the vectors of a perspective picture's eye rays, `width` by `height` pixels; row 0 is the top one."""
         if self.intrinsics is not None:
             return self.intrinsics.view(np.asarray(self.position, dtype=np.float64), width, height)
         right, above, forward = self.axes
@@ -144,7 +144,7 @@ class Camera:
     def from_intrinsics(
         cls, K: ArrayLike, pose: ArrayLike, size: tuple[int, int], *, aperture: float = 0.0, focus: float | None = None
     ) -> Camera:
-        """The pinhole camera of a calibration.
+        """Make the pinhole camera of a calibration.
 
         `K` (3, 3) is the matrix of the intrinsics in pixels, [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], of pictures of
         `size` (width, height); the top left pixel reaches from (0, 0) to (1, 1), so that its centre is (0.5, 0.5): add
@@ -178,7 +178,7 @@ class Camera:
 
     @classmethod
     def framing(cls, low: Vector, high: Vector, *, toward: Triple = (0.42, 0.42, 1.0), fov: float = 32.0) -> Camera:
-        """A camera in the direction `toward` of the box from `low` to `high`, just far enough to see all of it."""
+        """Return a camera in the direction `toward` of the box from `low` to `high`, as near as it sees all of it."""
         middle = (np.asarray(low) + np.asarray(high)) / 2
         radius = radius_of(low, high)
         direction = np.asarray(toward, dtype=np.float64) / np.linalg.norm(toward)

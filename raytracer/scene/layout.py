@@ -64,7 +64,7 @@ class Layout:
 
     @classmethod
     def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32", across: int | None = None) -> Layout:
-        """The layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`."""
+        """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`."""
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
         origin = origin_of(corners)
@@ -99,7 +99,7 @@ class Layout:
 
     @property
     def reflects(self) -> bool:
-        """Whether any surface mirrors."""
+        """True if any surface mirrors."""
         return bool((self.materials[::2, 3] > 0).any())
 
 
@@ -120,14 +120,14 @@ def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale
 
 
 def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]:
-    """The different materials, and which one each mesh has."""
+    """Return the different materials, and which one each mesh has."""
     known: dict[Material, int] = {}
     index = [known.setdefault(mesh.material, len(known)) for mesh in meshes]
     return tuple(known), index
 
 
 def _material_rows(looks: Sequence[Material]) -> Rows:
-    """The rows of materials; a coefficient that is a texture is 1 there."""
+    """Return the rows of materials; a coefficient that is a texture is 1 there."""
     rows = []
     for look in looks:
         x = look.numbers

@@ -1,4 +1,4 @@
-"""Where light comes from: points, directions from infinitely far away, and everything around the scene.
+"""Lights: points, directions from infinitely far away, and the environment around the scene.
 
 Stage: scene description. Each point and direction costs one shadow ray per surface that is seen.
 

@@ -85,7 +85,7 @@ class Scene:
         return f"<Scene {self.name}: {_listed(self.names)}; {self.triangles:,} triangles, {lights}>"
 
     def with_material(self, name: str, material: Material) -> Scene:
-        """The same scene, in which all meshes of this name are of another material; SceneError if there are none."""
+        """Return the scene with another material for all meshes of this name; SceneError if there are none."""
         if name not in self.names:
             raise SceneError(f"{self.name} has no mesh {name!r}: its meshes are {_listed(self.names)}")
         meshes = [mesh.with_material(material) if mesh.name == name else mesh for mesh in self.meshes]
@@ -111,7 +111,7 @@ class Scene:
 
     @classmethod
     def framed(cls, meshes: Any, name: str | None = None) -> Scene:
-        """One mesh or several on a mirroring floor under two lights, with a camera that sees all of them.
+        """Put one mesh or several on a mirroring floor under two lights, with a camera that sees all of them.
 
         The floor is the last mesh of the scene. Raises SceneError for meshes without triangles, and for too large ones.
         """
@@ -129,7 +129,7 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
-        """The parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
+        """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
         A file with a camera or lights is shown as it says; two lights are added if it has none, and a camera that sees
         everything. Other files are framed (see `framed`). docs/raytracer-files.md lists what is read; what a file holds

@@ -99,7 +99,7 @@ class Study:
     cpu: bool = False
 
     def find(self, **wanted: Any) -> list[Measured]:
-        """The measurements whose case has these values; what is not named is as it is by default."""
+        """Return the measurements whose case has these values, and the default ones for those that are not named."""
         full = {
             "grid": GRID,
             "iterations": 1,
@@ -164,7 +164,7 @@ class Study:
         return dataclasses.asdict(self)
 
     def csv(self) -> str:
-        """A line for each measurement."""
+        """Return a line of CSV for each measurement."""
         rows = [
             dataclasses.asdict(m.case) | {"seconds": m.seconds, "rays": m.rays, "calls": sum(m.calls.values())}
             for m in self.measured
@@ -223,7 +223,7 @@ class Study:
 
 
 def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
-    """The rays and the seconds of each iteration's first round: its others are those of the shadow rays."""
+    """Return the rays and the seconds of each iteration's first round; its other rounds are for shadow rays."""
     every = 1 + len(Scene.builtin(SCENES[measured.case.scene]).lights)
     return list(measured.alive[::every]), list(measured.round_seconds[::every])
 
@@ -278,7 +278,7 @@ def study(
 
 
 def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> Renderer:
-    """A renderer for a case: the last one where it differs in what can be set between pictures."""
+    """Return a renderer for a case: the last one where it differs in what can be set between pictures."""
     if last is not None and _kernels(last[0]) == _kernels(case):
         renderer = last[1]
     else:

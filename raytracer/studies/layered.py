@@ -49,7 +49,7 @@ _AMPLIFIED = 8
 
 @dataclass(frozen=True)
 class Plan:
-    """What is measured: `framed` are the resolutions of Table 1, `tolerances` those of the hit test "sample"."""
+    """The measurements: `framed` are the resolutions of Table 1, `tolerances` those of the hit test "sample"."""
 
     size: tuple[int, int]
     framed: tuple[int, ...]
@@ -101,7 +101,7 @@ class Study:
         return [m for m in self.measured if m.case.backend == backend]
 
     def studied(self, backend: str) -> list[Measured]:
-        """The cubes of the model whose errors are studied, by test and resolution."""
+        """Return the cubes of the model whose errors are studied, by test and resolution."""
         found = [m for m in self._of(backend) if m.case.model == self.plan.studied and m.case.accel == "ldc"]
         order = {test: k for k, test in enumerate(_TESTS)}
         return sorted(found, key=lambda m: (order[m.case.hit], m.case.tolerance or 0, m.case.resolution))
@@ -112,7 +112,7 @@ class Study:
         return dataclasses.asdict(dataclasses.replace(self, measured=())) | {"measured": measured}
 
     def csv(self) -> str:
-        """A line for each measurement."""
+        """Return a line of CSV for each measurement."""
         rows = []
         for m in self.measured:
             row = dataclasses.asdict(m.case) | {k: v for k, v in dataclasses.asdict(m).items() if not _nested(v)}

@@ -1,4 +1,4 @@
-"""One measurement of a layered depth cube, or of an exact accelerator, over one model: time, memory and errors.
+"""The measurement of a layered depth cube, or of an exact accelerator, over one model: time, memory and errors.
 
 Stage: measure. A model stands on a floor under a light; it mirrors half of the light, the floor a fifth. A `Bench`
 holds the exact pictures and rays of a model, those through the BVH, beside which every `Case` is measured in turns.
@@ -80,7 +80,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Wrong:
-    """What became of rays of one kind: shares that missed, hit what is not there, or hit elsewhere than the exact ones.
+    """The wrong hits of rays of one kind: shares that missed, hit nothing real, or hit elsewhere than the exact rays.
 
     `seconds` for all `rays`, beside `bvh_seconds` for the same rays.
     """
@@ -126,7 +126,7 @@ class Measured:
 
 
 def unit(mesh: Mesh) -> Mesh:
-    """The mesh about 0, its largest side of length 1."""
+    """Move a mesh to 0, and scale it so that its largest side has length 1."""
     low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
     scale = 1 / float((high - low).max() or 1.0)
     x, y, z = (-scale * (low + high) / 2).tolist()
@@ -134,7 +134,7 @@ def unit(mesh: Mesh) -> Mesh:
 
 
 def bumpy(mesh: Mesh, height: float, phase: float = 0.0) -> Mesh:
-    """A mesh whose vertices are moved along their normals by waves; `phase`, from 0 to 1, is a moment of a period."""
+    """Move the vertices of a mesh along their normals by waves; `phase`, from 0 to 1, is a moment of a period."""
     x, y, z = 9.0 * np.asarray(mesh.vertices).T
     waves = np.sin(x + 2 * np.pi * phase) * np.cos(1.3 * y) * np.sin(0.7 * z + 1)
     away = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
@@ -157,7 +157,7 @@ def models(quick: bool = False) -> tuple[Model, ...]:
 
 
 def scene_of(mesh: Mesh) -> Scene:
-    """A mesh of a model, half a mirror, on a floor under a light."""
+    """Put a mesh of a model, half a mirror, on a floor under a light."""
     low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
     radius = float(np.linalg.norm(high - low)) / 2
     ground = floor(2.6 * radius, _FLOOR).moved((0, float(low[1]) - 0.01, 0))
@@ -280,7 +280,7 @@ class Bench:
         return self.clock() - started
 
     def _ask(self, shoot: Intersector, kind: str) -> Any:
-        """Where rays of a kind hit, or whether they do for "shadow"."""
+        """Return the hits of rays of a kind; for "shadow", True for those that hit."""
         start, away = self.rays[kind]
         if kind == "shadow":
             return shoot.occluded(start, away, 1.0, leaving=True)

@@ -34,7 +34,7 @@ Case = TypeVar("Case")
 
 
 def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
-    """The device of each backend, of all that are available if None are named.
+    """Return the device of each backend, of all that are available if None are named.
 
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """
@@ -49,7 +49,7 @@ def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
 
 
 def machine() -> str:
-    """The processor, as the system names it, and how many cores this process may use."""
+    """Return the processor, as the system names it, and how many cores this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     name = platform.processor() or platform.machine()
     for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
@@ -60,7 +60,7 @@ def machine() -> str:
 
 
 def counted_on(backends: Sequence[str]) -> str:
-    """The backend that calls of kernels are counted on: they are the same on all, and OpenCL is fast."""
+    """Return the backend that calls of kernels are counted on: they are the same on all, and OpenCL is fast."""
     return "opencl" if "opencl" in backends else backends[0]
 
 
@@ -84,7 +84,7 @@ def about(machine: str, backends: Mapping[str, str], pictures: str, cpu: bool, s
 
 
 def table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A table of Markdown under its title; nothing if it has no rows."""
+    """Return a table of Markdown under its title; nothing if it has no rows."""
     if not rows:
         return ""
     lines = [f"**{title}**", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]

@@ -72,7 +72,7 @@ _ACCELERATORS = {
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """One way to render a scene: the arguments of `render`."""
+    """A way to render a scene: options of `Whitted`."""
 
     precision: str
     math: str
@@ -207,7 +207,7 @@ def _accelerator(name: str) -> str:
 
 
 def errors(image: Image, reference: Image) -> dict[str, float]:
-    """How far a picture is from another, as sRGB in 255ths.
+    """Compute the errors of a picture against a reference, as sRGB in 255ths.
 
     `rmse` is the root mean square over all channels, `max` the largest; `off` the share of pixels that are more than
     1/255 off in a channel, `objects` of those that show another object. `flip`, where flip-evaluator is installed, is
@@ -245,7 +245,7 @@ def tradeoff(
 
 
 def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -> tuple[Variant, Renderer]:
-    """The variant that `tradeoff` picks, and what renders it; SceneError if there is none."""
+    """Return the variant that `tradeoff` picks, and what renders it; SceneError if there is none."""
     found, renderers = _measured(scene, max_error, backend, bounces, None)
     return found.pick.variant, renderers[found.pick.variant]
 
@@ -284,7 +284,7 @@ def _measured(
 
 
 def beside(camera: Camera | None) -> Camera:
-    """The camera a little to the side and farther off, looking at the same place."""
+    """Return the camera a little to the side and farther off, looking at the same place."""
     assert camera is not None  # a scene frames one if it has none
     sight = np.subtract(camera.position, camera.target)
     side = np.cross(sight, camera.up)
@@ -295,7 +295,7 @@ def beside(camera: Camera | None) -> Camera:
 
 
 def turned(camera: Camera | None, angle: float, rise: float = 1.0) -> Camera:
-    """The camera turned by `angle` degrees about what it looks at, and higher above that by a factor."""
+    """Return the camera turned by `angle` degrees about what it looks at, and higher above that by a factor."""
     assert camera is not None  # a scene frames one if it has none
     up = np.asarray(camera.up, dtype=np.float64) / np.linalg.norm(camera.up)
     sight = np.subtract(camera.position, camera.target)
@@ -319,7 +319,7 @@ def _variants(scene: Scene, bounces: int) -> list[Variant]:
 
 
 def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
-    """The picture in f64: on the backend, or on numpy where that has none."""
+    """Return the renderer of the picture in f64: on the backend, or on numpy where that has none."""
     accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # which differ in time alone
     exact = Whitted(bounces=bounces, precision="f64", accel=accel)
     try:
