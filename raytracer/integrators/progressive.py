@@ -45,15 +45,15 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     environment = scene.environment
     places: dict[Texture, int] = {}
     used = [
-        {name: places.setdefault(texture, len(places)) for name, texture in look.textures.items()}
-        for look in layout.looks
+        {name: places.setdefault(texture, len(places)) for name, texture in material.textures.items()}
+        for material in layout.materials
     ]
     pictures = list(places)
     if environment is not None and environment.picture is not None:
         pictures.append(environment.picture)
     arrays = [
-        layout.triangles, layout.normals, layout.colors, layout.uvs, layout.materials, layout.material_of, layout.glass,
-        layout.lights, tracer.surfaces.glow, *(texture.image for texture in pictures),
+        layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.material_of,
+        layout.glass, layout.lights, tracer.surfaces.glow, *(texture.image for texture in pictures),
     ]  # fmt: skip
     numbers = (camera, seed, int(tracer.bounces.value), scene.background, environment and environment.color)
     digest = hashlib.sha256(repr(numbers).encode())

@@ -17,7 +17,7 @@ from raytracer.errors import place_of
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.lobes import around
 from raytracer.kernels.shaders import converted
-from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables, barylerp
+from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp
 from raytracer.kernels.triangle import FAR, Candidate, Hit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight
@@ -80,7 +80,7 @@ class Emitters:
         self.first = sh.Param(sh.Attrib1i, self.placed.count, name="first_shining")
         self.last = sh.Param(sh.Attrib1i, self.placed.count + self.shining, name="past_shining")
 
-    def aim(self, surface: ShadedPoint, random: Any) -> Aim:
+    def aim(self, surface: Interaction, random: Any) -> Aim:
         """Choose a light for a surface, and a direction to it; `random(k)` are hashed words, of which six are used."""
         found = Aim()
         place, number, density = self.chances.choose(random(0), random(1))
@@ -96,13 +96,13 @@ class Emitters:
                 self._aim_around(found, self.around, surface, random, u, v)
         return found
 
-    def _aim_placed(self, found: Aim, surface: ShadedPoint, number: Any, chance: Any) -> None:
+    def _aim_placed(self, found: Aim, surface: Interaction, number: Any, chance: Any) -> None:
         eye = sh.Point3f(0, 0, 0)
         color = sh.Color3f(0, 0, 0)
         self.placed.aim(number, surface, found.ray, eye, found.limit, color)
         found.incoming[:] = (pi / chance) * color
 
-    def _aim_triangle(self, found: Aim, surface: ShadedPoint, number: Any, density: Any, u: Any, v: Any) -> None:
+    def _aim_triangle(self, found: Aim, surface: Interaction, number: Any, density: Any, u: Any, v: Any) -> None:
         hit = Hit(FAR)
         over = u + v > 1
         hit.id[:] = number
@@ -116,8 +116,8 @@ class Emitters:
             cosine = abs(sh.dot(sh.Normal3f(*(corner.w for corner in corners)), found.ray))
             glow = self.surfaces.glow_at(hit)
             emission = sh.Color3f(glow.rgb)
-            if "emission" in self.surfaces.looks.gives:
-                self.surfaces.arrive(hit, found.ray, surface.inter, ShadedPoint(clear=self.surfaces.clear), emission)
+            if "emission" in self.surfaces.appearance.gives:
+                self.surfaces.arrive(hit, found.ray, surface.inter, Interaction(clear=self.surfaces.clear), emission)
             if self.surfaces.accept is not None:
                 emission *= sh.cond(self.surfaces.accept(Candidate(number, hit.uv)), 1.0, 0.0)
             with SH_IF(cosine > 0):
@@ -125,7 +125,7 @@ class Emitters:
                 found.density[:] = self.per_glow * glow.w * square / cosine
                 found.limit[:] = NEARER * hit.l
 
-    def _aim_around(self, found: Aim, around: Environment, surface: ShadedPoint, random: Any, u: Any, v: Any) -> None:
+    def _aim_around(self, found: Aim, around: Environment, surface: Interaction, random: Any, u: Any, v: Any) -> None:
         ray, density = around.sample(surface, random, u, v)
         found.ray[:] = ray
         found.density[:] = self.share_around * density
@@ -173,7 +173,7 @@ class Environment:
         row = sh.acos(sh.clamp(ray.y, -1, 1)) * (height / pi) + 1
         return self.picture(sh.TexCoord2f(column * (1 / (width + 2)), row * (1 / (height + 2))))
 
-    def sample(self, surface: ShadedPoint, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
+    def sample(self, surface: Interaction, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
         """Sample a direction, and its density, by two hashed words and two numbers in [0, 1)."""
         if self.cells is None:
             cosine = sh.sqrt(1 - u)
@@ -184,7 +184,7 @@ class Environment:
         radius = sh.sqrt(sh.max(1 - height * height, 0.0))
         return sh.normalize(sh.Vector3f(-radius * sh.sin(angle), height, radius * sh.cos(angle))), density
 
-    def density_at(self, ray: Any, surface: ShadedPoint) -> Any:
+    def density_at(self, ray: Any, surface: Interaction) -> Any:
         """Return the density with which `sample` chooses a direction from a surface."""
         if self.cells is None:
             return sh.max(sh.dot(surface.normal, ray), 0.0) * (1 / pi)

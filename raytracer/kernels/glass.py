@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
-from raytracer.kernels.surfaces import ShadedPoint
+from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import Path, Pixel, Tracer, mirrored
 from raytracer.kernels.triangle import FAR
 from raytracer.kernels.walk import meet
@@ -89,7 +89,7 @@ class GlassTracer(Tracer):
         return pixel
 
     def meet_light(
-        self, path: Path, surface: ShadedPoint, hit: Any, ray: Any, eye: Any, limit: Any, lightcol: Any, through: Any
+        self, path: Path, surface: Interaction, hit: Any, ray: Any, eye: Any, limit: Any, lightcol: Any, through: Any
     ) -> None:
         """Add the light of a shadow ray that has met nothing, or send it on through the glass that it has met."""
         through[:] = False
@@ -102,7 +102,7 @@ class GlassTracer(Tracer):
             path.scolor += self.surfaces.shade(surface, ray) * lightcol
 
     def branch(
-        self, path: Path, surface: ShadedPoint, share: Any, waiting: Any, count: Any, rays: Any, ray: Any, eye: Any
+        self, path: Path, surface: Interaction, share: Any, waiting: Any, count: Any, rays: Any, ray: Any, eye: Any
     ) -> None:
         """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits."""
         mirror, clear, bent = rays
@@ -138,7 +138,7 @@ def brightest(color: Any) -> Any:
     return sh.max(sh.max(color.r, color.g), color.b)
 
 
-def refracted(surface: ShadedPoint) -> tuple[Any, Any]:
+def refracted(surface: Interaction) -> tuple[Any, Any]:
     """Return the share of unpolarised light that is mirrored, by Fresnel's equations, and the refracted direction.
 
     The share is 1 where all is mirrored, beyond the critical angle. Where an interpolated normal would send the ray

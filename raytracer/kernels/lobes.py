@@ -10,7 +10,7 @@ from math import pi
 from typing import Any
 
 import shpy as sh
-from raytracer.kernels.surfaces import FAINT, ShadedPoint
+from raytracer.kernels.surfaces import FAINT, Interaction
 
 
 class Lobes:
@@ -19,7 +19,7 @@ class Lobes:
     def __init__(self, highlights: bool) -> None:
         self.highlights = highlights
 
-    def shine(self, surface: ShadedPoint, light: Any) -> tuple[Any, Any]:
+    def shine(self, surface: Interaction, light: Any) -> tuple[Any, Any]:
         """Return the radiance toward the viewer for radiance 1 a steradian about `light`, and `sample`'s density there.
 
         The radiance is 0 for a light behind the surface or its triangle.
@@ -39,7 +39,7 @@ class Lobes:
             density = density + share * ((shininess + 1) * power - density)
         return sh.cond(sh.dot(surface.face, light) > 0, value, 0.0), density
 
-    def sample(self, surface: ShadedPoint, which: Any, turn: Any, away: Any) -> Any:
+    def sample(self, surface: Interaction, which: Any, turn: Any, away: Any) -> Any:
         """Sample a direction by three numbers in [0, 1): about the normal, or about the mirrored ray of the viewer."""
         if not self.highlights:
             return around(surface.normal, sh.sqrt(1 - away), turn)
@@ -48,7 +48,7 @@ class Lobes:
         exponent = sh.cond(glossy, 1 / (surface.coefficients.z + 1), 0.5)
         return around(axis, sh.pow(1 - away, exponent), turn)
 
-    def glossy_share(self, surface: ShadedPoint) -> Any:
+    def glossy_share(self, surface: Interaction) -> Any:
         """Return the probability of the glossy lobe: its part of what is scattered under light from everywhere."""
         diffuse, specular, _ = surface.coefficients
         matt = diffuse * largest(surface.color)

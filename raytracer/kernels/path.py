@@ -20,7 +20,7 @@ from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.lobes import Lobes, largest
-from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
+from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import FAR, Hit
 from raytracer.kernels.walk import TOGETHER, meet, scene_walk
@@ -45,14 +45,14 @@ class Sample:
 
     def __init__(self) -> None:
         color = sh.Color3f(0, 0, 0)
-        weight = sh.Color3f(1, 1, 1)
+        throughput = sh.Color3f(1, 1, 1)
         density = sh.Attrib1f(0)
         depth = sh.Attrib1i(0)
         number = sh.Attrib1i(0)
         key = sh.Attrib1u(0)
         lighting, mirror, clear = sh.Attrib1b(False), sh.Attrib1b(False), sh.Attrib1b(False)
         finished = sh.Attrib1b(True)
-        self.color, self.weight, self.density, self.depth = color, weight, density, depth
+        self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
         self.number, self.key = number, key
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
 
@@ -85,10 +85,10 @@ class PathTracer:
     met_share = staticmethod(power)
 
     def __init__(self, layout: Layout, scene: Scene, bounces: int, backend: str) -> None:
-        for look in layout.looks:
-            if look.shade is not None:
+        for material in layout.materials:
+            if material.shade is not None:
                 raise SceneError(
-                    f'{place_of(look.shade)}: a shade is for integrator="whitted", as path tracing knows no light '
+                    f'{place_of(material.shade)}: a shade is for integrator="whitted", as path tracing knows no light '
                     "without its direction: describe the surface by surface=..., or leave shade out"
                 )
         self.intersector = scene_walk(layout, backend, scattered=True)
@@ -99,8 +99,8 @@ class PathTracer:
         self.lobes = Lobes(self.surfaces.highlights)
         self.background = sh.Param(sh.Color3f, tuple(map(float, scene.background)), name="background")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
-        looks = self.surfaces.looks
-        self.mirrors = layout.reflects or "reflectivity" in looks.gives
+        appearance = self.surfaces.appearance
+        self.mirrors = layout.reflects or "reflectivity" in appearance.gives
         self.first_row = sh.Param(sh.Attrib1f, 0, name="top_row")
         self.seed = sh.Param(sh.Attrib1u, 0, name="seed")
         self.first_sample = sh.Param(sh.Attrib1i, 0, name="first_sample")
@@ -113,9 +113,9 @@ class PathTracer:
             "glass": self.surfaces.clear,
             "highlights": self.lobes.highlights,
             "smooth normals": layout.normals is not None,
-            "materials": len(layout.looks),
-            "surface programs": len(looks.surfaces),
-            "textures": len(looks.textured),
+            "materials": len(layout.materials),
+            "surface programs": len(appearance.surfaces),
+            "textures": len(appearance.textured),
             "cutouts": self.surfaces.accept is not None,
         }
 
@@ -134,7 +134,7 @@ class PathTracer:
         row = row + self.first_row  # an exact float, so that bands make no difference
         rays = sh.Attrib1i(0)
         pixel = background_pixel(mean, rays)
-        path, surface = Sample(), ShadedPoint(clear=self.surfaces.clear)
+        path, surface = Sample(), Interaction(clear=self.surfaces.clear)
         pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
         ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
         path.number[:] = self.first_sample
@@ -167,7 +167,7 @@ class PathTracer:
         return pixel
 
     def step(
-        self, path: Sample, surface: ShadedPoint, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any
+        self, path: Sample, surface: Interaction, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any
     ) -> None:
         """Trace the next ray of a path, and prepare the one after it."""
         limit = sh.Attrib1f(FAR)
@@ -195,27 +195,27 @@ class PathTracer:
         across, down, *lens = (sh.unit_float(sh.hash(path.key, k)) for k in range(EYE))
         ray[:], eye[:] = eyes(row + (down - 0.5), column + (across - 0.5), lens)
         path.color[:] = sh.Color3f(0, 0, 0)
-        path.weight[:] = sh.Color3f(1, 1, 1)
+        path.throughput[:] = sh.Color3f(1, 1, 1)
         path.density[:] = 0
         path.depth[:] = 0
         path.finished[:] = False
 
     def aim(
-        self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
+        self, path: Sample, surface: Interaction, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
     ) -> None:
         """Make the ray to a light, with `limit` 0 where the light could not be seen."""
         found = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
         value, density = self.lobes.shine(surface, found.ray)
         share = sh.cond(found.density > 0, self.aimed_share(found.density, density), 1.0)
-        pending[:] = path.weight * value * found.incoming * share
+        pending[:] = path.throughput * value * found.incoming * share
         ray[:] = found.ray
         eye[:] = surface.inter
         limit[:] = sh.cond(largest(pending) > 0, found.limit, 0.0)
         around[:] = found.around
 
-    def leave(self, path: Sample, surface: ShadedPoint, ray: Any, pending: Any, around: Any) -> None:
+    def leave(self, path: Sample, surface: Interaction, ray: Any, pending: Any, around: Any) -> None:
         """Take in the light of a ray that has met nothing."""
-        brought = sh.Color3f(path.weight)
+        brought = sh.Color3f(path.throughput)
         of_light = path.lighting
         if self.emitters.around is None:
             # A background is seen by the eye, directly or in mirrors, and lights nothing.
@@ -230,12 +230,12 @@ class PathTracer:
             brought *= self.emitters.around.radiance(ray)
         path.color += brought
 
-    def arrive(self, path: Sample, surface: ShadedPoint, pixel: Pixel, hit: Hit, ray: Any, eye: Any) -> None:
+    def arrive(self, path: Sample, surface: Interaction, pixel: Pixel, hit: Hit, ray: Any, eye: Any) -> None:
         """Take in the light of the surface that was hit, and prepare what comes next."""
         emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
         reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
         if self.surfaces.clear:
-            path.weight *= self.surfaces.kept(hit, ~surface.outside)
+            path.throughput *= self.surfaces.kept(hit, ~surface.outside)
         with SH_IF((pixel.object < 0) & (path.depth == 0) & (path.number == self.first_sample)):
             pixel.depth[:] = hit.l
             pixel.normal[:] = surface.normal
@@ -244,7 +244,7 @@ class PathTracer:
             with SH_IF(largest(emission) > 0):
                 other = self.emitters.density_of(hit, ray, surface.face)
                 share = sh.cond(path.density > 0, self.met_share(path.density, other), 1.0)
-                path.color += path.weight * emission * share
+                path.color += path.throughput * emission * share
         path.finished[:] = path.depth >= self.bounces
         if self.mirrors:
             path.mirror[:] = path.random(0) < reflectivity
@@ -253,7 +253,7 @@ class PathTracer:
         if self.emitters.count:
             path.lighting[:] = ~(path.finished | path.mirror | path.clear)
 
-    def scatter(self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any) -> None:
+    def scatter(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on in a direction that the surface chooses, or end."""
         with SH_IF(~(path.mirror | path.clear)):
             self.diffuse(path, surface, ray, eye)
@@ -265,23 +265,23 @@ class PathTracer:
                 if self.surfaces.clear:
                     self.refract(path, surface, ray, eye)
         with SH_IF(path.depth >= ROULETTE):
-            staying = sh.min(largest(path.weight), 1.0)
-            path.weight /= sh.max(staying, 2.0**-60)
+            staying = sh.min(largest(path.throughput), 1.0)
+            path.throughput /= sh.max(staying, 2.0**-60)
             path.finished |= path.random(4) >= staying
         path.depth += 1
 
-    def refract(self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any) -> None:
+    def refract(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Make the mirrored ray of a clear surface the refracted one, by the share that Fresnel's equations leave."""
         share, bent = refracted(surface)
         with SH_IF(path.clear & (path.random(6) >= share)):
             ray[:] = bent
             eye[:] = surface.beyond
 
-    def diffuse(self, path: Sample, surface: ShadedPoint, ray: Any, eye: Any) -> None:
+    def diffuse(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""
         ray[:] = self.lobes.sample(surface, *(path.random(k) for k in (1, 2, 3)))
         eye[:] = surface.inter
         value, density = self.lobes.shine(surface, ray)
         path.finished[:] = ~((largest(value) > 0) & (density > 0))
-        path.weight *= value / sh.max(density, 2.0**-100)
+        path.throughput *= value / sh.max(density, 2.0**-100)
         path.density[:] = density

@@ -77,7 +77,7 @@ class Light:
 
 @sh.struct
 class Point:
-    """A `ShadedPoint` in a stream."""
+    """A `Interaction` in a stream."""
 
     inter: sh.Point3f
     view: sh.Vector3f
@@ -89,7 +89,7 @@ class Point:
 
 @sh.struct
 class ProgrammedPoint:
-    """A `ShadedPoint` of a scene with programs instead of Phong's model."""
+    """A `Interaction` of a scene with programs instead of Phong's model."""
 
     inter: sh.Point3f
     view: sh.Vector3f
@@ -141,7 +141,7 @@ SHADED: dict[str, Any] = {"ray": Ray, "light": Light, "point": Point, "pixel": P
 
 def point_of(tracer: Tracer) -> Any:
     """Return the struct of a tracer's shaded points."""
-    return ProgrammedPoint if tracer.surfaces.looks.shades else Point
+    return ProgrammedPoint if tracer.surfaces.appearance.shades else Point
 
 
 WRITES = {

@@ -15,7 +15,7 @@ import shpy as sh
 from raytracer.accel.space import Rows
 from raytracer.appearance.materials import CUTOFF
 from raytracer.kernels import shaders
-from raytracer.kernels.looks import Looks
+from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import FAR, Accept, Candidate, Hit, PlaneView, Triangles, highest
 from raytracer.scene.layout import Layout, is_programmed
@@ -32,7 +32,7 @@ FAINT = 2.0**-64
 """A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
 
 
-class ShadedPoint:
+class Interaction:
     """The interaction at the point that was hit last, from its hit until its last shadow ray."""
 
     def __init__(self, shades: bool = False, clear: bool = False) -> None:
@@ -60,22 +60,24 @@ class SurfaceTables:
         self.roundoff = layout.roundoff
         self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
         self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
-        self.looks = Looks(layout)
-        self.tints = any(map(is_programmed, layout.looks))
+        self.appearance = Appearance(layout)
+        self.tints = any(map(is_programmed, layout.materials))
         self.uvs = (
-            None if layout.uvs is None or "uv" not in self.looks.reads else sh.Table(layout.uvs, sh.TexCoord2f, "uvs")
+            None
+            if layout.uvs is None or "uv" not in self.appearance.reads
+            else sh.Table(layout.uvs, sh.TexCoord2f, "uvs")
         )
         self.layout = layout
-        self.glow = glow_rows(layout, self.looks)
-        self.glows = bool(self.glow[:, 3].any()) or "emission" in self.looks.gives
-        self.highlights = bool((layout.materials[1::2, 1] > 0).any()) or "specular" in self.looks.gives
-        self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.looks.gives
+        self.glow = glow_rows(layout, self.appearance)
+        self.glows = bool(self.glow[:, 3].any()) or "emission" in self.appearance.gives
+        self.highlights = bool((layout.material_rows[1::2, 1] > 0).any()) or "specular" in self.appearance.gives
+        self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.appearance.gives
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
-        self.black = bool(self.looks) or is_black(layout)
-        self.dark = bool((layout.materials[1::2, :2] == 0).all(axis=1).any()) and not self.looks.shades
-        self.materials = sh.Table(layout.materials, sh.Attrib4f, "materials")
-        several = len(layout.materials) > 2
+        self.black = bool(self.appearance) or is_black(layout)
+        self.dark = bool((layout.material_rows[1::2, :2] == 0).all(axis=1).any()) and not self.appearance.shades
+        self.materials = sh.Table(layout.material_rows, sh.Attrib4f, "materials")
+        several = len(layout.material_rows) > 2
         self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of") if several else None
         if self.glows:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
@@ -91,7 +93,7 @@ class SurfaceTables:
         """The place in the scene that is 0 in the kernel; None if it is the scene's own."""
         return sh.Param(sh.Point3f, self.layout.origin, name="origin") if self.layout.origin.any() else None
 
-    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: ShadedPoint, emission: Any = None) -> Any:
+    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Interaction, emission: Any = None) -> Any:
         """Fill in `surface` for a hit, and `emission` in a scene that glows; gives the reflectivity."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
@@ -118,7 +120,7 @@ class SurfaceTables:
             surface.ior[:] = row.y
         if self.glows:
             emission[:] = self.glow_at(hit).rgb
-        if not self.looks:
+        if not self.appearance:
             return self.paint(hit, surface, self.material_at(hit))
         return self.describe(hit, surface, point, side, emission)
 
@@ -133,8 +135,8 @@ class SurfaceTables:
         """Return the share (r, g, b) of the light at a hit that went through the material and leaves by the surface."""
         material = self.material_at(hit)
         clear = self.glass[2 * material].x
-        if "transmission" in self.looks.textured:
-            clear = sh.min(self.looks.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
+        if "transmission" in self.appearance.textured:
+            clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
         return clear * self.kept(hit, self.comes_from_inside(hit, ray))
 
     def comes_from_inside(self, hit: Hit, ray: Any) -> Any:
@@ -168,7 +170,7 @@ class SurfaceTables:
         """Return the emission of the material that was hit, and its expected brightness; see `glow_rows`."""
         return self.emissions[self.material_at(hit)]
 
-    def paint(self, hit: Hit, surface: ShadedPoint, number: Any) -> Any:
+    def paint(self, hit: Hit, surface: Interaction, number: Any) -> Any:
         """Colour and coefficients of the surface, as the numbers of its material say; gives its reflectivity."""
         row = self.materials[2 * number]
         surface.coefficients[:] = self.materials[2 * number + 1].xyz
@@ -180,11 +182,11 @@ class SurfaceTables:
     @property
     def accept(self) -> Accept | None:
         """The filter of candidate hits; None if no material has a cutout."""
-        return self.is_there if "cutout" in self.looks.gives else None
+        return self.is_there if "cutout" in self.appearance.gives else None
 
     def is_there(self, hit: Hit | Candidate) -> Any:
         """Return whether a material's cutout leaves a surface at a point of a triangle."""
-        return self.looks.number_at("cutout", self.material_at(hit), lambda: self.uv_at(hit), 1.0) >= CUTOFF
+        return self.appearance.number_at("cutout", self.material_at(hit), lambda: self.uv_at(hit), 1.0) >= CUTOFF
 
     def uv_at(self, hit: Hit | Candidate) -> Any:
         """Interpolate the uv coordinates."""
@@ -196,7 +198,7 @@ class SurfaceTables:
             return sh.Color3f(1, 1, 1)
         return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
 
-    def describe(self, hit: Hit, surface: ShadedPoint, point: Any, side: Any, emission: Any) -> Any:
+    def describe(self, hit: Hit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Colour and coefficients of the surface as textures and programs say; gives its reflectivity."""
         number = self.material_at(hit)
         reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
@@ -219,11 +221,11 @@ class SurfaceTables:
         given |= {"reflectivity": reflectivity, "normal": surface.normal, "emission": emission}
         if self.clear:
             given |= {"transmission": surface.transmission, "ior": surface.ior}
-        self.looks.describe(number, seen, given)
+        self.appearance.describe(number, seen, given)
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
-        if self.looks.shades:
+        if self.appearance.shades:
             surface.reflectivity[:] = reflectivity
-            surface.shade[:] = self.looks.shade_of(number)
+            surface.shade[:] = self.appearance.shade_of(number)
         return reflectivity
 
     def world(self, point: Any) -> Any:
@@ -235,15 +237,15 @@ class SurfaceTables:
         """Return the number of the mesh that was hit."""
         return 0 if self.object_of is None else self.object_of[hit.id]
 
-    def lights_seen(self, surface: ShadedPoint, count: Any) -> Any:
+    def lights_seen(self, surface: Interaction, count: Any) -> Any:
         """Return the number of lights that show on the surface: 0 on a perfect mirror, which needs no shadow rays."""
         if not self.dark:
             return count
         return sh.cond((surface.coefficients.x > 0) | (surface.coefficients.y > 0), count, 0)
 
-    def shade(self, surface: ShadedPoint, light: Any) -> Any:
+    def shade(self, surface: Interaction, light: Any) -> Any:
         """Return the colour under white light from direction `light`."""
-        if not self.looks.shades:
+        if not self.appearance.shades:
             return self.phong(surface, light)
         seen = shaders.Surface.known(
             {
@@ -258,9 +260,9 @@ class SurfaceTables:
                 "view": lambda: surface.view,
             }
         )
-        return self.looks.shade(surface.shade, seen, light, lambda: self.phong(surface, light))
+        return self.appearance.shade(surface.shade, seen, light, lambda: self.phong(surface, light))
 
-    def phong(self, surface: ShadedPoint, light: Any) -> Any:
+    def phong(self, surface: Interaction, light: Any) -> Any:
         """Return the colour under white light from direction `light` in Phong's model."""
         diffuse, specular, shininess = surface.coefficients
         shade = diffuse * diffuse_lobe(surface.normal, light) * surface.color
@@ -282,7 +284,7 @@ class LightList:
         self.directions = bool((rows[::2, 3] == 0).any())
         self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
 
-    def aim(self, n: Any, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+    def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
         assert self.table is not None  # else no ray is aimed
         first = 2 * n if self.count > 1 else 0
@@ -303,19 +305,19 @@ class LightList:
 
 def is_black(layout: Layout) -> bool:
     """Return whether a surface can have a highlight and no other light in some channel."""
-    colors = layout.materials[::2, :3] if layout.colors is None else layout.colors[:, :3]
-    return bool((colors == 0).any() or (layout.materials[1::2, 0] == 0).any())
+    colors = layout.material_rows[::2, :3] if layout.colors is None else layout.colors[:, :3]
+    return bool((colors == 0).any() or (layout.material_rows[1::2, 0] == 0).any())
 
 
-def glow_rows(layout: Layout, looks: Looks) -> Rows:
+def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
     """(M, 4): the emission of each material, and its mean over the channels: 0 for a material that never shines.
 
     Where a program decides the emission of a material that says nothing of it, 1 stands for the mean.
     """
-    rows = np.zeros((len(layout.looks), 4))
-    for row, look, glowing in zip(rows, layout.looks, looks.glowing, strict=True):
-        row[:3] = look.glow
-        row[3] = np.mean(look.glow) or float(glowing)
+    rows = np.zeros((len(layout.materials), 4))
+    for row, material, glowing in zip(rows, layout.materials, appearance.glowing, strict=True):
+        row[:3] = material.glow
+        row[3] = np.mean(material.glow) or float(glowing)
     return rows
 
 

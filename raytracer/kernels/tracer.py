@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.grid import Grid
-from raytracer.kernels.surfaces import LightList, ShadedPoint, SurfaceTables
+from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit
 from raytracer.kernels.walk import meet, scene_walk
 from raytracer.scene.layout import Layout
@@ -77,8 +77,8 @@ class Tracer:
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
         self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, self.surfaces)
-        looks = self.surfaces.looks
-        self.reflects = layout.reflects or "reflectivity" in looks.gives
+        appearance = self.surfaces.appearance
+        self.reflects = layout.reflects or "reflectivity" in appearance.gives
         self.features: dict[str, bool | int] = {
             "lights": self.lights.count,
             "point lights": self.lights.points,
@@ -86,16 +86,16 @@ class Tracer:
             "reflections": bounces if self.reflects else 0,
             "smooth normals": layout.normals is not None,
             "vertex colours": layout.colors is not None,
-            "materials": len(layout.materials) // 2,
+            "materials": len(layout.material_rows) // 2,
             "highlights": self.surfaces.highlights,
         }
         if isinstance(layout.structure, Grid):
             self.features["triangles outside the grid"] = layout.structure.outside
         if self.surfaces.clear:
             self.features["glass"] = True
-        if looks:
-            self.features |= {"surface programs": len(looks.surfaces), "shade programs": len(looks.shades)}
-            self.features["textures"] = len(looks.textured)
+        if appearance:
+            self.features |= {"surface programs": len(appearance.surfaces), "shade programs": len(appearance.shades)}
+            self.features["textures"] = len(appearance.textured)
         if self.surfaces.accept is not None:
             self.features["cutouts"] = True
         self.loops = self.reflects or self.lights.count > 0
@@ -113,14 +113,14 @@ class Tracer:
                 SH_UNTIL(finished)
         return pixel
 
-    def begin(self) -> tuple[Path, ShadedPoint, Pixel]:
+    def begin(self) -> tuple[Path, Interaction, Pixel]:
         """Return the path, surface and pixel of an eye ray before its first hit."""
         path = Path.eye_ray(self.bounces)
-        surface = ShadedPoint(bool(self.surfaces.looks.shades), self.surfaces.clear)
+        surface = Interaction(bool(self.surfaces.appearance.shades), self.surfaces.clear)
         rays = sh.Attrib1i(0)
         return path, surface, background_pixel(path.color, rays)
 
-    def aim(self, path: Path, surface: ShadedPoint, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+    def aim(self, path: Path, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the ray that comes next a shadow ray where lights are left to be seen."""
         if self.lights.count:
             with SH_IF(path.shadows > 0):
@@ -128,7 +128,7 @@ class Tracer:
                 self.lights.aim(path.shadows, surface, ray, eye, limit, lightcol)
 
     def settle(
-        self, path: Path, surface: ShadedPoint, pixel: Pixel, hit: Hit, ray: Any, eye: Any, limit: Any, lightcol: Any
+        self, path: Path, surface: Interaction, pixel: Pixel, hit: Hit, ray: Any, eye: Any, limit: Any, lightcol: Any
     ) -> Any:
         """Take in what a ray has met, and make it the mirrored ray where all light is in; gives whether that is all."""
         tracing, finished, rays = path.tracing, path.finished, pixel.rays
@@ -150,7 +150,7 @@ class Tracer:
         if self.lights.count:
             with SH_ELSE():
                 lit = (hit.id < 0) & (limit > 0)
-                if self.surfaces.looks.shades:
+                if self.surfaces.appearance.shades:
                     with SH_IF(lit):
                         path.scolor += self.surfaces.shade(surface, ray) * lightcol
                 else:
@@ -168,7 +168,7 @@ class Tracer:
                 reflect(surface, ray, eye)
         return finished
 
-    def note(self, pixel: Pixel, hit: Hit, surface: ShadedPoint) -> None:
+    def note(self, pixel: Pixel, hit: Hit, surface: Interaction) -> None:
         """Set the layers to the first surface that the eye ray hits."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
@@ -183,13 +183,13 @@ def background_pixel(color: Any, rays: Any) -> Pixel:
     return Pixel(color, depth, normal, number, rays)
 
 
-def reflect(surface: ShadedPoint, ray: Any, eye: Any) -> None:
+def reflect(surface: Interaction, ray: Any, eye: Any) -> None:
     """Make the ray the mirrored one."""
     ray[:] = mirrored(surface)
     eye[:] = surface.inter
 
 
-def mirrored(surface: ShadedPoint) -> Any:
+def mirrored(surface: Interaction) -> Any:
     """Return the mirrored ray, turned back outside where an interpolated normal would send it into the surface."""
     mirrored = sh.reflect(-surface.view, surface.normal)
     below = sh.min(sh.dot(mirrored, surface.face), 0.0)

@@ -31,17 +31,18 @@ from raytracer.scene.scene import Scene
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
-    All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two.
-    `structure` is the accelerator; `roundoff` the largest relative error
-    of one rounding; `triangles` (3N, 4) (see `triangle_rows`); `normals` (3N, 4) the normals at the corners, None if
-    every mesh is flat; `colors` (3N, 4) the colours at the corners, those of the materials included unless a
-    texture or program makes colours (`is_programmed`), None if no mesh has any;
-    `materials` (2M, 4): color and reflectivity, then diffuse, specular, shininess; `material_of` and `object_of` (N,)
-    int32 a triangle's material and mesh; `lights` (2L, 4): position and 1, or direction toward the light and 0, then
-    color, and 1 where it falls off by the square of the distance.
+    All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two. `structure` is the
+    accelerator, `roundoff` the largest relative error of one rounding.
 
-    `looks` (M,) are the materials, `bare` (M,) the name of a mesh of each material that has no uv coordinates, or "";
-    `uvs` (3N, 2) the uv coordinates at the corners, None if no material has textures or programs.
+    `triangles` (3N, 4), see `triangle_rows`; `normals` (3N, 4) the normals at the corners, None if every mesh is flat;
+    `colors` (3N, 4) the colours at the corners, those of the materials included unless a texture or program makes
+    colours (`is_programmed`), None if no mesh has any. `material_of` and `object_of` (N,) int32 are a triangle's
+    material and mesh. `material_rows` (2M, 4): color and reflectivity, then diffuse, specular, shininess. `lights`
+    (2L, 4): position and 1, or direction toward the light and 0, then color, and 1 where it falls off by the square of
+    the distance.
+
+    `without_uv` (M,) is the name of a mesh of each of the `materials` that has no uv coordinates, or ""; `uvs` (3N, 2)
+    the uv coordinates at the corners, None if no material has textures or programs.
 
     `secondary` is the cube that all rays but those from the eye go through, None where they go through `structure`.
     """
@@ -53,12 +54,12 @@ class Layout:
     triangles: Rows
     normals: Rows | None
     colors: Rows | None
-    materials: Rows
+    material_rows: Rows
     material_of: NDArray[np.int32]
     object_of: NDArray[np.int32]
     lights: Rows
-    looks: tuple[Material, ...] = ()
-    bare: tuple[str, ...] = ()
+    materials: tuple[Material, ...] = ()
+    without_uv: tuple[str, ...] = ()
     uvs: Rows | None = None
     secondary: LayeredCube | None = None
 
@@ -71,7 +72,7 @@ class Layout:
         corners -= origin
         scale = scale_of(corners, precision)
         corners = rounded(corners * scale, precision)
-        looks, index = _materials(meshes)
+        materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
         return cls(
@@ -82,25 +83,28 @@ class Layout:
             triangles=triangle_rows(corners),
             normals=_normals(meshes),
             colors=_colors(meshes),
-            materials=_material_rows(looks),
+            material_rows=_material_rows(materials),
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=np.repeat(places, sizes).astype(np.int32),
             lights=light_rows(scene.placed_lights, origin, scale),
-            looks=looks,
-            bare=_bare(meshes, index, len(looks)),
-            uvs=_uvs(meshes) if any(look.textures or look.surface for look in looks) else None,
+            materials=materials,
+            without_uv=_without_uv(meshes, index, len(materials)),
+            uvs=_uvs(meshes) if any(m.textures or m.surface for m in materials) else None,
         )
 
     @property
     def glass(self) -> Rows:
         """(2M, 4): the transmission and refractive index of each material, then its absorption."""
-        rows = [[(look.numbers["transmission"], look.ior, 0, 0), (*look.absorption, 0)] for look in self.looks]
+        rows = [
+            [(material.numbers["transmission"], material.ior, 0, 0), (*material.absorption, 0)]
+            for material in self.materials
+        ]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
     @property
     def reflects(self) -> bool:
         """True if any surface mirrors."""
-        return bool((self.materials[::2, 3] > 0).any())
+        return bool((self.material_rows[::2, 3] > 0).any())
 
 
 def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float) -> Rows:
@@ -126,16 +130,16 @@ def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]
     return tuple(known), index
 
 
-def _material_rows(looks: Sequence[Material]) -> Rows:
+def _material_rows(materials: Sequence[Material]) -> Rows:
     """Return the rows of materials; a coefficient that is a texture is 1 there."""
     rows = []
-    for look in looks:
-        x = look.numbers
-        rows += [(*look.tint, x["reflectivity"]), (x["diffuse"], x["specular"], x["shininess"], 0.0)]
+    for material in materials:
+        x = material.numbers
+        rows += [(*material.tint, x["reflectivity"]), (x["diffuse"], x["specular"], x["shininess"], 0.0)]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _bare(meshes: Sequence[Mesh], index: Sequence[int], count: int) -> tuple[str, ...]:
+def _without_uv(meshes: Sequence[Mesh], index: Sequence[int], count: int) -> tuple[str, ...]:
     """Return for each of `count` materials the name of its first mesh without uv coordinates, or "" without any."""
     found = [""] * count
     for mesh, number in zip(meshes, index, strict=True):
@@ -160,9 +164,9 @@ def _colors(meshes: Sequence[Mesh]) -> Rows | None:
     return _corner_rows([colors * mesh.material.tint for colors, mesh in zip(own, meshes, strict=True)])
 
 
-def is_programmed(look: Material) -> bool:
+def is_programmed(material: Material) -> bool:
     """Return whether the kernel alone knows the colour of a material."""
-    return look.surface is not None or "color" in look.textures
+    return material.surface is not None or "color" in material.textures
 
 
 def _uvs(meshes: Sequence[Mesh]) -> Rows:

@@ -12,7 +12,7 @@ import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.cells import CellBox, CellWalk
-from raytracer.kernels.surfaces import ShadedPoint, SurfaceTables
+from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.meshes.shapes import box, icosahedron, sphere
@@ -270,7 +270,7 @@ def bounced(mesh, accel):
     def bounce(eye: sh.Point3f, ray: sh.Vector3f, to: sh.Vector3f) -> _Bounce:
         nothing, ever = sh.Attrib1b(False), sh.Attrib1f(FAR)
         hit = walk(ray, eye, sh.Attrib1f(0), ever, nothing)
-        surface = ShadedPoint()
+        surface = Interaction()
         tables.arrive(hit, ray, eye, surface)
         onward = sh.Vector3f(sh.cond(sh.dot(surface.face, to) < 0, -to, to))
         again = walk(onward, sh.Point3f(surface.inter), sh.Attrib1f(0), ever, nothing)

@@ -8,14 +8,14 @@ import pytest
 import shpy as sh
 from raytracer.kernels.lobes import Lobes
 from raytracer.kernels.phong import highlight
-from raytracer.kernels.surfaces import ShadedPoint
+from raytracer.kernels.surfaces import Interaction
 
 COUNT = 100_000
 
 
 def seen(specular, shininess):
     """A surface with the normal z that is seen at about 60 degrees."""
-    surface = ShadedPoint()
+    surface = Interaction()
     surface.coefficients[:] = sh.Attrib3f(0.5, specular, shininess)
     surface.color[:] = sh.Color3f(0.5)
     surface.view[:] = sh.normalize(sh.Vector3f(0.8, 0.3, 0.5))

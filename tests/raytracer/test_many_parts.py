@@ -6,7 +6,7 @@ from effort import calls
 
 from raytracer import Material, Mesh, Scene, SceneError, Texture
 from raytracer.integrators import progressive
-from raytracer.kernels.looks import Looks
+from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.path import PathTracer
 from raytracer.meshes.obj import read_obj
 from raytracer.meshes.shapes import floor
@@ -31,11 +31,11 @@ def test_a_mesh_without_uv_coordinates_is_named_by_its_material():
     looks = [Material(shininess=1), Material(shininess=2)]
     meshes = [floor(1, looks[0]), bare[0].with_material(looks[1]), bare[1].with_material(looks[0]), bare[2]]
     layout = Layout.of(Scene([*meshes, bare[0].with_material(looks[0]), bare[3].with_material(Material(shininess=3))]))
-    assert layout.looks[:2] == tuple(looks)
-    assert layout.bare == ("b", "a", "c", "a mesh")
+    assert layout.materials[:2] == tuple(looks)
+    assert layout.without_uv == ("b", "a", "c", "a mesh")
     picture = Material(Texture(np.ones((1, 1))))
     with pytest.raises(SceneError, match="a mesh: a Texture needs uv coordinates"):
-        Looks(Layout.of(Scene([bare[3].with_material(picture)])))
+        Appearance(Layout.of(Scene([bare[3].with_material(picture)])))
 
 
 class Compared(Texture):
@@ -54,7 +54,7 @@ def test_textures_are_found_without_comparing_all():
     textures = [Compared(np.full((1, 1), 0.5)) for _ in range(200)]
     layout = Layout.of(scene_of([Material(texture) for texture in textures]))
     Compared.count = 0
-    Looks(layout)
+    Appearance(layout)
     assert Compared.count < 10 * len(textures)
 
 

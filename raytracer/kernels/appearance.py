@@ -1,7 +1,7 @@
 """Textures and programs of a scene's materials: what they make of a point that was hit, and of the light on it.
 
 Stage: kernel. A scene whose materials are numbers alone has none of it. Materials are known by their places in
-`Layout.looks`; of each distinct program there is one branch.
+`Layout.materials`; of each distinct program there is one branch.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from shpy import SH_IF
 Program = Callable[..., Any]
 
 
-class Looks:
+class Appearance:
     """The materials of a scene that are more than numbers.
 
     `gives` are the names of what textures and programs decide, `reads` what programs ask of a hit, `shades` the
@@ -40,32 +40,34 @@ class Looks:
     """
 
     def __init__(self, layout: Layout) -> None:
-        looks = layout.looks
-        self.surfaces = _distinct([look.surface for look in looks])
-        self.shades = _distinct([look.shade for look in looks])
-        self.several = len({look.shade for look in looks}) > 1
-        self.count = len(looks)
+        materials = layout.materials
+        self.surfaces = _distinct([material.surface for material in materials])
+        self.shades = _distinct([material.shade for material in materials])
+        self.several = len({material.shade for material in materials}) > 1
+        self.count = len(materials)
         found = [examine_surface(program) for program in self.surfaces]
         for program in self.shades:
             examine_shade(program)
-        self.textured = [name for name in PICTURED if any(name in look.textures for look in looks)]
+        self.textured = [name for name in PICTURED if any(name in material.textures for material in materials)]
         self.gives = frozenset(self.textured).union(*(examined.gives for examined in found))
         gives = {program: examined.gives for program, examined in zip(self.surfaces, found, strict=True)}
-        self.glowing = [look.surface is not None and "emission" in gives[look.surface] for look in looks]
+        self.glowing = [
+            material.surface is not None and "emission" in gives[material.surface] for material in materials
+        ]
         self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in found))
         reading = {p for p, examined in zip(self.surfaces, found, strict=True) if "uv" in examined.reads}
-        for look, bare in zip(looks, layout.bare, strict=True):
-            if bare and (look.textures or look.surface in reading):
-                reader = "a Texture" if look.textures else place_of(look.surface)
-                raise SceneError(f"{bare}: {reader} needs uv coordinates, and the mesh has none: Mesh(..., uv=...)")
+        for material, name in zip(materials, layout.without_uv, strict=True):
+            if name and (material.textures or material.surface in reading):
+                reader = "a Texture" if material.textures else place_of(material.surface)
+                raise SceneError(f"{name}: {reader} needs uv coordinates, and the mesh has none: Mesh(..., uv=...)")
         surfaces, shades = _numbered(self.surfaces), _numbered(self.shades)
-        self._numbers = [(surfaces[look.surface], shades[look.shade]) for look in looks]
+        self._numbers = [(surfaces[material.surface], shades[material.shade]) for material in materials]
         self._columns = tuple(map(set, zip(*self._numbers, strict=True)))
         if self.textured:
-            textures = list(dict.fromkeys(texture for look in looks for texture in look.textures.values()))
+            textures = list(dict.fromkeys(texture for material in materials for texture in material.textures.values()))
             self.atlas = Atlas(textures)
             places = _numbered(textures)
-            rows = [[places[look.textures.get(name)] - 1 for name in self.textured] for look in looks]
+            rows = [[places[material.textures.get(name)] - 1 for name in self.textured] for material in materials]
             self.pictures_of = sh.Table(np.array(rows, np.int32), sh.Attrib1i, "pictures_of")
         if self.count > 1 and (self.surfaces or self.several):
             self.programs = sh.Table(np.array(self._numbers, np.int32), sh.Attrib2i, "programs")
