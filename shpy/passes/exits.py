@@ -47,10 +47,13 @@ from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
 from shpy.passes.size import callee_of
 
-__all__ = ["DEVICE_TURNS", "Ending", "few_turns", "make_exits_explicit", "may_be_stopped"]
+__all__ = ["DEVICE_TURNS", "LOOPED", "Ending", "few_turns", "make_exits_explicit", "may_be_stopped"]
 
 DEVICE_TURNS = 65_535
 """Iterations in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
+
+LOOPED = {"payne_hanek": 10}
+"""Iterations of the parts of strict functions that a printer may write as loops, those in which these end included."""
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 
@@ -94,7 +97,7 @@ def may_be_stopped(module: Module) -> bool:
     """Return whether a device that stops loops after DEVICE_TURNS iterations in all may stop one of these.
 
     Beside the module's own loops it counts those that the GLSL printer may add: one of one iteration around the body
-    of a function, and one over the elements of an array that is declared or stored into.
+    of a function, one over the elements of an array that is declared or stored into, and those of operations.
     """
     return _most_iterations(module, printed=True) >= DEVICE_TURNS
 
@@ -113,16 +116,19 @@ def _most_iterations(module: Module, *, printed: bool) -> float:
                 iterations += total(s.then, lengths) + total(s.orelse, lengths)
             elif isinstance(s, Loop):
                 inside = 1 + total(s.body, lengths) + total(s.continuing, lengths)
-                iterations += float("inf") if s.turns is None else s.turns * inside
+                # The device also counts the iteration in which a loop ends, and all loops in it begin once more.
+                iterations += float("inf") if s.turns is None else (s.turns + printed) * inside
             elif isinstance(s, Store):
                 iterations += lengths.get(s.variable, 0)
+            elif isinstance(s, Let) and s.op in LOOPED:
+                iterations += LOOPED[s.op]
             else:
                 callee = callee_of(s)
                 iterations += 0 if callee is None else totals[callee]
         return iterations
 
     for function in module.functions:
-        lengths = {v.id: v.length for v in variables_of(function) if printed and v.length is not None}
+        lengths = {v.id: v.length + 1 for v in variables_of(function) if printed and v.length is not None}
         added = (not function.pure) + sum(lengths.values()) if printed else 0
         totals[function.name] = total(function.body, lengths) + added
     return totals[module.entry.name]

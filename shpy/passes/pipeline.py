@@ -19,7 +19,7 @@ from shpy.ir.traverse import walk
 from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
-from shpy.passes.exits import make_exits_explicit
+from shpy.passes.exits import make_exits_explicit, may_be_stopped
 from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
@@ -45,7 +45,8 @@ class Target:
     that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
     it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for angles
     only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
-    `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call.
+    `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call. `looped`:
+    parts of strict functions that it does by loops, where an element takes few iterations in all.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Target:
     loop_flags: bool = False
     vector: bool = False
     inlines: bool = False
+    looped: frozenset[str] = frozenset()
 
     def does(self, math: Math) -> frozenset[str]:
         """What it does itself in this mode."""
@@ -102,7 +104,10 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     corrected = target.wrong if options.math != "fast" else frozenset()
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     plain = lower_half(set_precision(module, options.precision))
-    lowered = lower(plain, target.does(options.math), corrected, bounded)
+    does = target.does(options.math)
+    lowered = lower(plain, does | target.looped, corrected, bounded)
+    if target.looped and may_be_stopped(lowered):
+        lowered = lower(plain, does, corrected, bounded)
     shared = False
     if target.inlines and inlined_sizes(lowered)[lowered.entry.name] >= WORTH_SHARING:
         before = remove_unused_functions(optimise(lowered))

@@ -237,6 +237,20 @@ def test_branches_that_lanes_take_apart_share_the_iterations_of_the_device() -> 
     right_or_told(apart, n, None, stops=True)
 
 
+def test_the_iteration_in_which_an_inner_loop_ends_counts() -> None:
+    """1,580 * (1 + 40) iterations are fewer than 65,535, and 1,580 * (1 + 41) are not."""
+
+    @sh.program
+    def within(n: sh.Attrib1i) -> sh.Attrib1i:
+        c = I1(n % 2)
+        with SH_FOR(0, 1580) as i:
+            with SH_FOR(0, 40) as j:
+                c += (i + j + n) % 2 + (i + j + n + 1) % 2
+        return c
+
+    right_or_told(within, np.full(5, 1580 * 40, np.int32), None, stops=True)
+
+
 def test_arrays_of_a_subroutine_count() -> None:
     """Each call sets its array to zero by a loop, and after 65,535 iterations every later loop is stopped."""
 

@@ -29,7 +29,7 @@ from shpy.ir.nodes import Loc, Module, Value, Variable
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base
 from shpy.passes.bool_arrays import hold_bools_as_ints
-from shpy.passes.exits import few_turns
+from shpy.passes.exits import LOOPED, few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import Target, prepare
@@ -103,7 +103,9 @@ class GlslBackend:
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
         runtime = self._runtime(options.device or 0)
         limits = runtime.context.limits
-        target, exact = replace(TARGET, wrong=limits.wrong & CORRECTABLE), options.math != "fast"
+        # The prologue's loops need `precise`.
+        looped = frozenset(LOOPED) if limits.keeps_order else frozenset()
+        target, exact = replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=looped), options.math != "fast"
 
         def rejection() -> Program | None:
             shorter = find_rejection(module)

@@ -204,3 +204,44 @@ float sh_fma(precise float a, precise float b, precise float c) {
     bool simple = a == 0.0 || b == 0.0 || c == 0.0 || max(e.x, max(e.y, e.z)) == 128 || min(e.x, min(e.y, e.z)) == -127;
     return simple ? plain : above > 55 ? c : sh_ldexp(sum, scale);
 }
+
+// Payne and Hanek's reduction as passes/strict/payne_hanek.py writes it, an iteration for each digit of 2 / pi, and so a
+// quarter of the text: where branches skip nothing, one iteration is what an angle costs that is not far.
+vec3 sh_payne_hanek(precise float x) {
+    const float digits[17] = float[17](0.0, 163.0, -104.0, 878.0, 1252.0, 1045.0, 672.0, -985.0, 1405.0,
+        501.0, 846.0, -575.0, -586.0, 662.0, -1644.0, -956.0, -1788.0);
+    // By so many digits x is scaled: a twelfth of its exponent.
+    int scale = clamp(((floatBitsToInt(x) >> 23 & 255) - 147) * 43 >> 9, 0, 8);
+    precise float mantissa = x * intBitsToFloat(107 - 12 * scale << 23);
+    precise float first = mantissa + 1.2582912e+07 - 1.2582912e+07;
+    precise float rest = (mantissa - first) * 4096.0;
+    precise float second = rest + 1.2582912e+07 - 1.2582912e+07;
+    precise float third = (rest - second) * 4096.0;
+    precise float a = 0.0, b = 0.0, c = 0.0, carry = 0.0, k = 0.0;
+    precise float p = 0.0, p_2 = 0.0, p_3 = 0.0, p_4 = 0.0, p_5 = 0.0, p_6 = 0.0, p_7 = 0.0;
+    for (int n = scale + 8; n >= scale; n--) {
+        a = b;
+        b = c;
+        c = digits[n];
+        k = first * a + second * b + third * c + carry;
+        p = p_2;
+        p_2 = p_3;
+        p_3 = p_4;
+        p_4 = p_5;
+        p_5 = p_6;
+        p_6 = p_7;
+        carry = k * 0.00024414062 + 1.2582912e+07 - 1.2582912e+07;
+        p_7 = k - carry * 4096.0;
+        carry = n > scale + 6 ? 0.0 : carry;
+    }
+    precise float pair = (p_6 * 4096.0 + p_5) * 5.9604645e-08;
+    precise float pair_2 = (p_4 * 4096.0 + p_3) * 3.5527137e-15;
+    precise float pair_3 = (p_2 * 4096.0 + p) * 2.1175824e-22;
+    precise float sum = pair + pair_2;
+    precise float low = pair_2 - (sum - pair) + pair_3;
+    precise vec2 product = sh_two_product(sum, 1.5707964);
+    precise float tail = product.y + (sum * -4.371139e-08 + low * 1.5707964);
+    precise float high = product.x + tail;
+    precise vec3 result = vec3(high, tail - (high - product.x), k);
+    return result;
+}
