@@ -19,7 +19,7 @@ from functools import cache
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options
 from shpy.backends.device.probe import notes_of, refuse_wrong
-from shpy.backends.glsl.device.context import Context, open_context
+from shpy.backends.glsl.device.context import Context, Limits, open_context
 from shpy.backends.glsl.device.memory import GlslSpace
 from shpy.backends.glsl.device.run import Program, Runtime, unsupported
 from shpy.backends.glsl.printer import Printer
@@ -103,9 +103,7 @@ class GlslBackend:
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
         runtime = self._runtime(options.device or 0)
         limits = runtime.context.limits
-        # The prologue's loops need `precise`.
-        looped = frozenset(LOOPED) if limits.keeps_order else frozenset()
-        target, exact = replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=looped), options.math != "fast"
+        target, exact = _target(limits), options.math != "fast"
 
         def rejection() -> Program | None:
             shorter = find_rejection(module)
@@ -159,6 +157,12 @@ class GlslBackend:
         if device not in self._runtimes:
             self._runtimes[device] = Runtime(context)
         return self._runtimes[device]
+
+
+def _target(limits: Limits) -> Target:
+    """Return what a device can do; the loops of the prologue need `precise`."""
+    looped = frozenset(LOOPED) if limits.keeps_order else frozenset()
+    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=looped)
 
 
 def _printable(module: Module, exact: bool) -> Module:
