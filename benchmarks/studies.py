@@ -122,7 +122,7 @@ BAD = {"NaN": np.nan, "infinity": np.inf, "zero": 0.0}
 
 
 def bad_rays(mesh: Mesh, quick: bool) -> Table:
-    """What rays that are none cost those beside them: every 16th direction spoiled, and all of them."""
+    """Measure what invalid rays cost the rays beside them: every 16th direction spoiled, and all of them."""
     compiled = partial(sh.Program.compile, backend=backend())
     origins, directions = rays.secondary_rays(mesh, 32 if quick else 512)
     clean, _ = best(rays.ours_given(compiled, origins, directions, mesh, False))

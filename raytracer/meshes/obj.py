@@ -83,7 +83,7 @@ class Obj:
 
 
 def read_obj(text: str) -> Obj:
-    """Read the statements of a file; SceneError, with the line, for numbers that are none and faces that are not."""
+    """Read the statements of a file; SceneError, with the line, for an invalid number or face."""
     obj = Obj()
     kinds = {"v": 0, "vt": 1, "vn": 2}
     name = group = ""

@@ -33,7 +33,7 @@ __all__ = ["add_commands", "load", "parse_domain"]
 
 _COUNT, _SEED = whole(1, MOST), whole(0)
 _USUAL = (-10.0, 10.0)
-"""The range of a float of which nothing is said."""
+"""The default range of a float."""
 
 
 def add_commands(commands: Any) -> None:

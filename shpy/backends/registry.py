@@ -33,7 +33,7 @@ class BackendInfo:
 
 
 def backend(name: str) -> Backend:
-    """The backend of this name; BackendUnavailable for a name that is none."""
+    """Return the backend of this name; BackendUnavailable where there is no such backend."""
     found = _found.get(name)
     if found is None:
         if name not in NAMES:
@@ -57,7 +57,7 @@ def default_backend(name: str | None = None) -> str:
     """The default backend's name; with `name`, make that the default.
 
     Without a choice it is what the environment variable SHPY_BACKEND says, else numpy. Raises BackendUnavailable for a
-    name that is none, and where the one that is chosen is not there.
+    name without a backend, and where the chosen backend is not installed.
     """
     global _default
     if name is not None:

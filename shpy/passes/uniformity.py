@@ -37,7 +37,7 @@ class LoopFacts:
     jumps: bool = False
     """A real Continue stands in what was made of it."""
     copied: set[int] = field(default_factory=set)
-    """Variables that leaving lanes must put aside."""
+    """Variables whose values must be saved for the lanes that leave."""
     head: set[int] = field(default_factory=set)
     """Variables that vary where an iteration begins, ..."""
     step: set[int] = field(default_factory=set)

@@ -71,7 +71,7 @@ EXACT = Bound()
 
 
 def is_denormal(value: Any) -> bool:
-    """Whether a component is a denormal, or the least number that is none: a device may flush before it rounds."""
+    """Return whether a component is a denormal or the least normal number: a device may flush before it rounds."""
     array = np.asarray(value)
     if array.dtype.kind != "f":
         return False

@@ -31,7 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Hand the options to `assert_equivalent`; UsageError for a backend that is none, or is not available."""
+    """Hand the options to `assert_equivalent`; UsageError for a backend that is unknown or not available."""
     names = config.getoption("--shpy-backends")
     ulp = config.getoption("--shpy-ulp")
     if not names and not ulp:

@@ -115,7 +115,7 @@ def cost(bvh):
 
 
 def test_cuts_are_good():
-    """A curved surface of 4,000 triangles takes few looks; two balls far apart are parted first."""
+    """A curved surface of 4,000 triangles takes few visits of nodes; two balls far apart are parted first."""
     nodes, tried = cost(build_bvh(sphere(rings=32, segments=64).corners))
     assert nodes < 40
     assert tried < 14

@@ -188,7 +188,7 @@ class PacketSpelling(Spelling):
         return self.prologue.array(way, variable.type.base, variable.length, isinstance(variable.type, Lanes))
 
     def _index(self, index: int, variable: Variable) -> Expr:
-        """Each lane's index as an int; a uint that is none is out of range all the same."""
+        """Return each lane's index as an int; a uint too large for one is out of range as well."""
         type = self.types[index]
         (e,) = (self.signed(self.take(index)),)
         if type.base is not Base.U:

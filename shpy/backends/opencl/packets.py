@@ -66,7 +66,7 @@ def print_packets(
 
 
 def _stay_together(module: Module) -> bool:
-    """Whether lanes do not part ways and read no places of their own: then it is no good that they are a block.
+    """Return whether no lane diverges or reads an index of its own, so that a block of the image gains nothing.
 
     What a function without stores does apart is for numbers that are rare.
     """

@@ -83,7 +83,7 @@ class Table:
     def __class_getitem__(cls, key: Any) -> TableType:
         """The annotation of a table argument: its element type, and its rank if that is not 1.
 
-        A type checker takes no bare number there (PEP 586): `sh.Table[sh.Attrib4f, Literal[2]]` means the same.
+        A type checker takes no plain number there (PEP 586): `sh.Table[sh.Attrib4f, Literal[2]]` means the same.
         """
         type_, rank = key if isinstance(key, tuple) else (key, 1)
         (rank,) = get_args(rank) or (rank,)  # Literal[2], or 2

@@ -103,7 +103,7 @@ def targets(name: str | None, device: int | None, lanes: int | None) -> list[Tar
 
 
 def chosen_sections(words: str | None, full: bool) -> list[str]:
-    """The sections that are named, or all; ShpyError for a name that is none, and for one that takes hours."""
+    """Return the sections that are named, or all; ShpyError for an unknown one, and for one that takes hours."""
     names = words.split(",") if words is not None else list(SECTIONS)
     unknown = [name for name in names if name not in (*SECTIONS, INPUTS)]
     if unknown:

@@ -194,7 +194,7 @@ class DeclareStruct:
 
 @dataclass(frozen=True)
 class Call:
-    """`x[:] = f(a, b)`, or a bare call; `args` are Names for the parameters that f stores into."""
+    """`x[:] = f(a, b)`, or a call alone; `args` are Names for the parameters that f stores into."""
 
     function: str
     args: tuple[Expr, ...]

@@ -35,7 +35,7 @@ _LINGER: Final = 10.0
 _NICENESS: Final = 19
 """How much the process gives way where there is no policy for idle time: as much as can be."""
 _CHECKED: Final = 0.5
-"""Seconds between looks whether the process that waits for answers is still there."""
+"""Seconds between checks whether the process that waits for answers is still there."""
 
 
 class Refused(Exception):

@@ -1,0 +1,101 @@
+"""Find English that is not ours in docstrings, comments, messages and documents.
+
+CONTRIBUTING.md says how we write. `openings` finds docstrings that start with a question word in place of a verb,
+`words` finds expressions for which a textbook has its own term, and `moods` finds what ruff's D401 does.
+Each returns places as (file, line, text).
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import json
+import re
+import subprocess
+import sys
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+TOPS = ("shpy", "raytracer", "shpy_start", "examples", "benchmarks", "tests", "docs")
+Place = tuple[str, int, str]
+
+KINDS = {
+    "moods": "docstrings of functions that do not start with an imperative verb (D401), by folder",
+    "openings": "docstrings that open with a question word, by folder",
+}
+
+OPENING = re.compile(r"(What|Whether|Which|Who|That|Of which)\b")
+
+WORDS = {
+    r"that (is|are) (?-i:none)": "is not one, does not exist",
+    r"(each|every|one|per|first|last|next|previous|many|several|all|more|few|further|same) turns?": "iteration",
+    r"part(s|ed|ing)? ways": "diverge",
+    r"(put|puts|putting) aside": "save, mask out",
+    r"(each|every|many|few|two|between|first|last) looks?(?!-)": "check, visit",
+    r"bare (call|number|name|value|vector|scalar|expression)s?": "plain",
+    r"of which nothing is said": "by default",
+}
+"""Expressions that are not ours, and what to write instead."""
+
+NOT_OURS = re.compile("|".join(rf"\b(?:{word})\b" for word in WORDS), re.IGNORECASE)
+
+OWN = ("tests/english.py", "CONTRIBUTING.md")
+"""Files that name the expressions."""
+
+
+def files(*suffixes: str) -> list[str]:
+    """Return the files with one of these suffixes, without emitted texts."""
+    found = [*ROOT.glob("*.md"), *(p for top in TOPS for p in (ROOT / top).rglob("*"))]
+    names = sorted(str(p.relative_to(ROOT)) for p in found if p.suffix in suffixes)
+    return [name for name in names if not name.startswith("tests/snapshots/")]
+
+
+def openings() -> Iterator[Place]:
+    """Yield the docstrings that open with a question word."""
+    for file in files(".py"):
+        for node in ast.walk(ast.parse((ROOT / file).read_text())):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                text = ast.get_docstring(node)
+                if text and OPENING.match(text):
+                    yield file, getattr(node, "lineno", 1), text.splitlines()[0]
+
+
+def words() -> Iterator[Place]:
+    """Yield the comments, strings and paragraphs with an expression that is not ours."""
+    for file in files(".py", ".md"):
+        if file not in OWN:
+            for line, text in _texts(file):
+                for found in NOT_OURS.finditer(re.sub(r"\s+", " ", text)):
+                    yield file, line, found.string[max(0, found.start() - 30) : found.end() + 30]
+
+
+def _texts(file: str) -> Iterator[tuple[int, str]]:
+    whole = (ROOT / file).read_text()
+    if file.endswith(".md"):
+        line = 1
+        for paragraph in whole.split("\n\n"):
+            yield line, paragraph
+            line += paragraph.count("\n") + 2
+        return
+    for token in tokenize.generate_tokens(io.StringIO(whole).readline):
+        if token.type in (tokenize.COMMENT, tokenize.STRING):
+            yield token.start[0], token.string
+
+
+def moods() -> Iterator[Place]:
+    """Yield the docstrings of functions that ruff does not find imperative, those that pyproject.toml ignores too."""
+    command = ["ruff", "check", "--isolated", "--select", "D401", "--output-format", "json", "--exit-zero"]
+    given = sorted({f.partition("/")[0] for f in files(".py")} - {"tests"})
+    found = subprocess.run(
+        [sys.executable, "-m", *command, *given], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for each in json.loads(found.stdout):
+        yield str(Path(each["filename"]).relative_to(ROOT)), each["location"]["row"], each["message"]
+
+
+def room(file: str) -> str:
+    """Return the folder of a file, at most two deep; the file itself where it lies in a package's own folder."""
+    parts = Path(file).parts
+    return "/".join(parts[:2]) if parts[0] in ("shpy", "raytracer") else parts[0]
