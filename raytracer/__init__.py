@@ -20,10 +20,10 @@ from raytracer.kernels.shaders import Hit, Surface
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Instance, Mesh
 from raytracer.rendering import render
-from raytracer.scene.builtin import SCENES
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.scene.scene import BUILTIN, Scene
+from raytracer.scenes import SCENES
 from raytracer.studies.tradeoff import tradeoff
 
 __all__ = [

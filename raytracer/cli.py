@@ -29,8 +29,8 @@ from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
 from raytracer.meshes.folder import shown
 from raytracer.rendering import render
-from raytracer.scene.builtin import SCENES
 from raytracer.scene.scene import Scene
+from raytracer.scenes import SCENES
 from raytracer.studies.report import new_figure
 from raytracer.studies.tradeoff import tradeoff
 

@@ -13,8 +13,8 @@ from raytracer.errors import SceneError
 from raytracer.image import Image, writer
 from raytracer.integrators import integrator
 from raytracer.rendering import render
-from raytracer.scene.builtin import SCENES
 from raytracer.scene.scene import Scene
+from raytracer.scenes import SCENES
 
 __all__ = ["SIZE", "gallery"]
 

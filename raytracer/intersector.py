@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 import shpy as sh
 from raytracer.accel.bvh import Bvh, build_bvh
 from raytracer.accel.choice import build, check
-from raytracer.accel.space import WORKING, origin_of, rounded, scale_of, triangle_rows
+from raytracer.accel.space import WORKING, to_kernel, triangle_rows
 from raytracer.errors import SceneError
 from raytracer.kernels import nearby, queries
 from raytracer.kernels.triangle import AheadBound
@@ -132,10 +132,8 @@ class Intersector:
         self._structure: Structure | None = None
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
-            origin = origin_of(corners)
-            corners -= origin
-            self._frame = Frame(origin, scale_of(corners, precision), precision)
-            self._corners = rounded(corners * self._frame.scale, precision)
+            self._corners, origin, scale = to_kernel(corners, precision)
+            self._frame = Frame(origin, scale, precision)
             self._rows = triangle_rows(self._corners)
             structure: Structure
             if isinstance(accel, LayeredCube):

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError
-from raytracer.kernels.triangle import FAR
 from raytracer.meshes.mesh import affine
 
 Floats = NDArray[np.floating[Any]]

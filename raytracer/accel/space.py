@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.meshes.mesh import normals_of
+from raytracer.accel.planes import normals_of
 
 Rows = NDArray[np.float64]
 WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
@@ -55,9 +55,14 @@ def scale_of(corners: NDArray[np.float64], precision: str) -> float:
     return float(2.0 ** min(wanted - exponent, STEEPEST))
 
 
-def rounded(corners: NDArray[np.float64], precision: str) -> NDArray[np.float64]:
-    """Corners (N, 3, 3) as a kernel that works at `precision` sees them."""
-    return corners.astype(WORKING.get(precision, np.float32)).astype(np.float64)
+def to_kernel(corners: Rows, precision: str) -> tuple[Rows, Rows, float]:
+    """Return corners (N, 3, 3) as a kernel that works at `precision` sees them, their origin (3,) and their scale."""
+    if not len(corners):
+        return corners, np.zeros(3), 1.0
+    origin = origin_of(corners)
+    corners = corners - origin
+    scale = scale_of(corners, precision)
+    return (corners * scale).astype(WORKING.get(precision, np.float32)).astype(np.float64), origin, scale
 
 
 def triangle_rows(corners: NDArray[np.float64]) -> Rows:

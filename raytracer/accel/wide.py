@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.bvh import COUNT_BITS, Bounds, Bvh
-from raytracer.meshes.mesh import levels_of, normals_of
+from raytracer.accel.planes import levels_of, normals_of
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]
@@ -176,7 +176,7 @@ def _nodes(tree: _Binary, children: Ints) -> Words:
 
 
 def _blocks(bvh: Bvh, corners: NDArray[np.floating], start: Ints, count: Ints) -> Words:
-    """The triangles of leaves, four at a time."""
+    """Return the triangles of leaves, four at a time."""
     place = start[:, None] + np.arange(HALF)
     there = np.arange(HALF) < count[:, None]
     item = np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)

@@ -16,19 +16,9 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import (
-    FAR,
-    Accept,
-    AheadBound,
-    Hit,
-    Triangles,
-    TriangleTest,
-    farther,
-    higher,
-    is_ray,
-    lower,
-)
+from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -37,7 +27,7 @@ where a triangle is met so are the boxes that hold it."""
 
 
 class BvhIntersector:
-    """The tables of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk through them.
+    """The tables of a hierarchy over `triangles` (see `triangle_rows`), and the walk through them.
 
     `together`: rays that run side by side look into the same node. `bound` is for rays that may start from a triangle.
     """

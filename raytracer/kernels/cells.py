@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer.kernels.triangle import FAR
+from raytracer.accel.bounds import FAR
 
 
 class CellBox:

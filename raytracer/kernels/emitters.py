@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.accel.bounds import FAR
 from raytracer.errors import place_of
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.lobes import around
 from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp
-from raytracer.kernels.triangle import FAR, Candidate, Hit
+from raytracer.kernels.triangle import Candidate, Hit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight
 from shpy import SH_IF

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
+from raytracer.accel.bounds import FAR
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import Path, Pixel, Tracer, mirrored
-from raytracer.kernels.triangle import FAR
 from raytracer.kernels.walk import meet
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 

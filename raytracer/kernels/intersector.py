@@ -19,7 +19,7 @@ from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
 class GridIntersector:
-    """The tables of a grid over `triangles` (see `layout.triangle_rows`), and the walk through them."""
+    """The tables of a grid over `triangles` (see `triangle_rows`), and the walk through them."""
 
     def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
         self.bound = bound

@@ -18,7 +18,20 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from raytracer.kernels.layered_raster import (
+from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
+from raytracer.kernels.triangle import (
+    Accept,
+    AheadBound,
+    Hit,
+    PlaneView,
+    Triangles,
+    TriangleTest,
+    farther,
+    inverse_of,
+    is_ray,
+)
+from raytracer.layered.cube import LayeredCube
+from raytracer.layered.raster import (
     COUNTS,
     FARTHEST,
     HIGH,
@@ -32,23 +45,6 @@ from raytracer.kernels.layered_raster import (
     largest_axis,
     turned,
 )
-from raytracer.kernels.triangle import (
-    FAR,
-    Accept,
-    AheadBound,
-    Hit,
-    PlaneView,
-    Triangles,
-    TriangleTest,
-    farther,
-    higher,
-    highest,
-    inverse_of,
-    is_ray,
-    lower,
-    lowest,
-)
-from raytracer.layered.cube import LayeredCube
 from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 
 ROUNDED = 2.0**-8
@@ -66,7 +62,7 @@ OUTSIDE = 2.0**-20
 
 
 class LayeredIntersector:
-    """The tables of a cube over `triangles` (see `layout.triangle_rows`), and the walk through them.
+    """The tables of a cube over `triangles` (see `triangle_rows`), and the walk through them.
 
     `bound` is for rays that may start from a triangle.
     """

@@ -13,8 +13,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import shpy as sh
+from raytracer.accel.bounds import FAR, highest
 from raytracer.accel.wide import HALF, NORMALS, NUMBERS, TAGS
-from raytracer.kernels.triangle import FAR, highest, product
+from raytracer.kernels.triangle import product
 from raytracer.kernels.wide_walk import WideIntersector, keys_of
 from shpy import SH_IF
 

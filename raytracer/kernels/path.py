@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
+from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
@@ -22,7 +23,7 @@ from raytracer.kernels.glass import refracted
 from raytracer.kernels.lobes import Lobes, largest
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
-from raytracer.kernels.triangle import FAR, Hit
+from raytracer.kernels.triangle import Hit
 from raytracer.kernels.walk import TOGETHER, meet, scene_walk
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene

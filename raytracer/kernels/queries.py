@@ -12,8 +12,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import shpy as sh
+from raytracer.accel.bounds import FAR, higher, highest
 from raytracer.kernels.hits import HitCount, HitList
-from raytracer.kernels.triangle import FAR, REACH, higher, highest
+from raytracer.kernels.triangle import REACH
 from raytracer.kernels.walk import Walk
 
 SHORTEST, LONGEST = 2.0**-60, 2.0**60

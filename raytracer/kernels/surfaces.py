@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from raytracer.accel.bounds import FAR, highest
 from raytracer.accel.space import Rows
 from raytracer.appearance.materials import CUTOFF
 from raytracer.kernels import shaders
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import FAR, Accept, Candidate, Hit, PlaneView, Triangles, highest
+from raytracer.kernels.triangle import Accept, Candidate, Hit, PlaneView, Triangles
 from raytracer.scene.layout import Layout, is_programmed
 
 ROUNDINGS = 7

@@ -17,9 +17,10 @@ from math import inf
 from typing import Any, NamedTuple
 
 import shpy as sh
+from raytracer.accel.bounds import FAR
 from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
-from raytracer.kernels.triangle import FAR, Hit
+from raytracer.kernels.triangle import Hit
 from raytracer.kernels.walk import meet, scene_walk
 from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL

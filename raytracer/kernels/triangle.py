@@ -23,18 +23,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer.meshes.mesh import levels_of
+from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
+from raytracer.accel.planes import levels_of
 from shpy import SH_IF
 
-FAR = 3.0e38
-"""Farther than anything: as good as infinity, but `FAR * 0` is 0."""
 REACH = 2.0**-10
 """How much farther than the nearest hit a box may be and be looked into, as a part of the distance."""
 BESIDE = 10 * 2.0**-24
@@ -42,7 +40,7 @@ BESIDE = 10 * 2.0**-24
 GROWTH = 2.0**-68
 """By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more.
 
-It is 2**-100 of a scene that `layout.scale_of` has scaled: a part of a rounding of triangles 10**21 times smaller.
+It is 2**-100 of a scene that `accel.space.scale_of` has scaled: a part of a rounding of triangles 10**21 times smaller.
 """
 PLANE = 64.0
 """Factor by which the error bound of the distance from the corners must exceed that of the distance from the plane."""
@@ -149,7 +147,7 @@ class Sight:
 
 
 class Triangles:
-    """Triangles as tables: `rows` (see `layout.triangle_rows`), and `levels`, how far each one's plane is from 0.
+    """Triangles as tables: `rows` (see `triangle_rows`), and `levels`, how far each one's plane is from 0.
 
     `numbers` is the table of the numbers by which they are known, if not their places.
     """
@@ -294,23 +292,3 @@ def inverse_of(ray: Any) -> Any:
 def farther(distance: Any) -> Any:
     """As far as boxes must be looked into when the nearest hit is at this distance."""
     return distance + REACH * abs(distance)
-
-
-def lower(a: Any, b: Any) -> Any:
-    """Return the lower of two numbers that are never NaN, which costs less than `min`."""
-    return sh.cond(a < b, a, b)
-
-
-def higher(a: Any, b: Any) -> Any:
-    """Return the higher of two numbers that are never NaN."""
-    return sh.cond(a < b, b, a)
-
-
-def lowest(*numbers: Any) -> Any:
-    """Return the lowest of numbers that are never NaN."""
-    return reduce(lower, numbers)
-
-
-def highest(*numbers: Any) -> Any:
-    """Return the highest of numbers that are never NaN."""
-    return reduce(higher, numbers)

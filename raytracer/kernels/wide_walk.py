@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
-    FAR,
     Accept,
     AheadBound,
     Hit,
@@ -30,10 +30,8 @@ from raytracer.kernels.triangle import (
     Sight,
     Triangles,
     farther,
-    higher,
     inverse_of,
     is_ray,
-    lower,
     meets,
     same_side,
     within,
@@ -53,7 +51,7 @@ LEAST = 2.0**-126
 
 
 class WideIntersector:
-    """The table of the wide form of a hierarchy over `triangles` (see `layout.triangle_rows`), and the walk.
+    """The table of the wide form of a hierarchy over `triangles` (see `triangle_rows`), and the walk.
 
     It works at f32, on ranges that begin at 0 or beyond. `bound` is for rays that may start from a triangle.
     """

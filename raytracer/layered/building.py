@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError
-from raytracer.kernels import layered_raster as raster
-from raytracer.kernels.triangle import FAR
+from raytracer.layered import raster
 from raytracer.layered.peeling import Spans, peeled
 from raytracer.memory import free_bytes
 
@@ -30,8 +30,8 @@ _BYTES = 100
 class Samples:
     """Samples by texel and depth: those of texel k at `offsets[k] : offsets[k + 1]`, for the texels of three images.
 
-    `depths` (n,), `triangles` (n,) and `slopes` (n, 2) are those of the samples (see `layered_raster.Sample`), `ranges`
-    and `slices`, each (3 B B, 2), those of the blocks (see `layered_raster.Block`), B blocks along a side.
+    `depths` (n,), `triangles` (n,) and `slopes` (n, 2) are those of the samples (see `raster.Sample`), `ranges`
+    and `slices`, each (3 B B, 2), those of the blocks (see `raster.Block`), B blocks along a side.
     """
 
     offsets: NDArray[np.int32]
@@ -43,7 +43,7 @@ class Samples:
 
 
 class Scanlines:
-    """The spans of triangles (see `layout.triangle_rows`) in the raster of a `frame` (see `layered_raster`)."""
+    """The spans of triangles (see `triangle_rows`) in the raster of a `frame` (see `raster`)."""
 
     def __init__(self, triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str) -> None:
         self.backend = backend
@@ -87,7 +87,7 @@ class Scanlines:
 def build_samples(
     triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str, builder: str
 ) -> Samples:
-    """Return the samples of triangles (see `layout.triangle_rows`) in the raster of a `frame` (see `layered_raster`).
+    """Return the samples of triangles (see `triangle_rows`) in the raster of a `frame` (see `raster`).
 
     `builder` is one of BUILDERS. Raises SceneError if there are more samples than memory holds.
     """

@@ -13,19 +13,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.grid import far_larger
-from raytracer.accel.space import origin_of, rounded, scale_of, triangle_rows
+from raytracer.accel.space import to_kernel, triangle_rows
 from raytracer.errors import SceneError
-from raytracer.kernels import layered_raster as raster
+from raytracer.layered import raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
 from raytracer.meshes import Mesh
-from raytracer.scene.scene import Scene
 
 HITS = ("sample", "plane", "triangle")
 MAX_RESOLUTION = 8192
@@ -37,6 +36,15 @@ _THINNEST = 2.0**-8
 """The least side of the box as a part of the largest."""
 _ROUNDING = 2.0**-18
 """The depth that roundings may add, as a part of the box: more than 16 of f32."""
+
+
+@runtime_checkable
+class HasMeshes(Protocol):
+    """A Scene, which is made of more than this room knows."""
+
+    @property
+    def meshes(self) -> Any:
+        """The meshes, a tuple of Mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +67,7 @@ class LayeredCube:
     Triangles without area have no samples; the exact test, elsewhere, may meet one of them by rounding.
 
     `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles that they are of, `frame` (8, 4) the
-    raster (see `kernels.layered_raster`); `build_seconds` is how long they took, compilation included.
+    raster (see `layered.raster`); `build_seconds` is how long they took, compilation included.
 
     The few triangles far larger than the rest, such as a wide floor, have no samples, so that the texels are as small
     as the rest needs: `outside` (K,) are their numbers. Every ray tries them by the exact test.
@@ -77,7 +85,7 @@ class LayeredCube:
     @classmethod
     def of(
         cls,
-        mesh_or_scene: Mesh | Scene,
+        mesh_or_scene: Mesh | HasMeshes,
         resolution: int = _RESOLUTION,
         block: int = _BLOCK,
         backend: str | None = None,
@@ -101,13 +109,8 @@ class LayeredCube:
         _check(mesh_or_scene, resolution, block, hit, tolerance)
         _check_builder(builder, backend)
         started = time.perf_counter()
-        meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
-        corners = np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in meshes)])
-        scale = 1.0
-        if len(corners):
-            corners -= origin_of(corners)
-            scale = scale_of(corners, "f32")
-            corners = rounded(corners * scale, "f32")
+        meshes: Any = (mesh_or_scene,) if isinstance(mesh_or_scene, Mesh) else mesh_or_scene.meshes
+        corners, _, scale = to_kernel(np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in meshes)]), "f32")
         conservative = hit == "triangle" if conservative is None else bool(conservative)
         inside, outside = _apart(corners)
         some = corners[inside]
@@ -194,7 +197,7 @@ def is_layered(accel: str) -> bool:
     return True
 
 
-def cube_of(accel: str, mesh_or_scene: Mesh | Scene, backend: str | None) -> LayeredCube:
+def cube_of(accel: str, mesh_or_scene: Mesh | HasMeshes, backend: str | None) -> LayeredCube:
     """Return the cube that an accelerator's name stands for; see `is_layered`."""
     _, *more = accel.split(":")
     resolution = int(more[0]) if more else _RESOLUTION
@@ -202,7 +205,7 @@ def cube_of(accel: str, mesh_or_scene: Mesh | Scene, backend: str | None) -> Lay
 
 
 def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance: Any) -> None:
-    if not isinstance(mesh_or_scene, Mesh | Scene):
+    if not isinstance(mesh_or_scene, Mesh | HasMeshes):
         raise SceneError(f"a LayeredCube is that of a Mesh or a Scene, not of {type(mesh_or_scene).__name__}")
     for what, number in (("resolution", resolution), ("block", block)):
         if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= MAX_RESOLUTION:
@@ -236,7 +239,7 @@ def _apart(corners: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.
 def _frame(
     corners: NDArray[np.float64], resolution: int, block: int, tolerance: float | None, hit: str
 ) -> NDArray[np.float32]:
-    """Return the raster over the box of `corners`, which are those of a kernel; see `kernels.layered_raster`."""
+    """Return the raster over the box of `corners`, which are those of a kernel; see `layered.raster`."""
     frame = np.zeros((8, 4))
     low, high = (end(corners, axis=(0, 1), initial=0) for end in (np.min, np.max)) if len(corners) else np.zeros((2, 3))
     largest = float((high - low).max()) or 1.0

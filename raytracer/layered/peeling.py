@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError
-from raytracer.kernels.triangle import FAR
 
 _VERTEX = """#version 330
 uniform int resolution;
@@ -45,7 +45,7 @@ flat in vec2 change;
 out float found;
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    // As layered_raster.Projected.depth has it, rounding by rounding.
+    // As raster.Projected.depth has it, rounding by rounding.
     precise float ahead = (float(texel.x) + 0.5 - origin.x) * change.x;
     precise float above = (float(texel.y) + 0.5 - origin.y) * change.y;
     precise float depth = origin.z + ahead;

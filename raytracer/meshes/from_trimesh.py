@@ -23,7 +23,7 @@ from raytracer.errors import SceneError
 from raytracer.meshes.appearance import MetallicRoughness, alpha_of, height_of, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.instance import Instance
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import LOADERS, Mesh
 from raytracer.meshes.pictures import Picture, Pictures
 
 _GREY = (102, 102, 102)
@@ -40,6 +40,9 @@ def mesh_of(part: Any, *, material: Material | None = None, name: str | None = N
     found = _mesh(part, material, name or _name(part), Pictures(notices), notices)
     notices.warn()
     return found
+
+
+LOADERS["trimesh"] = mesh_of
 
 
 def parts_of(thing: Any, notices: Notices) -> Iterator[Instance]:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.accel.planes import normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.errors import SceneError
 
@@ -104,8 +105,8 @@ class Mesh:
         right = np.abs(length - 1) <= 1e-6
         if right.all():
             return normals
-        unit = np.where(right, normals, _unit(normals))
-        return np.where(normals.any(axis=-1, keepdims=True), unit, self.face_normals[:, None])
+        kept = np.where(right, normals, unit(normals))
+        return np.where(normals.any(axis=-1, keepdims=True), kept, self.face_normals[:, None])
 
     def __repr__(self) -> str:
         parts = [part for part in ("normals", "colors", "uv") if getattr(self, part) is not None]
@@ -174,7 +175,7 @@ class Mesh:
             return self
         corners = self.corners
         weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        units = _unit(weighted)
+        units = unit(weighted)
         place = _places(self.vertices)
         place = place[self.faces].reshape(-1)
         group, first = _grouped(place, np.repeat(units, 3, axis=0))
@@ -184,7 +185,7 @@ class Mesh:
         for one, other in _sharing(place):
             near = np.einsum("ij,ij->i", direction[one], direction[other]) > np.cos(np.radians(below))
             sums += _added(held[other[near]], one[near], len(sums))
-        normals = _unit(sums)[group].reshape(-1, 3, 3)
+        normals = unit(sums)[group].reshape(-1, 3, 3)
         empty = ~normals.any(axis=2, keepdims=True)
         return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))
 
@@ -200,7 +201,7 @@ class Mesh:
 
 
 LOADERS: dict[str, Callable[..., Mesh]] = {}
-"""The functions behind `Mesh.load` and `Mesh.from_trimesh`. They need Mesh, so `raytracer.meshes` enters them."""
+"""The functions behind `Mesh.load` and `Mesh.from_trimesh`, which need Mesh: their modules enter them."""
 
 
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
@@ -242,33 +243,6 @@ def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
     x, y, z = matrix.T
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
     return np.asarray(-cofactors if mirrors else cofactors)
-
-
-def normals_of(corners: Floats) -> Floats:
-    """Return the unit normals (N, 3) of triangles (N, 3, 3), by the right-hand rule; zero for one without area."""
-    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    # Each edge by itself, so that the product of tiny ones does not vanish.
-    return _unit(np.cross(_scaled(one), _scaled(other)))
-
-
-def levels_of(corners: Floats, normals: Floats) -> Floats:
-    """Return the distances of the planes of triangles (N, 3, 3) from 0 along their unit normals (N, 3)."""
-    nearest = corners[np.arange(len(corners)), np.abs(corners).max(axis=2).argmin(axis=1)]
-    x, y, z = (nearest * normals).T  # each sum by itself: what einsum gives depends on how arrays lie in memory
-    return np.asarray(x + y + z)
-
-
-def _unit(vectors: Floats) -> Floats:
-    """Each vector divided by its length; zero stays zero."""
-    scaled = _scaled(vectors)
-    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
-    return np.asarray(scaled / np.where(length > 0, length, 1))
-
-
-def _scaled(vectors: Floats) -> Floats:
-    """Each vector divided by its largest component; zero stays zero."""
-    largest = np.abs(vectors).max(axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(largest > 0, largest, 1))
 
 
 def _places(vertices: Floats) -> Ints:

@@ -15,8 +15,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.accel.planes import normals_of
 from raytracer.appearance.materials import PLAIN, Material, Triple
-from raytracer.meshes.mesh import Mesh, normals_of
+from raytracer.meshes.mesh import Mesh
 
 Floats = NDArray[np.float64]
 

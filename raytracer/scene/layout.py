@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build
 from raytracer.accel.grid import Grid
-from raytracer.accel.space import WORKING, Rows, origin_of, rounded, scale_of, triangle_rows
+from raytracer.accel.space import WORKING, Rows, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Mesh
@@ -68,10 +68,7 @@ class Layout:
         """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`."""
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
-        origin = origin_of(corners)
-        corners -= origin
-        scale = scale_of(corners, precision)
-        corners = rounded(corners * scale, precision)
+        corners, origin, scale = to_kernel(corners, precision)
         materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
-from raytracer.meshes.loading import load_contents
 from raytracer.meshes.placing import placed
 from raytracer.meshes.shapes import floor
 from raytracer.scene.camera import Camera, radius_of
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight, PointLight
+from raytracer.scene.loading import load_contents
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)

@@ -10,10 +10,11 @@ from oracle import closest
 
 import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
+from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.cells import CellBox, CellWalk
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
-from raytracer.kernels.triangle import FAR, Hit, Triangles, TriangleTest
+from raytracer.kernels.triangle import Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.meshes.shapes import box, icosahedron, sphere
 from raytracer.scene.layout import Layout

@@ -5,9 +5,9 @@ import pytest
 
 from raytracer import Intersector, LayeredCube, Mesh, Scene, SceneError, cli, render
 from raytracer.kernels import queries
-from raytracer.kernels.layered_raster import INVERSE, LOW, SLACK
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import walk_with
+from raytracer.layered.raster import INVERSE, LOW, SLACK
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, icosahedron, knot, sphere
 

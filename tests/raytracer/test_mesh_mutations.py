@@ -16,8 +16,8 @@ import pytest
 from gltf_files import png, shining, textured
 
 from raytracer import Scene, SceneError, render
-from raytracer.meshes.loading import FORMATS
 from raytracer.meshes.shapes import icosahedron
+from raytracer.scene.loading import FORMATS
 from shpy import ShpyWarning
 
 SELF = "SELF"

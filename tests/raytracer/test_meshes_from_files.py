@@ -8,13 +8,13 @@ from effort import calls
 from oracle import closest
 
 from raytracer import Intersector, Renderer, Scene
+from raytracer.accel.bounds import FAR
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.grid import build_grid
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.intersector import GridIntersector
-from raytracer.kernels.triangle import FAR
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import knot
 from raytracer.scene.layout import Layout

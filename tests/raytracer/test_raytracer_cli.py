@@ -8,7 +8,7 @@ import pytest
 
 import shpy as sh
 from raytracer import Scene, SceneError, cli, gallery, memory, render, rendering
-from raytracer.scene.builtin import SCENES
+from raytracer.scenes import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 

@@ -9,7 +9,7 @@ from oracle import Picture
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
-from raytracer.scene.builtin import SCENES
+from raytracer.scenes import SCENES
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SPOTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))

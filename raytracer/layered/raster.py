@@ -20,7 +20,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import shpy as sh
-from raytracer.kernels.triangle import FAR, higher, highest, lower, lowest
+from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
 from shpy import SH_FOR, SH_IF
 
 MARGIN = 2.0**-6

@@ -28,12 +28,12 @@ from raytracer.meshes.contents import READABLE, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
 from raytracer.meshes.from_trimesh import parts_of, texture_file
 from raytracer.meshes.gltf import Document
-from raytracer.meshes.gltf_scene import GltfScene
 from raytracer.meshes.instance import Instance
-from raytracer.meshes.mesh import Mesh, joined
+from raytracer.meshes.mesh import LOADERS, Mesh, joined
 from raytracer.meshes.obj import Words, picture_words, read_mtl, read_obj
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.scene.camera import Camera
+from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -73,6 +73,9 @@ def load_mesh(path: str | PathLike[str], *, material: Material | None = None) ->
     meshes = contents.meshes
     one = meshes[0] if len(meshes) == 1 else joined(meshes, path.stem)
     return replace(one, name=path.stem, material=material or PLAIN)
+
+
+LOADERS["file"] = load_mesh
 
 
 def load_contents(path: str | PathLike[str]) -> Contents:

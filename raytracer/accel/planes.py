@@ -1,0 +1,41 @@
+"""The planes of triangles: unit normals, and distances from 0 along them.
+
+Stage: accelerate. Takes corners (N, 3, 3), in whatever coordinates.
+
+>>> normals_of(np.array([[[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.0, 2.0]]])).tolist()
+[[0.0, 0.0, 1.0]]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def normals_of(corners: Floats) -> Floats:
+    """Return the unit normals (N, 3) of triangles (N, 3, 3), by the right-hand rule; zero for one without area."""
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    # Each edge by itself, so that the product of tiny ones does not vanish.
+    return unit(np.cross(scaled(one), scaled(other)))
+
+
+def levels_of(corners: Floats, normals: Floats) -> Floats:
+    """Return the distances of the planes of triangles (N, 3, 3) from 0 along their unit normals (N, 3)."""
+    nearest = corners[np.arange(len(corners)), np.abs(corners).max(axis=2).argmin(axis=1)]
+    x, y, z = (nearest * normals).T  # each sum by itself: what einsum gives depends on how arrays lie in memory
+    return np.asarray(x + y + z)
+
+
+def unit(vectors: Floats) -> Floats:
+    """Divide each vector by its length; zero stays zero."""
+    safe = scaled(vectors)
+    length = np.linalg.norm(safe, axis=-1, keepdims=True)
+    return np.asarray(safe / np.where(length > 0, length, 1))
+
+
+def scaled(vectors: Floats) -> Floats:
+    """Divide each vector by its largest component; zero stays zero."""
+    largest = np.abs(vectors).max(axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(largest > 0, largest, 1))
