@@ -59,7 +59,7 @@ def _plain(value: Any) -> Any:
 
 
 def new_figure(width: float, height: float) -> Any:
-    """A matplotlib Figure of this size in inches, which needs no screen and leaves the user's plots alone.
+    """Make a matplotlib Figure of this size in inches, which needs no screen and leaves the user's plots alone.
 
     Raises ShpyError, with the command that brings it, where matplotlib is missing.
     """

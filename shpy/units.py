@@ -33,7 +33,7 @@ class Budget:
 
     @classmethod
     def parse(cls, text: str) -> Budget:
-        """What a command line says: `2ulp`, `1e-3` (a relative error); ValueError for anything else."""
+        """Parse a command line's `2ulp`, or `1e-3` (a relative error); ValueError for anything else."""
         number = text.strip().lower()
         if number.endswith("ulp"):
             return cls(_positive(number.removesuffix("ulp")))

@@ -1,4 +1,4 @@
-"""What colour an eye ray brings back: light, shadow and reflection rays in one loop, with one call of the intersector.
+"""The colour of an eye ray: light, shadow and reflection rays in one loop, with one call of the intersector.
 
 Stage: kernel. The unified `tracer` of Moreno-Fortuny and McCool. A state says what the ray is for: tracing (an eye or
 reflection ray), or the `shadows`-th shadow ray. Reflection needs no recursion: `rn` carries the product of the

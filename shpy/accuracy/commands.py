@@ -127,7 +127,7 @@ def _write(found: Any, path: Path | None) -> None:
 
 
 def load(words: str) -> Program | Choice:
-    """The program or choice that `module:name` or `path.py:name` names.
+    """Return the program or choice that `module:name` or `path.py:name` names.
 
     Raises ShpyError where there is none, and where the module fails, with the line.
     """
@@ -143,7 +143,7 @@ def load(words: str) -> Program | Choice:
 
 
 def _run_module(where: str) -> dict[str, Any]:
-    """The names that a file or module defines."""
+    """Return the names that a file or module defines."""
     if where.endswith(".py") and not Path(where).is_file():
         raise ShpyError(f"there is no file {where}", cure="module:program, or path/to/file.py:program")
     try:

@@ -123,7 +123,7 @@ def _check(program: Program, domain: Domain, names: set[str]) -> None:
 
 
 def _of(domain: Domain, name: str) -> Any:
-    """What the domain says of a leaf: its own entry, or that of the input that it is part of."""
+    """Return the domain's entry for a leaf, or that of the input that it is part of."""
     head = name.partition(".")[0].partition("[")[0]
     return domain.get(name, domain.get(head))
 
@@ -151,7 +151,7 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
 
 
 def _within(said: Any, values: Array) -> Array:
-    """Which special values lie in the domain: in its range. What is no range has none but its own."""
+    """Return the special values in the domain's range; an array or a function has none but its own."""
     if not isinstance(said, tuple):
         return np.zeros(len(values), np.bool_)
     if values.dtype == np.bool_:

@@ -45,7 +45,7 @@ class Variant:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What `compile` takes."""
+        """The keywords of `compile`."""
         mode = {"math": self.math} if self.math is not None else {}
         return {"precision": self.precision, **mode}
 
@@ -149,7 +149,7 @@ def _row(variant: Variant, name: str, drawn: Samples, found: Run, truth: Truth, 
 
 
 def error_of(found: Run, truth: Truth, output: int, dtype: Any = None) -> tuple[Array, Array]:
-    """The errors of one output in ULP and relative, each (n,): the largest of the components.
+    """Return the errors of one output in ULP and relative, each (n,): the largest of the components.
 
     ULP are those of the output's own type, or of `dtype`. Infinite where an element ends otherwise than it should; ints
     and bools are as far off as they differ.

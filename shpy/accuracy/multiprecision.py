@@ -32,7 +32,7 @@ class Unsayable(ArithmeticError):
 
 
 def number(value: Any) -> Any:
-    """An mpf, exactly."""
+    """Convert exactly to an mpf."""
     as_float = float(value)
     if not np.isfinite(as_float) or (as_float == 0 and np.signbit(as_float)):
         raise Unsayable(value)
@@ -52,7 +52,7 @@ def _sqrt(x: Any) -> Any:
 
 
 def _real(f: Callable[..., Any], inside: Callable[..., Any] = lambda *x: True) -> Callable[..., Any]:
-    """A function of mpmath where its result is real."""
+    """Return a function of mpmath, limited to real results."""
 
     def real(*args: Any) -> Any:
         if not inside(*args):
@@ -98,7 +98,7 @@ def _atan2(y: Any, x: Any) -> Any:
 
 
 def _exp(f: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that grows too fast for its digits to be written down: past any type's range it is unsayable."""
+    """Limit a function that grows too fast for its digits to be written down: far beyond any type's range."""
     return _real(f, lambda x: abs(x) < 1e5)
 
 
@@ -159,7 +159,7 @@ _SCALAR: dict[str, Callable[..., Any]] = {
 
 
 def _by_component(f: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of scalars on vectors too; a scalar beside vectors stands for all their components."""
+    """Extend a function of scalars to vectors; a scalar beside vectors stands for all their components."""
 
     def mapped(*args: Any) -> Any:
         size = max(np.size(a) for a in args)
@@ -172,7 +172,7 @@ def _by_component(f: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def array(values: list[Any]) -> Any:
-    """An object array, or one of bools."""
+    """Return an object array, or one of bools."""
     if all(isinstance(v, bool | np.bool_) for v in values):
         return np.array(values, np.bool_)
     made = np.empty(len(values), object)

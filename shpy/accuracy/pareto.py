@@ -207,7 +207,7 @@ class Comparison:
         return {"frontier": place in self.front, "like_fastest": place in self.like, "best": place == self.picked}
 
     def table(self) -> str:
-        """The points as text, what was not run, and a legend of the marks, columns and short names."""
+        """Return the points as text, what was not run, and a legend of the marks, columns and short names."""
         rows = [("", "", *self.headings)]
         for n, p in enumerate(self.points):
             mark = PICK if n == self.picked else FRONT if n in self.front else ""

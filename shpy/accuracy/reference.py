@@ -1,4 +1,4 @@
-"""What a program means, without rounding: the reference that errors are measured against.
+"""The result of a program without rounding: the reference that errors are measured against.
 
 Stage: measure. Takes a program and flat inputs, gives for each output the exact values as pairs of float64 whose sum
 they are, and how each element ends. It runs the recorded module, not what the passes make of it:
@@ -105,7 +105,7 @@ class _Multiprecision:
         return Truth(tuple(outputs), written)
 
     def split(self, value: Any) -> tuple[Any, Any]:
-        """A number as the nearest float64 and what is left."""
+        """Split a number into the nearest float64 and the rest."""
         if not isinstance(value, self.mp.MP.mpf):
             return value, 0
         high = float(value)
@@ -142,7 +142,7 @@ class _Multiprecision:
 
 
 def exact(mp: Any, value: Any) -> Any:
-    """A float, or an array of them, as mpf."""
+    """Convert a float, or an array of them, to mpf."""
     if np.ndim(value):
         return mp.array([mp.number(v) for v in value])
     return mp.number(value)
@@ -161,7 +161,7 @@ class _Exactly(Compiler):
         return super().function(function)
 
     def operation(self, let: Let, args: list[int]) -> Callable[[Any], Any]:
-        """What computes the right side of a Let from a frame."""
+        """Return the function that computes the right side of a Let from a frame."""
         type, mp = let.value.type, self.mp
         operands = [self.types[a] for a in let.args]
         match let.op:
@@ -182,7 +182,7 @@ class _Exactly(Compiler):
         return super().operation(let, args)
 
     def constant(self, type: Type, attr: Any) -> Callable[[Any], Any]:
-        """The number that the user wrote, in binary64; infinities mpmath has, and a -0 is 0."""
+        """Return the number that the user wrote, in binary64; infinities are mpmath's, and -0 is 0."""
         mp, numbers = self.mp, decode(type, attr)
 
         def unsayable(frame: Any) -> Any:

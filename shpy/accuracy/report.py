@@ -1,4 +1,4 @@
-"""What was measured: a table, a picture, JSON.
+"""Measured errors as a table, a picture and JSON.
 
 Stage: measure. Holds the rows of `measure`, one for each output of each variant.
 """
@@ -64,7 +64,7 @@ class Report:
     """By precision, then by name."""
 
     def table(self) -> str:
-        """The rows as text: errors in ULP (max, 99 %, median), the largest relative error, the worst input."""
+        """Return the rows as text: errors in ULP (max, 99 %, median), the largest relative error, the worst input."""
         head = (
             "backend",
             "math",
@@ -129,7 +129,7 @@ class Report:
         save_figure(figure, Path(path), self.json())
 
     def _along(self, row: Row) -> tuple[str, Array]:
-        """What errors are drawn against: the first input, or the length of it."""
+        """Return the name and values of the axis that errors are drawn along: the first input, or its length."""
         for name, array in self.inputs[row.precision].items():
             wide = array.astype(np.float64)
             return name, wide if wide.ndim == 1 else np.linalg.norm(wide, axis=1)
@@ -137,7 +137,7 @@ class Report:
 
 
 def _wide(numbers: Array) -> bool:
-    """Whether they are spread over many powers of ten."""
+    """Return True if numbers are spread over many powers of ten."""
     sizes = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])
     return bool(sizes.size) and bool(np.quantile(sizes, 0.9) > 100 * np.quantile(sizes, 0.1))
 

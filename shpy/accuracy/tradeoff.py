@@ -106,7 +106,7 @@ class Tradeoff:
         return self.pick.kernel
 
     def table(self) -> str:
-        """The candidates as text, with a legend of its marks, columns and short names."""
+        """Return the candidates as text, with a legend of its marks, columns and short names."""
         return self._comparison.table()
 
     def __str__(self) -> str:
@@ -267,11 +267,11 @@ class _Search:
         return evaluate(Setting(self.program, drawn.inputs, {}, None, {}), reference)
 
     def error(self, candidate: Candidate) -> float:
-        """The candidate's largest error inside the domain."""
+        """Return the candidate's largest error inside the domain."""
         return self._error(candidate, self.drawn, self.truth)
 
     def holds(self, candidate: Candidate) -> bool:
-        """Whether it keeps the budget on inputs that were kept back."""
+        """Return True if it keeps the budget on inputs that were kept back."""
         if self.unseen is None:
             rng = np.random.default_rng(self.seed + 1)
             drawn = draw(self.program, self.domain, _UNSEEN * self.samples, rng)
