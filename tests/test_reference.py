@@ -1,0 +1,48 @@
+"""scripts/reference writes a page for each module: every public name has its place there, and every link leads somewhere."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import raytracer
+import shpy as sh
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """The text of each page, by its path in the folder."""
+    folder = tmp_path_factory.mktemp("reference")
+    command = [sys.executable, ROOT / "scripts/reference", folder]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.strip() == f"{folder}/index.html"
+    return {path.relative_to(folder): path.read_text() for path in folder.rglob("*.html")}
+
+
+def anchors(text):
+    return set(re.findall(r'\bid="([^"]+)"', text))
+
+
+@pytest.mark.parametrize("module", [sh, sh.accuracy, sh.library, sh.testing, raytracer], ids=lambda m: m.__name__)
+def test_every_public_function_and_class_has_a_place(pages, module):
+    places = anchors(pages[Path(f"{module.__name__.replace('.', '/')}.html")])
+    # An alias such as `vec3` has its place under the name of what it stands for.
+    wanted = {name for name in module.__all__ if getattr(getattr(module, name), "__name__", None) == name}
+    assert len(wanted) > 5
+    assert wanted - places == set()
+
+
+def test_links_lead_to_pages_and_places(pages):
+    lost = []
+    for path, text in pages.items():
+        for link in re.findall(r'href="(?!https?:|data:|\$)([^"]+)"', text):
+            name, _, place = link.partition("#")
+            target = Path(*(path.parent / name).resolve().relative_to(Path.cwd().resolve()).parts) if name else path
+            if target not in pages or (place and place not in anchors(pages[target])):
+                lost.append(f"{path}: {link}")
+    assert lost == []
