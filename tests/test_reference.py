@@ -1,4 +1,4 @@
-"""scripts/reference writes a page for each module: every public name has its place there, and every link leads somewhere."""
+"""scripts/reference writes a page for each module with a place for every public name, and its links lead somewhere."""
 
 import re
 import subprocess
