@@ -63,6 +63,7 @@ STUDIES = (
     | {
         "compiling": startup.compiling,
         "starting": startup.starting,
+        "importing": startup.importing,
         "functions": functions.functions,
         "modes": functions.modes,
         "widths": widths.widths,

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import shpy as sh
@@ -27,6 +27,8 @@ from shpy.passes.pipeline import prepare
 from shpy.passes.size import count_ops
 
 CHILD = "import sys; from benchmarks.startup import child; child(*sys.argv[1:])"
+IMPORTED = ("numpy", "shpy", "raytracer")
+IMPORT = "import time; start = time.process_time(); import {package}; print(time.process_time() - start)"
 COMMAND = "import sys; from raytracer.cli import main; sys.exit(main())"
 RENDER = ["-c", COMMAND, "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
 
@@ -82,10 +84,11 @@ def child(name: str, backend: str, lanes: str) -> None:
     print(json.dumps([recorded - started, emitted - recorded, done - emitted, statements(program)]))
 
 
-def _run(command: Sequence[str], cache: str) -> tuple[str, float]:
-    """What a new Python prints, and its seconds."""
+def _run(command: Sequence[str], cache: str, places: Mapping[str, str] | None = None) -> tuple[str, float]:
+    """What a new Python prints, and its seconds. `places` are further variables of its environment."""
     paths = [p for p in (os.getcwd(), os.environ.get("PYTHONPATH")) if p]
     environment = {**os.environ, "SHPY_CACHE_DIR": cache, "POCL_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(paths)}
+    environment |= places or {}
     started = time.perf_counter()
     done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True, check=True)
     return done.stdout, time.perf_counter() - started
@@ -124,3 +127,24 @@ def starting(mesh: Mesh, quick: bool) -> Table:
         rows.append([backend, f"{cold:.2f}", f"{min(warm):.2f}"])
     note = "Seconds of `raytracer render boxes --size 256x256` in a new process, Python's own start included."
     return Table("starting", note, ["target", "cold", "warm"], rows)
+
+
+def importing(mesh: Mesh, quick: bool) -> Table:
+    """Importing packages, each in a new process, without bytecode and then with it, as pip leaves it."""
+    del mesh
+    rounds = 2 if quick else 9
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        for package in IMPORTED:
+            without = [_import_seconds(package, os.path.join(cache, str(n), package)) for n in range(rounds)]
+            _import_seconds(package, cache, writes=True)
+            kept = [_import_seconds(package, cache) for _ in range(rounds)]
+            rows.append([f"`{package}`", *(f"{min(found):.3f}" for found in (without, kept))])
+    note = "Seconds of processor time of `import` in a new process, dependencies included, without Python's own start."
+    return Table("importing", note, ["package", "without bytecode", "with bytecode"], rows)
+
+
+def _import_seconds(package: str, bytecode: str, *, writes: bool = False) -> float:
+    """The processor time of importing a package whose bytecode lies in a folder."""
+    places = {"PYTHONPYCACHEPREFIX": bytecode, "PYTHONDONTWRITEBYTECODE": "" if writes else "1"}
+    return float(_run(["-c", IMPORT.format(package=package)], bytecode, places)[0])

@@ -1,6 +1,7 @@
 """The rules of the house: which way imports go, how large things get, what they are called, what is documented."""
 
 import ast
+import importlib.util
 import re
 import subprocess
 import sys
@@ -187,16 +188,30 @@ def test_properties_draw_the_same_examples_in_every_run(request):
     assert settings().deadline is None
 
 
-def test_importing_shpy_loads_what_recording_needs_and_no_more():
+_LATE = (
+    *(f"shpy.{name}" for name in ("accuracy", "cli", "testing", "ir.interpreter", "ir.parser")),
+    *(f"shpy.backends.{name}" for name in ("clike", "device.probe", "device.store", "glsl", "numpy", "opencl")),
+    *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
+    *("lark", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
+)
+"""What importing neither shpy nor raytracer loads. The check of functions' text is for raytracer's structs."""
+
+
+@pytest.mark.parametrize(
+    ("package", "late"),
+    [
+        ("shpy", (*_LATE, "shpy.lang.mistakes.flow")),
+        ("raytracer", (*_LATE, "raytracer.cli", "raytracer.studies.christen")),
+    ],
+)
+def test_importing_loads_what_recording_needs_and_no_more(package, late):
     """Parsing, tracing, compiling and the check of a function's text load their modules on first use."""
-    code = "import sys, shpy; print(*sorted(m for m in sys.modules if m.startswith(('shpy', 'lark'))))"
+    assert [m for m in late if m.startswith(("shpy", "raytracer")) and importlib.util.find_spec(m) is None] == []
+    code = f"import sys, {package}; print(*sorted(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = run.stdout.split()
-    late = ("lark", "shpy.passes.pipeline", "shpy.ir.parser", "shpy.ir.interpreter", "shpy.lang.mistakes.flow")
     assert "shpy.lang.values.value" in loaded
-    assert [
-        m for m in loaded if m.startswith((*late, "shpy.backends.numpy", "shpy.backends.opencl", "shpy.testing"))
-    ] == []
+    assert [m for m in loaded if f"{m}.".startswith(tuple(f"{name}." for name in late))] == []
 
 
 LEFT = Path(__file__).with_name("english_left.toml")
