@@ -130,7 +130,7 @@ def starting(mesh: Mesh, quick: bool) -> Table:
 
 
 def importing(mesh: Mesh, quick: bool) -> Table:
-    """Importing packages, each in a new process, without bytecode and then with it, as pip leaves it."""
+    """Measure imports of packages, each in a new process, without bytecode and then with it, as pip leaves it."""
     del mesh
     rounds = 2 if quick else 9
     rows = []
@@ -145,6 +145,6 @@ def importing(mesh: Mesh, quick: bool) -> Table:
 
 
 def _import_seconds(package: str, bytecode: str, *, writes: bool = False) -> float:
-    """The processor time of importing a package whose bytecode lies in a folder."""
+    """Measure the processor time of importing a package whose bytecode lies in a folder."""
     places = {"PYTHONPYCACHEPREFIX": bytecode, "PYTHONDONTWRITEBYTECODE": "" if writes else "1"}
     return float(_run(["-c", IMPORT.format(package=package)], bytecode, places)[0])
