@@ -1,17 +1,20 @@
 """The operations of the table on numbers of mpmath: nothing is rounded, so what comes out is what was meant.
 
-Stage: measure, below `reference.py`. Floats are `mpf`, vectors object arrays of them. What mpmath cannot say (a zero's
-sign, 1 / 0, a NaN's way through a power) raises `Unsayable`: there the reference is binary64.
+Stage: measure, below `reference.py`. Primitive operations are written here; composite ones run their definition (see
+`ir/formula.py`). Floats are `mpf`, vectors object arrays of them. What mpmath cannot say (a zero's sign, 1 / 0, a NaN's
+way through a power) raises `Unsayable`: there the reference is binary64.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from shpy.errors import ShpyError
+from shpy.ir.formula import Formula
+from shpy.ir.ops import OPS
 from shpy.packages import install
 
 try:
@@ -23,8 +26,6 @@ __all__ = ["MP", "OPERATIONS", "Unsayable", "number"]
 
 MP: Any = mpmath.mp.clone()
 MP.prec = 240
-
-_ZERO, _ONE, _TWO, _HALF = MP.mpf(0), MP.mpf(1), MP.mpf(2), MP.mpf(0.5)
 
 
 class Unsayable(ArithmeticError):
@@ -62,27 +63,8 @@ def _real(f: Callable[..., Any], inside: Callable[..., Any] = lambda *x: True) -
     return real
 
 
-def _round(x: Any) -> Any:
-    return MP.nint(x)  # half to even
-
-
 def _trunc(x: Any) -> Any:
     return MP.floor(x) if x >= 0 else MP.ceil(x)
-
-
-def _sign(x: Any) -> Any:
-    return MP.mpf((x > 0) - (x < 0))
-
-
-def _mod(a: Any, b: Any) -> Any:
-    return a - b * MP.floor(_div(a, b))
-
-
-def _smoothstep(a: Any, b: Any, x: Any) -> Any:
-    if a == b:
-        return _ZERO if x < a else _ONE
-    t = min(max(_div(x - a, b - a), _ZERO), _ONE)
-    return t * t * (3 - 2 * t)
 
 
 def _power(a: Any, b: Any) -> Any:
@@ -109,32 +91,27 @@ _SCALAR: dict[str, Callable[..., Any]] = {
     "mul": lambda a, b: a * b,
     "div": _div,
     "fma": lambda a, b, c: a * b + c,
-    "mad": lambda a, b, c: a * b + c,
     "eq": lambda a, b: a == b,
     "ne": lambda a, b: a != b,
     "lt": lambda a, b: a < b,
     "le": lambda a, b: a <= b,
     "gt": lambda a, b: a > b,
     "ge": lambda a, b: a >= b,
+    "and": lambda a, b: a and b,
+    "or": lambda a, b: a or b,
+    "not": lambda a: not a,
     "isnan": lambda a: False,
     "isinf": lambda a: False,
     "cond": lambda c, a, b: a if c else b,
     "abs": abs,
-    "sign": _sign,
+    "sign": lambda x: MP.mpf((x > 0) - (x < 0)),
     "floor": MP.floor,
     "ceil": MP.ceil,
-    "round": _round,
+    "round": MP.nint,  # half to even
     "trunc": _trunc,
-    "fract": lambda x: x - MP.floor(x),
-    "mod": _mod,
     "min": lambda a, b: b if b < a else a,
     "max": lambda a, b: b if a < b else a,
-    "clamp": lambda x, low, high: min(max(x, low), high),
-    "mix": lambda a, b, t: a * (1 - t) + b * t,
-    "step": lambda edge, x: _ZERO if x < edge else _ONE,
-    "smoothstep": _smoothstep,
     "sqrt": _sqrt,
-    "rsqrt": lambda x: _div(_ONE, _sqrt(x)),
     "ldexp": lambda x, n: MP.ldexp(x, int(n)),
     "exp": _exp(MP.exp),
     "exp2": _exp(lambda x: MP.power(2, x)),
@@ -156,10 +133,11 @@ _SCALAR: dict[str, Callable[..., Any]] = {
     "pow": _power,
     "atan2": _atan2,
 }
+"""The primitive operations, on scalars."""
 
 
 def _by_component(f: Callable[..., Any]) -> Callable[..., Any]:
-    """Extend a function of scalars to vectors; a scalar beside vectors stands for all their components."""
+    """Apply a function of scalars to vectors too; a scalar beside vectors stands for all their components."""
 
     def mapped(*args: Any) -> Any:
         size = max(np.size(a) for a in args)
@@ -180,47 +158,87 @@ def array(values: list[Any]) -> Any:
     return made
 
 
-def _parts(a: Any) -> list[Any]:
-    return list(a) if np.ndim(a) else [a]
+_UNKNOWN: Any = MP.nan
+"""Within a definition, a number that mpmath cannot say: it may still be one that nobody chooses."""
 
 
-def _dot(a: Any, b: Any) -> Any:
-    return sum((x * y for x, y in zip(_parts(a), _parts(b), strict=True)), _ZERO)
+def _is_unknown(x: Any) -> bool:
+    return bool(x != x)
 
 
-def _length(a: Any) -> Any:
-    return MP.sqrt(_dot(a, a))
+def _within(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a primitive operation take and give unknown numbers; what depends on one is not compared or chosen by."""
+    compares = OPS[name].gives in ("B", "b")
+
+    def known(*args: Any) -> Any:
+        if name != "cond" and any(map(_is_unknown, args)):
+            if compares:
+                raise Unsayable(name)
+            return _UNKNOWN
+        try:
+            return f(*args)
+        except Unsayable:
+            return _UNKNOWN
+
+    return _by_component(known)
 
 
-def _cross(a: Any, b: Any) -> Any:
-    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+_WITHIN = {name: _within(name, f) for name, f in _SCALAR.items()}
 
 
-def _normalize(a: Any) -> Any:
-    length = _length(a)
-    return a if length == 0 else a / length
+class Exact(Formula):
+    """What definitions compute with: an mpf, a bool, or an array of them."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def op(self, name: str, *others: Any) -> Exact:
+        """Return the operation, by its own definition if it has one."""
+        operands = (self, *(o if isinstance(o, Exact) else self.constant(o) for o in others))
+        definition = OPS[name].definition
+        return definition(*operands) if definition else Exact(_WITHIN[name](*(o.value for o in operands)))
+
+    def binary(self, name: str, other: Any) -> Exact:
+        """Return the operation: numbers are broadcast by themselves."""
+        return self.op(name, other)
+
+    def constant(self, number: float) -> Exact:
+        """Return the number, exactly."""
+        return Exact(MP.mpf(number))
+
+    def choose(self, a: Any, b: Any) -> Exact:
+        """Return one of two values, component by component."""
+        return self.op("cond", a, b)
+
+    def __getitem__(self, key: int | list[int]) -> Exact:
+        """Return a component, or several."""
+        return Exact(self.value[key]) if np.ndim(self.value) else self
+
+    @property
+    def size(self) -> int:
+        """The number of components."""
+        return int(np.size(self.value))
+
+    @property
+    def precision(self) -> Literal["f", "d"]:
+        """The wider one: mpf have no range that a vector's length could leave."""
+        return "d"
 
 
-def _reflect(i: Any, n: Any) -> Any:
-    return i - n * (2 * _dot(n, i))
+def _defined(definition: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what a composite operation is by its definition."""
 
+    def exact(*args: Any) -> Any:
+        value = definition(*map(Exact, args)).value
+        if any(map(_is_unknown, np.ravel(value))):
+            raise Unsayable(args)
+        return value
 
-def _refract(i: Any, n: Any, eta: Any) -> Any:
-    """GLSL 4.60 section 8.5."""
-    cosine = _dot(n, i)
-    k = 1 - eta * eta * (1 - cosine * cosine)
-    return i * _ZERO if k < 0 else i * eta - n * (eta * cosine + MP.sqrt(k))
+    return exact
 
 
 OPERATIONS: dict[str, Callable[..., Any]] = {
     **{name: _by_component(f) for name, f in _SCALAR.items()},
-    "dot": _dot,
-    "length": _length,
-    "distance": lambda a, b: _length(a - b),
-    "cross": _cross,
-    "normalize": _normalize,
-    "reflect": _reflect,
-    "refract": _refract,
-    "faceforward": lambda n, i, reference: n if _dot(reference, i) < 0 else -n,
+    **{name: _defined(row.definition) for name, row in OPS.items() if row.definition},
 }
 """Each operation of the table that takes or gives floats, but for those that ask for their bits."""

@@ -3,15 +3,22 @@
 Stage: represent. A scalar is an array of any shape L (() for one element, (lanes,) for many); a vector of n components
 is (n, *L). Every function takes and gives arrays of the types in the op table. Edges are those of docs/numerics.md.
 Floating-point warnings are the caller's to silence.
+
+Composite operations are defined by others: see `formula`. Their definition is their meaning on arrays, what `lower`
+writes for targets that lack them, and what the reference computes without rounding.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial, reduce, wraps
+from operator import add
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from shpy.ir.formula import Values, components, named, number, operation, precision_of, where
 
 Array = NDArray[Any]
 
@@ -19,6 +26,7 @@ Array = NDArray[Any]
 def through_f64(f: Callable[..., Array]) -> Callable[..., Array]:
     """`f` evaluated in binary64 and rounded once: the reference for a transcendental of a narrower type."""
 
+    @wraps(f)
     def rounded(*args: Array) -> Array:
         wide = f(*(np.asarray(a, dtype=np.float64) for a in args))
         return np.asarray(wide).astype(args[0].dtype)
@@ -29,6 +37,7 @@ def through_f64(f: Callable[..., Array]) -> Callable[..., Array]:
 def in_f32(f: Callable[..., Array]) -> Callable[..., Array]:
     """`f` as it is for f and d; for h, evaluated in binary32 and rounded (exact for + - * / and square root)."""
 
+    @wraps(f)
     def rounded(*args: Array) -> Array:
         if args[0].dtype == np.float16:
             return np.asarray(f(*(a.astype(np.float32) for a in args))).astype(np.float16)
@@ -37,64 +46,21 @@ def in_f32(f: Callable[..., Array]) -> Callable[..., Array]:
     return rounded
 
 
+@partial(operation, name="min")
 def minimum(a: Array, b: Array) -> Array:
     """GLSL's min, with the number where one is NaN."""
     return np.where((b < a) | (a != a), b, a)
 
 
+@partial(operation, name="max")
 def maximum(a: Array, b: Array) -> Array:
     """GLSL's max, with the number where one is NaN."""
     return np.where((a < b) | (a != a), b, a)
 
 
-def clamp(x: Array, low: Array, high: Array) -> Array:
-    """min(max(x, low), high)."""
-    return minimum(maximum(x, low), high)
-
-
 def sign(x: Array) -> Array:
     """-1, 0 or 1; 0 for NaN and both zeros."""
     return np.asarray((x > 0).astype(x.dtype) - (x < 0).astype(x.dtype))
-
-
-def fract(x: Array) -> Array:
-    """x - floor(x)."""
-    return np.asarray(x - np.floor(x))
-
-
-def floor_div(x: Array, y: Array) -> Array:
-    """floor(x / y); -1 where the quotient is negative and too small for a number: flushing it changes nothing."""
-    quotient = np.floor(x / y)
-    below = (quotient == 0) & (x != 0) & ((x < 0) != (y < 0)) & ~np.isinf(y)
-    return np.where(below, np.asarray(-1, quotient.dtype), quotient)
-
-
-def mod(x: Array, y: Array) -> Array:
-    """x - y * floor(x / y): the sign of the divisor."""
-    return np.asarray(x - y * floor_div(x, y))
-
-
-def rsqrt(x: Array) -> Array:
-    """1 / sqrt(x)."""
-    return np.asarray(1, dtype=x.dtype) / np.sqrt(x)
-
-
-def step(edge: Array, x: Array) -> Array:
-    """0 where x < edge, else 1."""
-    return np.where(x < edge, 0, 1).astype(x.dtype)
-
-
-def mix(a: Array, b: Array, t: Array) -> Array:
-    """a * (1 - t) + b * t."""
-    return np.asarray(a * (np.asarray(1, dtype=t.dtype) - t) + b * t)
-
-
-def smoothstep(a: Array, b: Array, x: Array) -> Array:
-    """The cubic Hermite step between a and b; step(a, x) where a = b."""
-    one = np.asarray(1, dtype=x.dtype)
-    t = clamp((x - a) / (b - a), one - one, one)
-    curve = t * t * (np.asarray(3, dtype=x.dtype) - np.asarray(2, dtype=x.dtype) * t)
-    return np.where(a == b, step(a, x), curve)
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
@@ -181,17 +147,89 @@ def bits_from_float(x: Array) -> Array:
     return np.where(narrow != narrow, np.uint32(0x7FC00000), narrow.view(np.uint32))
 
 
-def dot(a: Array, b: Array) -> Array:
-    """The sum of products, from the first component on."""
-    if a.ndim == 0 or a.shape == ():
-        return a * b
-    products = a * b
-    if len(products) == 1:
-        return np.asarray(products[0])
-    total = products[0] + products[1]
-    for product in products[2:]:
-        total += product
+def float_from_bits(u: Array) -> Array:
+    """The binary32 with these bits."""
+    return u.view(np.float32)
+
+
+# Composite operations
+
+
+@operation
+def mad(a: Values, b: Values, c: Values) -> Values:
+    """Return a * b + c, rounded twice."""
+    return a * b + c
+
+
+@operation
+def rsqrt(x: Values) -> Values:
+    """Return 1 / sqrt(x)."""
+    return 1 / np.sqrt(x)
+
+
+@operation
+def fract(x: Values) -> Values:
+    """Return x - floor(x)."""
+    return x - np.floor(x)
+
+
+@operation
+def mod(x: Values, y: Values) -> Values:
+    """Return x modulo y, x - y * floor(x / y): it has the sign of the divisor; ints too."""
+    quotient = named("quotient", np.floor(x / y))
+    # A negative quotient that is flushed to zero, or too small for a number, is -1 all the same.
+    below = np.equal(quotient, 0) & np.not_equal(x, 0) & np.not_equal(x < 0, y < 0) & ~np.isinf(y)
+    return x - y * where(below, number(-1, quotient), quotient)
+
+
+@operation
+def clamp(x: Values, low: Values, high: Values) -> Values:
+    """Limit x: min(max(x, low), high); ints too."""
+    return minimum(maximum(x, low), high)
+
+
+@operation
+def mix(a: Values, b: Values, t: Values) -> Values:
+    """Return a * (1 - t) + b * t; with a bool t, b where t holds, else a."""
+    return a * (1 - t) + b * t
+
+
+@operation
+def step(edge: Values, x: Values) -> Values:
+    """Return 0 where x < edge, else 1."""
+    return where(x < edge, number(0, x), number(1, x))
+
+
+@operation
+def smoothstep(a: Values, b: Values, x: Values) -> Values:
+    """Return the cubic Hermite step from 0 at a to 1 at b; step(a, x) where a = b."""
+    t = named("t", clamp((x - a) / (b - a), 0, 1))
+    curve = t * t * (3 - 2 * t)
+    return where(np.equal(a, b), step(a, x), curve)
+
+
+@operation
+def dot(a: Values, b: Values) -> Values:
+    """Return the scalar product, summed from the first component on."""
+    if isinstance(a, np.ndarray) and a.ndim > 1:  # the same sum, in less time
+        return _sum_of_rows(a * b)
+    return reduce(add, (x * y for x, y in zip(components(a), components(b), strict=True)))
+
+
+def _sum_of_rows(rows: Array) -> Array:
+    """Return the sum from the first row on."""
+    if len(rows) == 1:
+        return np.asarray(rows[0])
+    total = rows[0] + rows[1]
+    for row in rows[2:]:
+        total += row
     return np.asarray(total)
+
+
+@operation
+def cross(a: Values, b: Values) -> Values:
+    """Return the vector product of two vectors of three components."""
+    return a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]
 
 
 RANGES: dict[str, tuple[float, float, float]] = {
@@ -202,63 +240,81 @@ RANGES: dict[str, tuple[float, float, float]] = {
 
 
 def in_range(squares: Array) -> bool:
-    """Whether every sum of squares is one that no scaling would change."""
+    """Return whether every sum of squares is one that no scaling would change."""
     low, high, _ = RANGES[squares.dtype.char]
     return bool(np.all((squares >= 4 * low * low) & (squares <= high * high)))
 
 
-def _scale(v: Array) -> Array:
-    """A power of two by which v can be squared: 1 but for very large and very small vectors."""
-    size = np.abs(v)
-    largest = size if v.ndim == 0 else np.max(size, axis=0)
-    low, high, factor = RANGES[v.dtype.char]
-    return np.where(largest > high, 1 / factor, np.where(largest < low, factor, 1.0)).astype(v.dtype)
+def _scale(v: Values) -> tuple[Values, Callable[[], Values]]:
+    """Return a power of two by which v can be squared, 1 but for very large and very small vectors; and its inverse."""
+    low, high, factor = RANGES[precision_of(v)]
+    if isinstance(v, np.ndarray) and v.ndim:  # the same, in less time
+        largest = np.max(np.abs(v), axis=0)
+    else:
+        sizes = [np.abs(c) for c in components(v)]
+        largest = named("largest", reduce(lambda a, b: where(a < b, b, a), sizes))  # of NaN nothing comes but NaN
+    one, up, down = number(1, largest), number(factor, largest), number(1 / factor, largest)
+    large, small = largest > high, largest < low
+    return where(large, down, where(small, up, one)), lambda: where(large, up, where(small, down, one))
 
 
-def length(v: Array) -> Array:
-    """sqrt(dot(v, v)), also where the squares would overflow or vanish."""
-    squares = dot(v, v)
-    if in_range(squares):
+@operation
+def length(v: Values) -> Values:
+    """Return sqrt(dot(v, v)), also where the squares would overflow or vanish."""
+    if isinstance(v, np.ndarray) and in_range(squares := dot(v, v)):  # what follows gives the same, in more time
         return np.sqrt(squares)
-    scale = _scale(v)
-    scaled = v * scale
-    return np.asarray(np.sqrt(dot(scaled, scaled)) / scale)
+    scale, inverse = _scale(v)
+    back = inverse()
+    scaled = named("scaled", v * scale)
+    return np.sqrt(dot(scaled, scaled)) * back
 
 
-def distance(a: Array, b: Array) -> Array:
-    """length(a - b)."""
+@operation
+def distance(a: Values, b: Values) -> Values:
+    """Return length(a - b)."""
     return length(a - b)
 
 
-def normalize(v: Array) -> Array:
-    """v / length(v); zero for the zero vector."""
-    v = np.asarray(v * _scale(v))
-    size = np.sqrt(dot(v, v))
-    return np.where(size > 0, v / np.where(size > 0, size, np.asarray(1, dtype=v.dtype)), np.asarray(0, dtype=v.dtype))
+@operation
+def normalize(v: Values) -> Values:
+    """Return v / length(v); zero for the zero vector. Keeps the kind."""
+    scaled = named("scaled", v * _scale(v)[0])
+    size = named("size", np.sqrt(dot(scaled, scaled)))
+    return where(size > 0, scaled / where(size > 0, size, number(1, size)), number(0, v))
 
 
-def cross(a: Array, b: Array) -> Array:
-    """The vector product of three-component vectors."""
-    return np.asarray(a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]])
+@operation
+def reflect(i: Values, n: Values) -> Values:
+    """Return the incident vector i mirrored at the unit normal n: i - 2 * dot(n, i) * n (GLSL 4.60 section 8.5)."""
+    return i - 2 * dot(n, i) * n
 
 
-def reflect(i: Array, n: Array) -> Array:
-    """i - 2 * dot(n, i) * n (GLSL 4.60 section 8.5)."""
-    return np.asarray(i - np.asarray(2, dtype=i.dtype) * dot(n, i) * n)
-
-
-def refract(i: Array, n: Array, eta: Array) -> Array:
-    """GLSL 4.60 section 8.5; zero at total reflection."""
-    one: Array = np.asarray(1, dtype=i.dtype)
-    cosine = dot(n, i)
-    k = one - eta * eta * (one - cosine * cosine)
+@operation
+def refract(i: Values, n: Values, eta: Values) -> Values:
+    """Return the incident vector i refracted at ratio eta (GLSL 4.60 section 8.5); zero at total reflection."""
+    cosine = named("cosine", dot(n, i))
+    k = named("k", 1 - eta * eta * (1 - cosine * cosine))
     bent = eta * i - (eta * cosine + np.sqrt(k)) * n
-    return np.where(k < 0, np.asarray(0, dtype=i.dtype), bent)
+    return where(k < 0, number(0, i), bent)
 
 
-def faceforward(n: Array, i: Array, reference: Array) -> Array:
-    """n where dot(reference, i) < 0, else -n."""
-    return np.where(dot(reference, i) < 0, n, -n)
+@operation
+def faceforward(n: Values, i: Values, reference: Values) -> Values:
+    """Return n where dot(reference, i) < 0, else -n."""
+    return where(dot(reference, i) < 0, n, -n)
+
+
+# Structural operations
+
+
+def any_component(c: Array) -> Array:
+    """Return whether one component holds."""
+    return c if c.ndim == 0 else np.any(c, axis=0)
+
+
+def all_components(c: Array) -> Array:
+    """Return whether every component holds."""
+    return c if c.ndim == 0 else np.all(c, axis=0)
 
 
 def select(c: Array, a: Array, b: Array) -> Array:

@@ -16,9 +16,10 @@ TypeError: add takes (T, T) of floats or ints, not (f, i)
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -56,135 +57,196 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Op:
-    """One row. `meaning` takes and gives arrays (see `meaning.py`); None for the structural operations.
+    """One row. `meaning` takes and gives arrays (see `meaning.py`).
 
     `tolerance` is how far it may be off at f32 in strict mode, where all targets give the same bits, and `relaxed` in
     relaxed mode; `double` in strict mode at f64. Fast mode promises nothing.
+
+    `definition` is what a composite operation means in terms of others (see `formula.py`); `inline`: it is short enough
+    to stand where it is used. `componentwise`: each component of the result depends on that component of the operands
+    alone. `commutative`: operands may change places without changing a bit, save those of a NaN. `exact`: of binary16
+    numbers it gives a binary16 without rounding.
+
+    `says` is the docstring of the function that users call, "" where an operator of Python is all they have;
+    `parameters` are its names.
     """
 
     name: str
     signature: str
-    meaning: Callable[..., Any] | None
+    meaning: Callable[..., Any]
     doc: str
+    says: str = ""
+    parameters: tuple[str, ...] = ()
     symbol: str | None = None
     tolerance: Tolerance = Tolerance()
     relaxed: Tolerance = Tolerance()
     double: Tolerance = Tolerance()
+    definition: Callable[..., Any] | None = None
+    inline: bool = False
+    componentwise: bool = True
+    commutative: bool = False
+    exact: bool = False
 
     def bound(self, math: str) -> Tolerance:
-        """What is allowed at f32 in "strict" or "relaxed" mode."""
+        """Return what is allowed at f32 in "strict" or "relaxed" mode."""
         return self.relaxed if math == "relaxed" else self.tolerance
+
+    @property
+    def bases(self) -> frozenset[Base]:
+        """The bases of T."""
+        return _BASES[self.signature[0]]
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """The letters of the arguments: `("T", "T", "S")`."""
+        return tuple(self.signature.partition(": ")[2].partition(" -> ")[0].split())
+
+    @property
+    def gives(self) -> str:
+        """The letter of the result."""
+        return self.signature.rpartition(" ")[2]
+
+    @property
+    def function(self) -> Callable[..., Any]:
+        """The function on arrays without what rounds its result: one of numpy, of `meaning.py`, or a lambda."""
+        whole: Callable[..., Any] = inspect.unwrap(self.meaning)
+        return whole
 
 
 OPS: Final[dict[str, Op]] = {}
 
 
-def _op(
-    name: str,
-    signature: str,
-    meaning: Callable[..., Any],
-    doc: str,
-    *,
-    symbol: str | None = None,
-    ulp: float = 0.0,
-    relaxed: float = 0.0,
-    double: float = 0.0,
-) -> None:
-    OPS[name] = Op(name, signature, meaning, doc, symbol, Tolerance(ulp), Tolerance(relaxed), Tolerance(double))
+def _op(name: str, signature: str, meaning: Callable[..., Any], doc: str, says: str = "", **traits: Any) -> None:
+    """Add a row; `parameters` are written in one string."""
+    parameters = tuple(str(traits.pop("parameters", "x" if says else "")).split())
+    OPS[name] = Op(name, signature, meaning, doc, says, parameters, **traits)
 
+
+def _composite(signature: str, definition: Callable[..., Any], doc: str, *, exact: bool = False, **traits: Any) -> None:
+    """Add the row of an operation that others define: its definition gives the name, the parameters and `says`."""
+    meaning = definition if exact else m.in_f32(definition)
+    parameters = " ".join(inspect.signature(definition).parameters)
+    traits = {"definition": inspect.unwrap(definition), "parameters": parameters, "exact": exact, **traits}
+    _op(definition.__name__, signature, meaning, doc, str(definition.__doc__), **traits)
+
+
+_geometry = partial(_composite, componentwise=False)
 
 # Arithmetic
-_op("neg", "n: T -> T", np.negative, "minus x; ints wrap", symbol="-")
-_op("add", "n: T T -> T", m.in_f32(np.add), "ints wrap", symbol="+")
+_op("neg", "n: T -> T", np.negative, "minus x; ints wrap", symbol="-", exact=True)
+_op("add", "n: T T -> T", m.in_f32(np.add), "ints wrap", symbol="+", commutative=True)
 _op("sub", "n: T T -> T", m.in_f32(np.subtract), "ints wrap", symbol="-")
-_op("mul", "n: T T -> T", m.in_f32(np.multiply), "ints wrap", symbol="*")
+_op("mul", "n: T T -> T", m.in_f32(np.multiply), "ints wrap", symbol="*", commutative=True)
 _op("div", "f: T T -> T", m.in_f32(np.divide), "correctly rounded", symbol="/")
 _op("floordiv", "i: T T -> T", m.floor_div_int, "floor(a / b); 0 for b = 0; INT_MIN // -1 is INT_MIN")
 _op("floormod", "i: T T -> T", m.floor_mod_int, "a - b * floor(a / b), sign of b; 0 for b = 0")
-_op("fma", "f: T T T -> T", m.fma, "a * b + c rounded once")
-_op("mad", "f: T T T -> T", m.in_f32(lambda a, b, c: a * b + c), "a * b + c rounded twice")
+_op("fma", "f: T T T -> T", m.fma, "a * b + c rounded once", "Return a * b + c, rounded once.", parameters="a b c")
+_composite("f: T T T -> T", m.mad, "a * b + c rounded twice", inline=True)
 # Bits
-_op("and", "w: T T -> T", np.bitwise_and, "", symbol="&")
-_op("or", "w: T T -> T", np.bitwise_or, "", symbol="|")
-_op("xor", "w: T T -> T", np.bitwise_xor, "", symbol="^")
+_op("and", "w: T T -> T", np.bitwise_and, "", symbol="&", commutative=True)
+_op("or", "w: T T -> T", np.bitwise_or, "", symbol="|", commutative=True)
+_op("xor", "w: T T -> T", np.bitwise_xor, "", symbol="^", commutative=True)
 _op("not", "w: T -> T", np.invert, "", symbol="~")
 _op("shl", "i: T X -> T", m.shift_left, "by n mod 32", symbol="<<")
 _op("shr", "i: T X -> T", m.shift_right, "by n mod 32; arithmetic for i", symbol=">>")
-_op("popcount", "i: T -> T", m.popcount, "number of one bits")
+_op("popcount", "i: T -> T", m.popcount, "number of one bits", "Count the one bits, component-wise.")
 # Comparison
-_op("eq", "a: T T -> B", np.equal, "NaN equals nothing", symbol="==")
-_op("ne", "a: T T -> B", np.not_equal, "NaN differs from everything", symbol="!=")
+_op("eq", "a: T T -> B", np.equal, "NaN equals nothing", symbol="==", commutative=True)
+_op("ne", "a: T T -> B", np.not_equal, "NaN differs from everything", symbol="!=", commutative=True)
 _op("lt", "n: T T -> B", np.less, "false with a NaN", symbol="<")
 _op("le", "n: T T -> B", np.less_equal, "false with a NaN", symbol="<=")
 _op("gt", "n: T T -> B", np.greater, "false with a NaN", symbol=">")
 _op("ge", "n: T T -> B", np.greater_equal, "false with a NaN", symbol=">=")
-_op("isnan", "f: T -> B", np.isnan, "")
-_op("isinf", "f: T -> B", np.isinf, "")
-_op("any", "b: T -> b", lambda x: x if x.ndim == 0 else np.any(x, axis=0), "one component holds")
-_op("all", "b: T -> b", lambda x: x if x.ndim == 0 else np.all(x, axis=0), "every component holds")
-_op("cond", "a: B T T -> T", m.select, "a where c holds, else b; both are evaluated")
+_op("isnan", "f: T -> B", np.isnan, "", "Tell whether x is NaN, component-wise.")
+_op("isinf", "f: T -> B", np.isinf, "", "Tell whether x is infinite, component-wise.")
+_op("any", "b: T -> b", m.any_component, "one component holds", "Tell whether one component of a bool holds.",
+    parameters="c", componentwise=False)  # fmt: skip
+_op("all", "b: T -> b", m.all_components, "every component holds", "Tell whether every component of a bool holds.",
+    parameters="c", componentwise=False)  # fmt: skip
+_op("cond", "a: B T T -> T", m.select, "a where c holds, else b; both are evaluated",
+    "Return a where c holds, else b, component by component over a bool c; both are evaluated.",
+    parameters="c a b", exact=True)  # fmt: skip
 # Common functions
-_op("abs", "n: T -> T", np.abs, "abs(INT_MIN) is INT_MIN")
-_op("sign", "n: T -> T", m.sign, "sign(NaN) and sign(-0) are 0")
-_op("floor", "f: T -> T", np.floor, "")
-_op("ceil", "f: T -> T", np.ceil, "")
-_op("round", "f: T -> T", np.rint, "half to even")
-_op("trunc", "f: T -> T", np.trunc, "")
-_op("fract", "f: T -> T", m.in_f32(m.fract), "x - floor(x)")
-_op("mod", "f: T T -> T", m.in_f32(m.mod), "x - y * floor(x / y)")
-_op("min", "n: T T -> T", m.minimum, "the number where one is NaN")
-_op("max", "n: T T -> T", m.maximum, "the number where one is NaN")
-_op("clamp", "n: T T T -> T", m.clamp, "min(max(x, low), high)")
-_op("mix", "f: T T T -> T", m.in_f32(m.mix), "a * (1 - t) + b * t")
-_op("step", "f: T T -> T", m.step, "0 where x < edge, else 1")
-_op("smoothstep", "f: T T T -> T", m.in_f32(m.smoothstep), "step(a, x) where a = b")
-_op("sqrt", "f: T -> T", m.in_f32(np.sqrt), "correctly rounded")
-_op("rsqrt", "f: T -> T", m.in_f32(m.rsqrt), "1 / sqrt(x), rounded twice")
-_op("ldexp", "f: T I -> T", m.ldexp, "x * 2**n rounded once")
-_op("bits_from_float", "f: T -> U", m.bits_from_float, "binary32 bits; 0x7fc00000 for every NaN")
-_op("float_from_bits", "u: T -> F", lambda x: x.view(np.float32), "the binary32 with these bits")
+_op("abs", "n: T -> T", np.abs, "abs(INT_MIN) is INT_MIN", "Return |x|, component-wise; ints too.", exact=True)
+_op("sign", "n: T -> T", m.sign, "sign(NaN) and sign(-0) are 0",
+    "Return -1, 0 or 1, component-wise; 0 for NaN and both zeros; ints too.", exact=True)  # fmt: skip
+_op("floor", "f: T -> T", np.floor, "", "Return the largest whole number that is not above x.", exact=True)
+_op("ceil", "f: T -> T", np.ceil, "", "Return the smallest whole number that is not below x.", exact=True)
+_op("round", "f: T -> T", np.rint, "half to even", "Return the nearest whole number, halves to even.", exact=True)
+_op("trunc", "f: T -> T", np.trunc, "", "Return x without its fraction.", exact=True)
+_composite("f: T -> T", m.fract, "x - floor(x)", inline=True)
+_composite("f: T T -> T", m.mod, "x - y * floor(x / y)")
+_op("min", "n: T T -> T", m.minimum, "the number where one is NaN",
+    "Return the smallest of two or more, component-wise; a NaN gives way to a number; ints too.",
+    parameters="a b", exact=True)  # fmt: skip
+_op("max", "n: T T -> T", m.maximum, "the number where one is NaN",
+    "Return the largest of two or more, component-wise; a NaN gives way to a number; ints too.",
+    parameters="a b", exact=True)  # fmt: skip
+_composite("n: T T T -> T", m.clamp, "min(max(x, low), high)", inline=True, exact=True)
+_composite("f: T T T -> T", m.mix, "a * (1 - t) + b * t")
+_composite("f: T T -> T", m.step, "0 where x < edge, else 1", inline=True, exact=True)
+_composite("f: T T T -> T", m.smoothstep, "step(a, x) where a = b")
+_op("sqrt", "f: T -> T", m.in_f32(np.sqrt), "correctly rounded", "Return the square root, correctly rounded.")
+_composite("f: T -> T", m.rsqrt, "1 / sqrt(x), rounded twice", inline=True)
+_op("ldexp", "f: T I -> T", m.ldexp, "x * 2**n rounded once",
+    "Return x * 2**n, rounded once; n of type i.", parameters="x n")  # fmt: skip
+_op("bits_from_float", "f: T -> U", m.bits_from_float, "binary32 bits; 0x7fc00000 for every NaN",
+    "Return the bits of the binary32 as u; 0x7fc00000 for every NaN.")  # fmt: skip
+_op("float_from_bits", "u: T -> F", m.float_from_bits, "the binary32 with these bits",
+    "Return the binary32 with these bits of a u.", parameters="u")  # fmt: skip
 # Geometry
-_op("dot", "f: T T -> S", m.in_f32(m.dot), "summed from the first component on")
-_op("cross", "f: V3 V3 -> V3", m.in_f32(m.cross), "")
-_op("length", "f: T -> S", m.in_f32(m.length), "sqrt(dot(v, v)), scaled where squares would overflow or vanish")
-_op("distance", "f: T T -> S", m.in_f32(m.distance), "length(a - b)")
-_op("normalize", "f: T -> T", m.in_f32(m.normalize), "v / length(v); 0 for the zero vector")
-_op("reflect", "f: T T -> T", m.in_f32(m.reflect), "i - 2 * dot(n, i) * n")
-_op("refract", "f: T T S -> T", m.in_f32(m.refract), "GLSL 4.60 section 8.5; 0 at total reflection")
-_op("faceforward", "f: T T T -> T", m.in_f32(m.faceforward), "n where dot(reference, i) < 0, else -n")
+_geometry("f: T T -> S", m.dot, "summed from the first component on", commutative=True)
+_geometry("f: V3 V3 -> V3", m.cross, "")
+_geometry("f: T -> S", m.length, "sqrt(dot(v, v)), scaled where squares would overflow or vanish")
+_geometry("f: T T -> S", m.distance, "length(a - b)")
+_geometry("f: T -> T", m.normalize, "v / length(v); 0 for the zero vector")
+_geometry("f: T T -> T", m.reflect, "i - 2 * dot(n, i) * n")
+_geometry("f: T T S -> T", m.refract, "GLSL 4.60 section 8.5; 0 at total reflection")
+_geometry("f: T T T -> T", m.faceforward, "n where dot(reference, i) < 0, else -n", exact=True)
 
 
 # Transcendentals: in strict mode those of `passes/strict`; in relaxed mode the target's own within the bounds of
 # OpenCL's full profile (OpenCL C 3.0 section 7.4), or the strict ones where the target has none that keep them.
 def _transcendental(
-    name: str, f: Callable[..., Any], ulp: float, relaxed: float, double: float, doc: str = "", arity: int = 1
+    name: str, f: Callable[..., Any], ulp: float, relaxed: float, double: float, says: str, parameters: str = "x"
 ) -> None:
-    signature = f"f: {' '.join('T' * arity)} -> T"
-    _op(name, signature, m.through_f64(f), doc, ulp=ulp, relaxed=relaxed, double=double)
+    bounds = {"tolerance": Tolerance(ulp), "relaxed": Tolerance(relaxed), "double": Tolerance(double)}
+    signature = f"f: {' '.join('T' for _ in parameters.split())} -> T"
+    _op(name, signature, m.through_f64(f), "", says, parameters=parameters, **bounds)
 
 
-_transcendental("exp", np.exp, 1, 3, 1)
-_transcendental("exp2", np.exp2, 1, 3, 1)
-_transcendental("log", np.log, 1, 3, 1)
-_transcendental("log2", np.log2, 1, 3, 1)
-_transcendental("log10", np.log10, 1, 3, 1)
-_transcendental("sin", np.sin, 1, 4, 1.25)
-_transcendental("cos", np.cos, 1, 4, 1.25)
-_transcendental("tan", np.tan, 1.5, 5, 1.5)
-_transcendental("asin", np.arcsin, 1, 4, 1)
-_transcendental("acos", np.arccos, 1, 4, 1)
-_transcendental("atan", np.arctan, 1, 5, 1)
-_transcendental("sinh", np.sinh, 1, 4, 1)
-_transcendental("cosh", np.cosh, 1, 4, 1)
-_transcendental("tanh", np.tanh, 1.5, 5, 1)
-_transcendental("asinh", np.arcsinh, 1.5, 4, 1)
-_transcendental("acosh", np.arccosh, 1.5, 4, 1)
-_transcendental("atanh", np.arctanh, 1.5, 5, 1)
-_transcendental("pow", m.power, 1, 16, 1, arity=2)
-_transcendental("atan2", np.arctan2, 1, 6, 1, arity=2)
+_transcendental("exp", np.exp, 1, 3, 1, "Return e to the power of x.")
+_transcendental("exp2", np.exp2, 1, 3, 1, "Return 2 to the power of x.")
+_transcendental("log", np.log, 1, 3, 1, "Return the natural logarithm.")
+_transcendental("log2", np.log2, 1, 3, 1, "Return the logarithm to base 2.")
+_transcendental("log10", np.log10, 1, 3, 1, "Return the logarithm to base 10: a whole number for each power of ten.")
+_transcendental("sin", np.sin, 1, 4, 1.25, "Return the sine of x radians.")
+_transcendental("cos", np.cos, 1, 4, 1.25, "Return the cosine of x radians.")
+_transcendental("tan", np.tan, 1.5, 5, 1.5, "Return the tangent of x radians.")
+_transcendental("asin", np.arcsin, 1, 4, 1, "Return the arc sine, in radians.")
+_transcendental("acos", np.arccos, 1, 4, 1, "Return the arc cosine, in radians.")
+_transcendental(
+    "atan", np.arctan, 1, 5, 1, "Return the arc tangent of y in radians; with two arguments, atan2(y, x).", "y"
+)
+_transcendental("sinh", np.sinh, 1, 4, 1, "Return the hyperbolic sine.")
+_transcendental("cosh", np.cosh, 1, 4, 1, "Return the hyperbolic cosine.")
+_transcendental("tanh", np.tanh, 1.5, 5, 1, "Return the hyperbolic tangent.")
+_transcendental("asinh", np.arcsinh, 1.5, 4, 1, "Return the inverse hyperbolic sine.")
+_transcendental("acosh", np.arccosh, 1.5, 4, 1, "Return the inverse hyperbolic cosine.")
+_transcendental("atanh", np.arctanh, 1.5, 5, 1, "Return the inverse hyperbolic tangent.")
+_pow = "Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."
+_transcendental("pow", m.power, 1, 16, 1, _pow, "x y")
+_atan2 = "Return the angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."
+_transcendental("atan2", np.arctan2, 1, 6, 1, _atan2, "y x")
 
 TRANSCENDENTALS: Final = frozenset(name for name, op in OPS.items() if op.relaxed.ulp)
 """The operations that no target is asked to do correctly rounded."""
+
+COMPOSITES: Final = frozenset(name for name, op in OPS.items() if op.definition)
+"""The operations that others define."""
+
+COMMUTATIVE: Final = frozenset(name for name, op in OPS.items() if op.commutative)
+"""The operations whose operands may change places."""
 
 # Structural operations: their types are ruled by the verifier, their meaning is the interpreter's.
 STRUCTURAL: Final[Mapping[str, str]] = {
@@ -221,17 +283,14 @@ LANE_OPS: Final = frozenset({"any_lane", "all_lanes"})
 def result_type(op: str, args: tuple[Type, ...]) -> Type:
     """The type that a row of the table gives for these argument types; TypeError if it takes no such types."""
     row = OPS[op]
-    bases, _, rest = row.signature.partition(": ")
-    pattern, _, result = rest.partition(" -> ")
-    wanted = pattern.split()
-    typed = _match(wanted, args, _BASES[bases])
+    typed = _match(row.takes, args, row.bases)
     if typed is None:
         given = ", ".join(map(repr, args))
-        raise TypeError(f"{op} takes ({', '.join(wanted)}) of {_SPOKEN[bases]}, not ({given})")
-    return _instance(result, typed)
+        raise TypeError(f"{op} takes ({', '.join(row.takes)}) of {_SPOKEN[row.signature[0]]}, not ({given})")
+    return _instance(row.gives, typed)
 
 
-def _match(wanted: list[str], args: tuple[Type, ...], bases: frozenset[Base]) -> Type | None:
+def _match(wanted: tuple[str, ...], args: tuple[Type, ...], bases: frozenset[Base]) -> Type | None:
     if len(wanted) != len(args):
         return None
     typed = next((a for w, a in zip(wanted, args, strict=True) if w[0] in "TV"), None)

@@ -25,7 +25,7 @@ from functools import reduce
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Return, Stmt, Store, Value, Variable
-from shpy.ir.ops import OPS
+from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.traverse import rewrite, walk
 
 __all__ = ["COMPONENTS", "GEOMETRY", "SCALED", "take_apart"]
@@ -35,7 +35,7 @@ SCALED = frozenset({"length", "distance", "normalize"})
 """What a target may do itself, and knows best for whole vectors."""
 _KEPT = frozenset({"param", "table", "table_size", "grid_index", "grid_shape", "call"})
 _SCALAR = frozenset({"convert", "half", "any_lane", "all_lanes"})
-GEOMETRY = frozenset({"dot", "cross", "reflect", "refract", "faceforward"})
+GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise) - SCALED
 """What does not work component by component, and has to be lowered before."""
 
 
@@ -263,7 +263,7 @@ class _Apart:
 
     def componentwise(self, let: Let) -> None:
         sizes = {len(self.parts[a]) for a in let.args}
-        known = (let.op in OPS and let.op not in GEOMETRY) or let.op in _SCALAR
+        known = (let.op in OPS and OPS[let.op].componentwise) or let.op in _SCALAR
         if sizes != {let.value.type.size} or not known:
             raise TypeError(f"{let.op} does not work on components: it comes after lower")
         columns = zip(*(self.parts[a] for a in let.args), strict=True)

@@ -15,13 +15,10 @@ a region is not seen outside it; nothing moves.
 from __future__ import annotations
 
 from shpy.ir.nodes import Function, Let, Module, Region
-from shpy.ir.ops import LANE_OPS
+from shpy.ir.ops import COMMUTATIVE, LANE_OPS
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
 __all__ = ["merge_common"]
-
-COMMUTATIVE = frozenset({"add", "mul", "and", "or", "xor", "eq", "ne", "dot"})
-"""Operations whose operands may change places without changing a bit, save those of a NaN."""
 
 _Key = tuple[object, ...]
 

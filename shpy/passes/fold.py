@@ -87,9 +87,7 @@ class _Fold(Rewriter):
             elif let.op == "convert":
                 result = convert(arrays[0], DTYPES[let.value.type.base])
             else:
-                meaning = OPS[let.op].meaning
-                assert meaning is not None
-                result = meaning(*arrays)
+                result = OPS[let.op].meaning(*arrays)
         return from_array(let.value.type, np.asarray(result))
 
     # Statements

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from shpy.ir.nodes import Function, Let, Module
+from shpy.ir.ops import OPS
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base, Type
 from shpy.passes.library import Library
@@ -25,10 +26,9 @@ from shpy.passes.rewriter import each_function
 
 __all__ = ["lower_half"]
 
-_EXACT = frozenset(
-    "const load swizzle construct splat component param table call cond neg abs sign floor ceil round trunc min max "
-    "clamp step faceforward half".split()
-)
+_EXACT = frozenset("const load swizzle construct splat component param table call half".split()) | {
+    name for name, op in OPS.items() if op.exact
+}
 """Operations whose result is a binary16 whenever their operands are."""
 
 

@@ -15,6 +15,7 @@ from typing import Protocol
 
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Attr, Let
+from shpy.ir.ops import COMMUTATIVE
 from shpy.ir.types import Base, Type
 
 __all__ = ["Known", "simplify"]
@@ -56,7 +57,6 @@ _RIGHT_NEUTRAL: dict[str, tuple[float | None, int | None]] = {
 }
 """What leaves the left operand as it is when it stands on the right: the float, the int."""
 
-_COMMUTATIVE = frozenset({"add", "mul", "or", "xor", "and"})
 _ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
 """The int or bool that makes the result itself, whatever the other operand."""
 
@@ -117,7 +117,7 @@ def _neutral(known: Known, let: Let, a: int, b: int) -> Found:
     number = _RIGHT_NEUTRAL[op][known.types[b].is_float is False]
     if number is not None and _is(known, b, number):
         return a
-    if number is not None and op in _COMMUTATIVE and _is(known, a, number):
+    if number is not None and op in COMMUTATIVE and _is(known, a, number):
         return b
     if not type.is_float and op in _ABSORBING:
         for side in (a, b):

@@ -1,117 +1,27 @@
-"""What composite operations and transcendentals mean, written as plain operations: the library that `lower` calls.
+"""Composite operations and transcendentals as functions of plain operations: the library that `lower` calls.
 
 Stage: improve. `definition("reflect", (f3, f3))` gives the pure function
 
     reflect3(i : f3, n : f3) -> f3 { i - 2.0 * dot(n, i) * n }
 
-The order of operations is exactly that of `ir/meaning.py`, so that every target gives the same bits. Definitions may
-use other composites; `lower` lowers those in turn. A definition's parameter names are those of the emitted function.
-Transcendentals are those of `strict`, which is imported when the first one is asked for.
+Composites are defined in `ir/meaning.py`. The same definition runs on arrays, so that every target gives the same bits.
+Definitions may use other composites; `lower` lowers those in turn. A definition's parameter names are those of the
+emitted function. Transcendentals are those of `strict`, which is imported when the first one is asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, reduce
+from functools import cache
 
-from shpy.ir.meaning import RANGES
 from shpy.ir.nodes import Function, Module
-from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.names import fresh
 from shpy.passes.terms import Term, define, where
 
-__all__ = ["BOUNDED", "CORRECTABLE", "DEFINITIONS", "INLINE", "PARTS", "Library", "definition"]
-
-
-def _mad(a: Term, b: Term, c: Term) -> Term:
-    return a * b + c
-
-
-def _rsqrt(x: Term) -> Term:
-    return 1 / x.op("sqrt")
-
-
-def _fract(x: Term) -> Term:
-    return x - x.op("floor")
-
-
-def _clamp(x: Term, low: Term, high: Term) -> Term:
-    return x.op("max", low).op("min", high)
-
-
-def _step(edge: Term, x: Term) -> Term:
-    return where(x < edge, x.constant(0), x.constant(1))
-
-
-def _mod(x: Term, y: Term) -> Term:
-    quotient = (x / y).op("floor").named("quotient")
-    # A negative quotient that is flushed to zero, or too small for a number, is -1 all the same.
-    below = quotient.op("eq", 0) & x.op("ne", 0) & (x < 0).op("ne", y < 0) & y.op("isinf").op("not")
-    return x - y * where(below, y.constant(-1), quotient)
-
-
-def _mix(a: Term, b: Term, t: Term) -> Term:
-    return a * (1 - t) + b * t
-
-
-def _smoothstep(a: Term, b: Term, x: Term) -> Term:
-    t = ((x - a) / (b - a)).op("clamp", 0, 1).named("t")
-    curve = t * t * (3 - 2 * t)
-    return where(a.op("eq", b), a.op("step", x), curve)
-
-
-def _dot(a: Term, b: Term) -> Term:
-    total = a[0] * b[0]
-    for k in range(1, a.type.size):
-        total = total + a[k] * b[k]
-    return total
-
-
-def _cross(a: Term, b: Term) -> Term:
-    return a.pick(1, 2, 0) * b.pick(2, 0, 1) - a.pick(2, 0, 1) * b.pick(1, 2, 0)
-
-
-def _scales(v: Term) -> tuple[Term, Term]:
-    """By what v can be squared, a power of two, and what undoes it: 1 but for very large and very small vectors."""
-    low, high, factor = RANGES["d" if v.type.base is Base.D else "f"]
-    sizes = [v[k].op("abs") for k in range(v.type.size)]
-    largest = reduce(lambda a, b: where(a < b, b, a), sizes).named("largest")  # of NaN nothing comes but NaN
-    one, up, down = v[0].constant(1), v[0].constant(factor), v[0].constant(1 / factor)
-    large, small = largest > high, largest < low
-    return where(large, down, where(small, up, one)), where(large, up, where(small, down, one))
-
-
-def _length(v: Term) -> Term:
-    scale, back = _scales(v)
-    scaled = (v * scale).named("scaled")
-    return scaled.op("dot", scaled).op("sqrt") * back
-
-
-def _distance(a: Term, b: Term) -> Term:
-    return (a - b).op("length")
-
-
-def _normalize(v: Term) -> Term:
-    scaled = (v * _scales(v)[0]).named("scaled")
-    size = scaled.op("dot", scaled).op("sqrt").named("size")
-    return where(size > 0, scaled / where(size > 0, size, size.constant(1)), v.constant(0))
-
-
-def _reflect(i: Term, n: Term) -> Term:
-    return i - 2 * n.op("dot", i) * n
-
-
-def _refract(i: Term, n: Term, eta: Term) -> Term:
-    cosine = n.op("dot", i).named("cosine")
-    k = (1 - eta * eta * (1 - cosine * cosine)).named("k")
-    bent = eta * i - (eta * cosine + k.op("sqrt")) * n
-    return where(k < 0, i.constant(0), bent)
-
-
-def _faceforward(n: Term, i: Term, reference: Term) -> Term:
-    return where(reference.op("dot", i) < 0, n, -n)
+__all__ = ["BOUNDED", "CORRECTABLE", "PARTS", "Library", "definition"]
 
 
 def _odd(x: Term, error: Term) -> Term:
@@ -140,26 +50,6 @@ def _half_from_double(x: Term) -> Term:
     return _odd(narrow, error).op("half", type=narrow.type)
 
 
-DEFINITIONS: dict[str, Callable[..., Term]] = {
-    "mad": _mad,
-    "rsqrt": _rsqrt,
-    "fract": _fract,
-    "clamp": _clamp,
-    "step": _step,
-    "mod": _mod,
-    "mix": _mix,
-    "smoothstep": _smoothstep,
-    "dot": _dot,
-    "cross": _cross,
-    "length": _length,
-    "distance": _distance,
-    "normalize": _normalize,
-    "reflect": _reflect,
-    "refract": _refract,
-    "faceforward": _faceforward,
-}
-"""The composite operations of the table."""
-
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """What `lower_half` needs besides."""
 
@@ -174,9 +64,6 @@ CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 
 "convert_nan" is the conversion of a float to an int where it gives anything but 0 for a NaN; `lower` corrects it.
 """
-
-INLINE = frozenset({"mad", "rsqrt", "fract", "clamp", "step"})
-"""Those that are short enough to stand where they are used."""
 
 
 @cache
@@ -194,8 +81,11 @@ def definition(name: str, types: tuple[Type, ...]) -> Function:
         from shpy.passes.strict.arithmetic import CORRECTED
 
         return define(f"{name}_corrected{first.size if first.size > 1 else ''}", CORRECTED[name], types)
-    suffix = "d" if first.base is Base.D and name in DEFINITIONS else ""
-    return define(f"{name}{first.size}{suffix}", DEFINITIONS.get(name) or _ROUNDINGS[name], types)
+    if name in _ROUNDINGS:
+        return define(f"{name}{first.size}", _ROUNDINGS[name], types)
+    meaning = OPS[name].definition
+    assert meaning is not None
+    return define(f"{name}{first.size}{'d' if first.base is Base.D else ''}", meaning, types)
 
 
 def _part(name: str, types: tuple[Type, ...]) -> Function:

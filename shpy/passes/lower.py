@@ -20,9 +20,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from shpy.ir.nodes import Function, Let, Module, Store, Value
-from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.ops import COMPOSITES, OPS, TRANSCENDENTALS
 from shpy.ir.types import Base
-from shpy.passes.library import BOUNDED, DEFINITIONS, INLINE, PARTS, Library, definition
+from shpy.passes.library import BOUNDED, PARTS, Library, definition
 from shpy.passes.rewriter import Rewriter, each_function
 
 __all__ = ["lower"]
@@ -77,11 +77,11 @@ class _Lower(Rewriter):
             callee = self.library.use(BOUNDED[op], tuple(self.types[a] for a in let.args), self._unbounded)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
-        if op in self.native or not (op in DEFINITIONS or op in TRANSCENDENTALS or op in PARTS):
+        if op in self.native or not (op in COMPOSITES or op in TRANSCENDENTALS or op in PARTS):
             self.emit(let)
             return
         types = tuple(self.types[a] for a in let.args)
-        if op in INLINE or (op == "dot" and types[0].size == 1):
+        if (op in COMPOSITES and OPS[op].inline) or (op == "dot" and types[0].size == 1):
             self._inline(let, definition(op, types))
         else:
             callee = self.library.use(op, types, self._lowered)

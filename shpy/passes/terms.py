@@ -10,8 +10,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import Literal
 
 from shpy.ir.builder import Builder
+from shpy.ir.formula import Formula
 from shpy.ir.nodes import Function, Let, Stmt, Value
 from shpy.ir.traverse import rewrite
 from shpy.ir.types import Base, Type, vec
@@ -35,7 +37,7 @@ class _Definition(Builder):
         return replace(s, value=replace(s.value, name=self.names.get(s.value.id))) if isinstance(s, Let) else s
 
 
-class Term:
+class Term(Formula):
     """A value that is written with Python's operators; numbers and scalars broadcast to the other operand's type."""
 
     def __init__(self, builder: _Definition, value: Value) -> None:
@@ -47,10 +49,27 @@ class Term:
         """The value's type."""
         return self.value.type
 
+    @property
+    def size(self) -> int:
+        """The number of components."""
+        return self.value.type.size
+
+    @property
+    def precision(self) -> Literal["f", "d"]:
+        """Binary64 or, as h was lowered before, binary32."""
+        return "d" if self.type.base is Base.D else "f"
+
     def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
         """The operation `name` applied to this and the others."""
         terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
         return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
+
+    def binary(self, name: str, other: Term | float) -> Term:
+        """The operation on two operands; a scalar beside a vector is splatted."""
+        if not isinstance(other, Term):
+            return self.op(name, other)
+        size = max(self.size, other.size)
+        return self.wide(size).op(name, other.wide(size))
 
     def named(self, name: str) -> Term:
         """The same, called so in the emitted text."""
@@ -60,94 +79,35 @@ class Term:
     def constant(self, number: float) -> Term:
         """A constant of this term's type."""
         scalar = Term(self.builder, self.builder.const(self.type.scalar, [number]))
-        return scalar.wide(self.type.size)
+        return scalar.wide(self.size)
 
     def wide(self, size: int) -> Term:
         """A scalar as a vector of `size` components; a vector as it is."""
-        return Term(self.builder, self.builder.splat(self.value, size)) if self.type.size < size else self
+        return Term(self.builder, self.builder.splat(self.value, size)) if self.size < size else self
 
-    def _binary(self, name: str, other: Term | float) -> Term:
-        if not isinstance(other, Term):
-            return self.op(name, other)
-        size = max(self.type.size, other.type.size)
-        return self.wide(size).op(name, other.wide(size))
+    def choose(self, a: Term | float, b: Term | float) -> Term:
+        """`where(self, a, b)`."""
+        return where(self, a, b)
 
-    def __getitem__(self, component: int) -> Term:
-        if self.type.size == 1:
+    def __getitem__(self, key: int | list[int]) -> Term:
+        """A component; a swizzle of several."""
+        if self.size == 1:
             return self
-        return Term(self.builder, self.builder.swizzle(self.value, (component,)))
-
-    def pick(self, *components: int) -> Term:
-        """A swizzle."""
-        return Term(self.builder, self.builder.swizzle(self.value, components))
-
-    def __add__(self, other: Term | float) -> Term:
-        return self._binary("add", other)
-
-    def __sub__(self, other: Term | float) -> Term:
-        return self._binary("sub", other)
-
-    def __mul__(self, other: Term | float) -> Term:
-        return self._binary("mul", other)
-
-    def __truediv__(self, other: Term | float) -> Term:
-        return self._binary("div", other)
-
-    def __radd__(self, other: float) -> Term:
-        return self.constant(other) + self
-
-    def __rsub__(self, other: float) -> Term:
-        return self.constant(other) - self
-
-    def __rmul__(self, other: float) -> Term:
-        return self.constant(other) * self
-
-    def __rtruediv__(self, other: float) -> Term:
-        return self.constant(other) / self
-
-    def __neg__(self) -> Term:
-        return self.op("neg")
-
-    def __lt__(self, other: Term | float) -> Term:
-        return self._binary("lt", other)
-
-    def __le__(self, other: Term | float) -> Term:
-        return self._binary("le", other)
-
-    def __gt__(self, other: Term | float) -> Term:
-        return self._binary("gt", other)
-
-    def __ge__(self, other: Term | float) -> Term:
-        return self._binary("ge", other)
-
-    def __and__(self, other: Term | float) -> Term:
-        return self._binary("and", other)
-
-    def __or__(self, other: Term | float) -> Term:
-        return self._binary("or", other)
-
-    def __xor__(self, other: Term | float) -> Term:
-        return self._binary("xor", other)
-
-    def __invert__(self) -> Term:
-        return self.op("not")
+        return Term(self.builder, self.builder.swizzle(self.value, (key,) if isinstance(key, int) else key))
 
     def __lshift__(self, count: int) -> Term:
-        return self._binary("shl", count)
+        return self.binary("shl", count)
 
     def __rshift__(self, count: int) -> Term:
-        return self._binary("shr", count)
-
-    def __abs__(self) -> Term:
-        return self.op("abs")
+        return self.binary("shr", count)
 
     def equals(self, other: Term | float) -> Term:
         """Whether both are the same number."""
-        return self._binary("eq", other)
+        return self.binary("eq", other)
 
     def differs(self, other: Term | float) -> Term:
         """Whether they are not."""
-        return self._binary("ne", other)
+        return self.binary("ne", other)
 
     def based(self, base: Base) -> Term:
         """The same, converted to another base."""

@@ -15,9 +15,8 @@ from shpy.ir import meaning
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module, Port, Value
-from shpy.ir.ops import OPS, result_type
+from shpy.ir.ops import COMPOSITES, OPS, result_type
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.library import DEFINITIONS
 from shpy.testing.conformance.exact import exact
 
 TINY = float(np.finfo(np.float32).tiny)
@@ -145,7 +144,7 @@ def rows() -> list[Any]:
 @pytest.mark.parametrize(("name", "types"), rows())
 def test_an_op_means_what_the_table_says(name: str, types: tuple[Type, ...]) -> None:
     result = result_type(name, types)
-    arrays = values(types, moderate=name in DEFINITIONS)
+    arrays = values(types, moderate=name in COMPOSITES)
     found = run(types, result, arrays, lambda b, inputs: b.let(name, *inputs))
     check(found, expected_of(name, arrays, result), arrays)
 

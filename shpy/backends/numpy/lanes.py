@@ -153,7 +153,7 @@ def _bounded(extremum: np.ufunc, x: Array, bound: float, within: np.ufunc) -> Ar
 def dot(a: Array, b: Array) -> Array:
     """The op `dot`, row by row where the products of all rows would fill the cache."""
     if a.shape != b.shape or a.ndim < 2 or a.shape[-1] < MANY:
-        return meaning.dot(a, b)
+        return np.asarray(meaning.dot(a, b))
     total: Array = a[0] * b[0]
     product = np.empty_like(total)
     for x, y in zip(a[1:], b[1:], strict=True):
@@ -169,7 +169,7 @@ def reflect(i: Array, n: Array) -> Array:
 def normalize(v: Array) -> Array:
     """The op `normalize`, by a division alone where no vector is zero, or too large or small to be squared."""
     squares = dot(v, v)
-    return v / np.sqrt(squares) if meaning.in_range(squares) else meaning.normalize(v)
+    return np.asarray(v / np.sqrt(squares) if meaning.in_range(squares) else meaning.normalize(v))
 
 
 def iterations_of(start: Any, stop: Any, step: int, lanes: int | tuple[int, int]) -> Iterator[Array]:

@@ -26,10 +26,12 @@ from shpy.backends.numpy.expressions import (
     prefix,
     ternary,
 )
+from shpy.ir import meaning
 from shpy.ir.constants import DTYPES, to_array
+from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.types import Base, Type
 
-__all__ = ["INFIX", "SHIFTS", "Imports", "constant", "dtype", "operation", "picked", "zeros"]
+__all__ = ["INFIX", "MEANINGS", "SHIFTS", "Imports", "constant", "dtype", "operation", "picked", "zeros"]
 
 INFIX: Final = {
     "add": "+",
@@ -47,23 +49,17 @@ INFIX: Final = {
     "ge": ">=",
 }
 """Operations that are operators of Python."""
-_NUMPY: Final = {
-    **{n: n for n in ("floor", "ceil", "trunc", "sqrt", "isnan", "isinf", "abs", "exp", "exp2", "log", "log2")},
-    **{n: n for n in ("log10", "sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{"a" + n: "arc" + n for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    "atan2": "arctan2",
-    "round": "rint",
+_NUMPY: Final = {"abs": "abs"} | {
+    row.name: row.function.__name__ for row in OPS.values() if isinstance(row.function, np.ufunc) and row.name != "abs"
 }
+"""The function of numpy that is the table's meaning of an operation."""
 _MEANING: Final = {
-    **{n: n for n in ("fma", "popcount", "sign", "fract", "mod", "mix", "step", "smoothstep", "rsqrt")},
-    **{n: n for n in ("ldexp", "bits_from_float")},
-    "pow": "power",
-    "shl": "shift_left",
-    "shr": "shift_right",
-    "floordiv": "floor_div_int",
-    "floormod": "floor_mod_int",
+    row.name: row.function.__name__ for row in OPS.values() if row.function.__module__ == meaning.__name__
 }
-_GEOMETRY: Final = frozenset({"dot", "cross", "length", "distance", "normalize", "reflect", "refract", "faceforward"})
+"""The function of `shpy.ir.meaning` that is."""
+MEANINGS: Final = frozenset(_MEANING.values()) | {"convert"}
+"""The functions of `shpy.ir.meaning` that text may import."""
+_GEOMETRY: Final = frozenset(name for name in COMPOSITES if not OPS[name].componentwise)
 SHIFTS: Final = {"shl": "<<", "shr": ">>"}
 """What Python's operators do too, by less than 32."""
 _LITERALS_WELCOME: Final = frozenset({"min", "max", "clamp", "mod", "atan2"})

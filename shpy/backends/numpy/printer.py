@@ -26,10 +26,9 @@ from shpy.backends.numpy.expressions import Expr, call, condition, method, name,
 from shpy.backends.numpy.heading import asked_by, components_of, imports_of
 from shpy.backends.numpy.iterations import Iterations, counted, lanes_alone
 from shpy.backends.numpy.leaving import ExitCopy, Plan, plans
-from shpy.backends.numpy.operations import Imports, dtype, zeros
+from shpy.backends.numpy.operations import MEANINGS, Imports, dtype, zeros
 from shpy.backends.numpy.updates import Updates
 from shpy.backends.numpy.values import MAX_LENGTH, Around, ValuePrinter, is_partial
-from shpy.ir import meaning
 from shpy.ir.nodes import (
     Break,
     Call,
@@ -54,7 +53,7 @@ from shpy.passes.vectorize import VectorModule
 
 __all__ = ["Printed", "print_python"]
 
-_RESERVED = ("np", "lanes", "grid_index", "grid_shape", *dir(meaning), *lane_functions.__all__)
+_RESERVED = ("np", "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
 
 
 @dataclass(frozen=True, slots=True)

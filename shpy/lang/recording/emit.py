@@ -42,7 +42,7 @@ class HostEmitter:
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
         """The operation's meaning, executed."""
         with np.errstate(all="ignore"):
-            return np.asarray(OPS[name].meaning(*(h for h, _ in args))), result_type(name, tuple(t for _, t in args))  # type: ignore[misc]
+            return np.asarray(OPS[name].meaning(*(h for h, _ in args))), result_type(name, tuple(t for _, t in args))
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
         """A structural operation, executed."""

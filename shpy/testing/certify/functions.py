@@ -83,7 +83,7 @@ def _relaxed(name: str, target: Target) -> Finding:
 def _bounded(name: str, found: Array, arrays: tuple[Array, ...], bound: Tolerance, flushes: bool) -> Finding:
     meaning = OPS[name].meaning
     with np.errstate(all="ignore"):
-        wanted = np.asarray(meaning(*(a.astype(np.float64) for a in arrays))) if meaning else found
+        wanted = np.asarray(meaning(*(a.astype(np.float64) for a in arrays)))
     off = errors(found, wanted)
     if flushes:
         off = np.where(np.abs(wanted) <= _TINY, 0, off)

@@ -273,7 +273,14 @@ class Evaluator:
     def apply(op: str, args: list[Any]) -> Any:
         """The value of an operation of the table."""
         if op == "floordiv" and args[0].dtype.kind == "f":
-            return meaning.floor_div(*args)[()]
+            return floor_quotient(*args)[()]
         if op == "floormod" and args[0].dtype.kind == "f":
             op = "mod"
         return exact(op)(*args)[()]
+
+
+def floor_quotient(x: Any, y: Any) -> Any:
+    """Return floor(x / y); -1 where the quotient is negative and so small that it is flushed to zero."""
+    quotient = np.floor(x / y)
+    below = (quotient == 0) & (x != 0) & ((x < 0) != (y < 0)) & ~np.isinf(y)
+    return np.where(below, quotient.dtype.type(-1), quotient)

@@ -22,9 +22,7 @@ from shpy.passes.library import PARTS, definition
 
 def exact(name: str) -> Callable[..., Array]:
     """The function on arrays of one shape: componentwise where it is a transcendental."""
-    meaning = OPS[name].meaning
-    assert meaning is not None
-    return functools.partial(_strict, name) if name in TRANSCENDENTALS else meaning
+    return functools.partial(_strict, name) if name in TRANSCENDENTALS else OPS[name].meaning
 
 
 def _strict(name: str, *arrays: Array) -> Array:
@@ -74,6 +72,4 @@ def _computed(let: Let, args: list[Array]) -> Array:
         return np.asarray(args[0][let.attr[0]])
     if let.op in PARTS:
         return apply(definition(let.op, (vec(let.value.type.base),)), *args)
-    meaning = OPS[let.op].meaning
-    assert meaning is not None
-    return np.asarray(meaning(*args))
+    return np.asarray(OPS[let.op].meaning(*args))

@@ -19,8 +19,6 @@ __all__ = ["CHANGES", "Change"]
 Change = Callable[[Surgeon], Function | None]
 
 _B, _I = vec(Base.B), vec(Base.I)
-_WHOLE = frozenset({"cross", "normalize", "reflect", "refract", "faceforward"})
-"""Rows of the table that look as if they went component by component, and do not."""
 
 
 def dead_code(surgeon: Surgeon) -> Function | None:
@@ -152,17 +150,11 @@ def _where(surgeon: Surgeon, fits: Callable[[object], bool]) -> Place | None:
 
 
 def _by_component(s: Let) -> bool:
-    if s.value.type.size == 1:
-        return False
-    return _elementwise(s.op) or s.op == "convert"
+    return s.value.type.size > 1 and _elementwise(s.op)
 
 
 def _elementwise(op: str) -> bool:
-    """Whether a row of the table goes component by component: its operands and its result have one size."""
-    if op not in OPS or op in _WHOLE:
-        return False
-    _, _, rest = OPS[op].signature.partition(": ")
-    return set(rest.replace("->", "").split()) <= {"T", "B", "I", "U", "F", "X"}
+    return op == "convert" or (op in OPS and OPS[op].componentwise)
 
 
 def _whole_store(surgeon: Surgeon, s: object) -> bool:
@@ -190,7 +182,7 @@ def _pairs(surgeon: Surgeon, region: Region, head: int) -> list[tuple[int, int]]
 def _scalar(s: object) -> bool:
     if not isinstance(s, Let) or s.value.type.size != 1 or s.op in LANE_OPS:
         return False
-    return _elementwise(s.op) or s.op == "convert"
+    return _elementwise(s.op)
 
 
 def _kind(surgeon: Surgeon, s: Stmt) -> tuple[str, tuple[Type, ...]]:
