@@ -187,7 +187,7 @@ _WITHIN = {name: _within(name, f) for name, f in _SCALAR.items()}
 
 
 class Exact(Formula):
-    """What definitions compute with: an mpf, a bool, or an array of them."""
+    """A value of a definition: an mpf, a bool, or an array of them."""
 
     def __init__(self, value: Any) -> None:
         self.value = value

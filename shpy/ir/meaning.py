@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 
 def through_f64(f: Callable[..., Array]) -> Callable[..., Array]:
-    """`f` evaluated in binary64 and rounded once: the reference for a transcendental of a narrower type."""
+    """Return `f` evaluated in binary64 and rounded once: the reference for a transcendental of a narrower type."""
 
     @wraps(f)
     def rounded(*args: Array) -> Array:
@@ -35,7 +35,7 @@ def through_f64(f: Callable[..., Array]) -> Callable[..., Array]:
 
 
 def in_f32(f: Callable[..., Array]) -> Callable[..., Array]:
-    """`f` as it is for f and d; for h, evaluated in binary32 and rounded (exact for + - * / and square root)."""
+    """Return `f` as it is for f and d; for h, evaluated in binary32 and rounded (exact for + - * / and square root)."""
 
     @wraps(f)
     def rounded(*args: Array) -> Array:
@@ -48,23 +48,23 @@ def in_f32(f: Callable[..., Array]) -> Callable[..., Array]:
 
 @partial(operation, name="min")
 def minimum(a: Array, b: Array) -> Array:
-    """GLSL's min, with the number where one is NaN."""
+    """Return GLSL's min, with the number where one is NaN."""
     return np.where((b < a) | (a != a), b, a)
 
 
 @partial(operation, name="max")
 def maximum(a: Array, b: Array) -> Array:
-    """GLSL's max, with the number where one is NaN."""
+    """Return GLSL's max, with the number where one is NaN."""
     return np.where((a < b) | (a != a), b, a)
 
 
 def sign(x: Array) -> Array:
-    """-1, 0 or 1; 0 for NaN and both zeros."""
+    """Return -1, 0 or 1; 0 for NaN and both zeros."""
     return np.asarray((x > 0).astype(x.dtype) - (x < 0).astype(x.dtype))
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
-    """a * b + c, rounded once.
+    """Return a * b + c, rounded once.
 
     For f and h through binary64 rounded to odd (Boldo and Melquiond 2008); for d in exact rational arithmetic.
     """
@@ -98,7 +98,7 @@ def _fma_exact(a: float, b: float, c: float) -> float:
 
 
 def power(x: Array, y: Array) -> Array:
-    """x to the power of y, as C99 has it.
+    """Return x to the power of y, as C99 has it.
 
     For a single exponent of 0.5 numpy takes the square root, which differs at -0 and -inf: hence an array of them.
     """
@@ -108,47 +108,47 @@ def power(x: Array, y: Array) -> Array:
 
 
 def floor_div_int(a: Array, b: Array) -> Array:
-    """Floor division; 0 for a zero divisor, wrapping for INT_MIN // -1."""
+    """Divide and round down; 0 for a zero divisor, wrapping for INT_MIN // -1."""
     wide, divisor = a.astype(np.int64), b.astype(np.int64)
     safe = np.where(divisor == 0, 1, divisor)
     return np.where(divisor == 0, 0, wide // safe).astype(a.dtype)
 
 
 def floor_mod_int(a: Array, b: Array) -> Array:
-    """Floor modulo, with the sign of the divisor; 0 for a zero divisor."""
+    """Return the floor modulo, with the sign of the divisor; 0 for a zero divisor."""
     wide, divisor = a.astype(np.int64), b.astype(np.int64)
     safe = np.where(divisor == 0, 1, divisor)
     return np.where(divisor == 0, 0, wide % safe).astype(a.dtype)
 
 
 def shift_left(a: Array, n: Array) -> Array:
-    """a << (n mod 32)."""
+    """Return a << (n mod 32)."""
     return np.asarray(np.left_shift(a, (n & n.dtype.type(31)).astype(a.dtype)))
 
 
 def shift_right(a: Array, n: Array) -> Array:
-    """a >> (n mod 32), arithmetic for i, logical for u."""
+    """Return a >> (n mod 32), arithmetic for i, logical for u."""
     return np.asarray(np.right_shift(a, (n & n.dtype.type(31)).astype(a.dtype, copy=False)))
 
 
 def popcount(a: Array) -> Array:
-    """The number of one bits."""
+    """Return the number of one bits."""
     return np.bitwise_count(a.view(np.uint32)).astype(a.dtype)
 
 
 def ldexp(x: Array, n: Array) -> Array:
-    """x * 2**n, rounded once."""
+    """Return x * 2**n, rounded once."""
     return np.asarray(np.ldexp(np.asarray(x, dtype=np.float64), np.clip(n, -2200, 2200)).astype(x.dtype))
 
 
 def bits_from_float(x: Array) -> Array:
-    """The binary32 bits of x; 0x7fc00000 for every NaN."""
+    """Return the binary32 bits of x; 0x7fc00000 for every NaN."""
     narrow = x.astype(np.float32)
     return np.where(narrow != narrow, np.uint32(0x7FC00000), narrow.view(np.uint32))
 
 
 def float_from_bits(u: Array) -> Array:
-    """The binary32 with these bits."""
+    """Return the binary32 with these bits."""
     return u.view(np.float32)
 
 
@@ -318,12 +318,12 @@ def all_components(c: Array) -> Array:
 
 
 def select(c: Array, a: Array, b: Array) -> Array:
-    """a where c holds, else b, component by component."""
+    """Return a where c holds, else b, component by component."""
     return np.where(c, a, b)
 
 
 def convert(x: Array, dtype: type[np.generic]) -> Array:
-    """Conversion: float to int truncates and saturates, NaN gives 0; ints wrap; to float rounds to nearest even."""
+    """Convert: float to int truncates and saturates, NaN gives 0; ints wrap; to float rounds to nearest even."""
     target: np.dtype[Any] = np.dtype(dtype)
     if x.dtype.kind == "f" and target.kind in "iu":
         limits = np.iinfo(target)
@@ -337,7 +337,7 @@ def convert(x: Array, dtype: type[np.generic]) -> Array:
 
 
 def gather(table: Array, index: Array, rank: int, size: int) -> Array:
-    """The element of `table` (*shape[, size]) at `index`, clamped to the nearest one on every axis."""
+    """Return the element of `table` (*shape[, size]) at `index`, clamped to the nearest one on every axis."""
     axes = [index] if rank == 1 else list(index)
     clamped = tuple(np.clip(i.astype(np.int64), 0, n - 1) for i, n in zip(axes, table.shape, strict=False))
     element = table[clamped]

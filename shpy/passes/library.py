@@ -25,7 +25,7 @@ __all__ = ["BOUNDED", "CORRECTABLE", "PARTS", "Library", "definition"]
 
 
 def _odd(x: Term, error: Term) -> Term:
-    """The sum x + error rounded to odd, where x is that sum rounded to nearest (Boldo and Melquiond 2008)."""
+    """Return the sum x + error rounded to odd, where x is that sum rounded to nearest (Boldo and Melquiond 2008)."""
     bits = x.op("bits_from_float")
     away = (error > 0).op("eq", x > 0)
     up, down = bits + 1, bits - 1
@@ -35,7 +35,7 @@ def _odd(x: Term, error: Term) -> Term:
 
 
 def _half_fma(a: Term, b: Term, c: Term) -> Term:
-    """The sum a * b + c of binary16 numbers, rounded once: the product is exact in binary32, the sum rounds to odd."""
+    """Return a * b + c of binary16 numbers, rounded once: the product is exact in binary32, the sum rounds to odd."""
     product = (a * b).named("product")
     total = (product + c).named("total")
     back = (total - product).named("back")
@@ -44,7 +44,7 @@ def _half_fma(a: Term, b: Term, c: Term) -> Term:
 
 
 def _half_from_double(x: Term) -> Term:
-    """A binary64 rounded once to binary16, by way of binary32 rounded to odd."""
+    """Return a binary64 rounded once to binary16, by way of binary32 rounded to odd."""
     narrow = x.op("convert", type=x.type.based(Base.F)).named("narrow")
     error = (x - narrow.op("convert", type=x.type)).op("convert", type=narrow.type)
     return _odd(narrow, error).op("half", type=narrow.type)
@@ -68,7 +68,7 @@ CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 
 @cache
 def definition(name: str, types: tuple[Type, ...]) -> Function:
-    """The pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`."""
+    """Return the pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`."""
     first = types[0]
     if name in PARTS or name in BOUNDED.values():
         return _part(name, types)
@@ -89,7 +89,7 @@ def definition(name: str, types: tuple[Type, ...]) -> Function:
 
 
 def _part(name: str, types: tuple[Type, ...]) -> Function:
-    """What only definitions and `lower` ask for."""
+    """Return a function that only definitions and `lower` ask for."""
     from shpy.passes.strict import payne_hanek
 
     function, _, which = name.partition("_")
@@ -113,7 +113,7 @@ class Library:
     def use(
         self, name: str, types: tuple[Type, ...], prepare: Callable[[Function], Function] | None = None
     ) -> Function:
-        """The function that does `name` for these types; `prepare` is applied to it once, and may use others."""
+        """Return the function that does `name` for these types; `prepare` is applied to it once, and may use others."""
         original = definition(name, types)
         if original not in self.functions:
             function = prepare(original) if prepare else original
@@ -121,5 +121,5 @@ class Library:
         return self.functions[original]
 
     def added(self, module: Module) -> Module:
-        """The module with what was used in front of its own functions, callees first."""
+        """Return the module with what was used in front of its own functions, callees first."""
         return replace(module, functions=(*self.functions.values(), *module.functions))

@@ -60,29 +60,29 @@ class Term(Formula):
         return "d" if self.type.base is Base.D else "f"
 
     def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
-        """The operation `name` applied to this and the others."""
+        """Return the operation `name` applied to this and the others."""
         terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
         return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
 
     def binary(self, name: str, other: Term | float) -> Term:
-        """The operation on two operands; a scalar beside a vector is splatted."""
+        """Return the operation on two operands; a scalar beside a vector is splatted."""
         if not isinstance(other, Term):
             return self.op(name, other)
         size = max(self.size, other.size)
         return self.wide(size).op(name, other.wide(size))
 
     def named(self, name: str) -> Term:
-        """The same, called so in the emitted text."""
+        """Return the same, called so in the emitted text."""
         self.builder.names[self.value.id] = name
         return self
 
     def constant(self, number: float) -> Term:
-        """A constant of this term's type."""
+        """Return a constant of this term's type."""
         scalar = Term(self.builder, self.builder.const(self.type.scalar, [number]))
         return scalar.wide(self.size)
 
     def wide(self, size: int) -> Term:
-        """A scalar as a vector of `size` components; a vector as it is."""
+        """Return a scalar as a vector of `size` components; a vector as it is."""
         return Term(self.builder, self.builder.splat(self.value, size)) if self.size < size else self
 
     def choose(self, a: Term | float, b: Term | float) -> Term:
@@ -90,7 +90,7 @@ class Term(Formula):
         return where(self, a, b)
 
     def __getitem__(self, key: int | list[int]) -> Term:
-        """A component; a swizzle of several."""
+        """Return a component; a swizzle of several."""
         if self.size == 1:
             return self
         return Term(self.builder, self.builder.swizzle(self.value, (key,) if isinstance(key, int) else key))
@@ -102,20 +102,20 @@ class Term(Formula):
         return self.binary("shr", count)
 
     def equals(self, other: Term | float) -> Term:
-        """Whether both are the same number."""
+        """Tell whether both are the same number."""
         return self.binary("eq", other)
 
     def differs(self, other: Term | float) -> Term:
-        """Whether they are not."""
+        """Tell whether they are not."""
         return self.binary("ne", other)
 
     def based(self, base: Base) -> Term:
-        """The same, converted to another base."""
+        """Return the same, converted to another base."""
         return self.op("convert", type=self.type.based(base))
 
 
 def where(c: Term, a: Term | float, b: Term | float) -> Term:
-    """A where c holds, else b; c is one bool or one a component. One of a and b at least is a Term."""
+    """Return a where c holds, else b; c is one bool or one a component. One of a and b at least is a Term."""
     model = a if isinstance(a, Term) else b
     assert isinstance(model, Term)
     first, second = (t if isinstance(t, Term) else model.constant(t) for t in (a, b))
@@ -123,13 +123,13 @@ def where(c: Term, a: Term | float, b: Term | float) -> Term:
 
 
 def joined(*parts: Term) -> Term:
-    """The vector of these scalars; a single one is itself."""
+    """Return the vector of these scalars; a single one is itself."""
     first, *others = parts
     return first.op("construct", *others, type=first.type.sized(len(parts))) if others else first
 
 
 def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Term]]) -> list[Term]:
-    """The values by name, but those that `make` gives where c holds: made only if it does for an element at hand.
+    """Return the values by name, but those that `make` gives where c holds: made only if it does for an element at hand.
 
     `c`, which has a name, and the values have one size.
     """
@@ -145,7 +145,7 @@ def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Te
 
 
 def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...]) -> Function:
-    """The pure function of this name that gives `meaning` of inputs of these types, called as its parameters are."""
+    """Return the pure function of this name that gives `meaning` of inputs of these types, called as its parameters are."""
     builder = _Definition(name)
     names = inspect.signature(meaning).parameters
     terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
