@@ -129,7 +129,7 @@ def joined(*parts: Term) -> Term:
 
 
 def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Term]]) -> list[Term]:
-    """Return the values by name, but those that `make` gives where c holds: made only if it does for an element at hand.
+    """Return the values by name, but those of `make` where c holds: made only if it does for an element at hand.
 
     `c`, which has a name, and the values have one size.
     """
@@ -145,7 +145,7 @@ def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Te
 
 
 def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...]) -> Function:
-    """Return the pure function of this name that gives `meaning` of inputs of these types, called as its parameters are."""
+    """Return the pure function that gives `meaning` of inputs of these types, called as its parameters are."""
     builder = _Definition(name)
     names = inspect.signature(meaning).parameters
     terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
