@@ -24,8 +24,8 @@ from raytracer.accel.choice import build, check
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
 from raytracer.errors import SceneError
 from raytracer.kernels import nearby, queries
-from raytracer.kernels.triangle import AheadBound
-from raytracer.kernels.walk import Structure, Walk, walk_with
+from raytracer.kernels.triangle import AheadBound, Walk
+from raytracer.kernels.walk import Structure, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.meshes import Mesh

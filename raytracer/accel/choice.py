@@ -8,8 +8,6 @@ Stage: accelerate. Takes corners (N, 3, 3), N > 0, gives a `Grid` or a `Bvh`; `k
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,32 +25,22 @@ def build(accel: str, corners: Corners, precision: str = "f32", across: int | No
     A grid has `across` cells along each axis, None for as many as suit the triangles.
     """
     check(accel)
+    if accel == "bvh":
+        return build_bvh(corners, WORKING.get(precision, np.float32))
     if accel == "grid":
         return build_grid(corners.astype(np.float32), across=across)
-    return ACCELERATORS[accel](corners, precision)
-
-
-def check(accel: str) -> None:
-    """SceneError if there is no accelerator of this name."""
-    if accel not in ACCELERATORS:
-        names = ", ".join(map(repr, [*ACCELERATORS, "ldc:1024"]))
-        raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
-
-
-def _grid(corners: Corners, _: str) -> Grid:
-    return build_grid(corners.astype(np.float32))
-
-
-def _bvh(corners: Corners, precision: str) -> Bvh:
-    return build_bvh(corners, WORKING.get(precision, np.float32))
-
-
-def _brute(corners: Corners, _: str) -> Grid:
-    """Return a grid of one empty cell with every triangle outside of it, so that a ray tries all of them."""
+    # A grid of one empty cell with every triangle outside of it: a ray tries all of them.
     items = np.arange(len(corners), dtype=np.int32)
     cells = np.full((1, 1, 1, 2), len(items), dtype=np.int32)
     return Grid(np.zeros(3), np.ones(3), (1, 1, 1), cells, items, len(items))
 
 
-ACCELERATORS: dict[str, Callable[[Corners, str], Grid | Bvh]] = {"bvh": _bvh, "grid": _grid, "brute": _brute}
-"""By name: the hierarchy of boxes; the uniform grid; every triangle, for judging the others."""
+def check(accel: str) -> None:
+    """Raise SceneError if there is no accelerator of this name."""
+    if accel not in ACCELERATORS:
+        names = ", ".join(map(repr, [*ACCELERATORS, "ldc:1024"]))
+        raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
+
+
+ACCELERATORS = ("bvh", "grid", "brute")
+"""The hierarchy of boxes; the uniform grid; every triangle, for judging the others."""

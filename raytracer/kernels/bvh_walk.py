@@ -18,7 +18,7 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
+from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, Walk, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -26,7 +26,7 @@ MARGIN = 8.0
 where a triangle is met so are the boxes that hold it."""
 
 
-class BvhIntersector:
+class BvhIntersector(Walk):
     """The tables of a hierarchy over `triangles` (see `triangle_rows`), and the walk through them.
 
     `together`: rays that run side by side look into the same node. `bound` is for rays that may start from a triangle.
@@ -34,7 +34,6 @@ class BvhIntersector:
 
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
-        self.accept: Accept | None = None
         self.triangles = Triangles(triangles)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.leaves = Triangles(leaves, "leaves", sh.Table(bvh.items, sh.Attrib1i, "items"))

@@ -20,31 +20,17 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
 from raytracer.kernels.triangle import (
-    Accept,
     AheadBound,
-    Hit,
     PlaneView,
     Triangles,
     TriangleTest,
+    Walk,
     farther,
     inverse_of,
     is_ray,
 )
+from raytracer.layered import raster
 from raytracer.layered.cube import LayeredCube
-from raytracer.layered.raster import (
-    COUNTS,
-    FARTHEST,
-    HIGH,
-    INVERSE,
-    LOW,
-    MARGIN,
-    NEAREST,
-    SIZE,
-    SLACK,
-    bits_below,
-    largest_axis,
-    turned,
-)
 from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 
 ROUNDED = 2.0**-8
@@ -61,7 +47,7 @@ OUTSIDE = 2.0**-20
 """How far before the box and behind it the walk begins and ends, as a part of the distance: 16 roundings."""
 
 
-class LayeredIntersector:
+class LayeredIntersector(Walk):
     """The tables of a cube over `triangles` (see `triangle_rows`), and the walk through them.
 
     `bound` is for rays that may start from a triangle.
@@ -71,7 +57,6 @@ class LayeredIntersector:
         cube.check_triangles(triangles)
         self.bound, self.test, self.conservative = bound, cube.hit, cube.conservative
         self.triangles = Triangles(triangles)
-        self.accept: Accept | None = None
         records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
         self.offsets = sh.Table(cube.images.offsets, sh.Attrib1i, "offsets")
@@ -80,18 +65,12 @@ class LayeredIntersector:
         self.left_out = sh.Param(sh.Attrib1i, len(cube.outside), name="left_out")
         self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit, self.accept)
-        self.collect(hit, ray, eye, near, near, any_hit)
-        return hit
-
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` what is met at a distance in [near, hit.l), texels from `begin` on.
 
         A triangle is offered for each of its samples.
         """
-        low, high = self.frame[LOW].xyz, self.frame[HIGH].xyz
+        low, high = self.frame[raster.LOW].xyz, self.frame[raster.HIGH].xyz
         inverse = inverse_of(ray)
         t0, t1 = (low - eye) * inverse, (high - eye) * inverse
         enter = highest(begin, *(lower(t0[k], t1[k]) for k in range(3)))
@@ -101,7 +80,7 @@ class LayeredIntersector:
             begin_at = sh.Attrib1f(enter)
             way = Way(hit, ray, eye, near, begin_at, leave - begin_at)
             test = TESTS[self.test](self, way)
-            major = largest_axis(ray)
+            major = raster.largest_axis(ray)
             with SH_FOR(0, 3) as k:
                 axis = sh.cond(major + k >= 3, major + k - 3, major + k)
                 self.walk(Image(self.frame, way, axis), test, any_hit)
@@ -191,22 +170,24 @@ class Image:
 
     def __init__(self, frame: Any, way: Way, axis: Any) -> None:
         self.way, self.axis = way, axis
-        inverse = frame[INVERSE].xyz
-        self.resolution, self.block, self.blocks = (sh.Attrib1i(frame[COUNTS][k]) for k in range(3))
-        x, y, _ = turned((way.start - frame[LOW].xyz) * inverse, axis)
-        dx, dy, _ = turned(way.ray * inverse, axis)
+        inverse = frame[raster.INVERSE].xyz
+        self.resolution, self.block, self.blocks = (sh.Attrib1i(frame[raster.COUNTS][k]) for k in range(3))
+        x, y, _ = raster.turned((way.start - frame[raster.LOW].xyz) * inverse, axis)
+        dx, dy, _ = raster.turned(way.ray * inverse, axis)
         self.place, self.pace = sh.Attrib2f(x, y), sh.Attrib2f(dx, dy)
-        self.depth, self.deepening = turned(way.start, axis)[2], turned(way.ray, axis)[2]
+        self.depth, self.deepening = raster.turned(way.start, axis)[2], raster.turned(way.ray, axis)[2]
         self.per_depth = sh.clamp(1 / self.deepening, -FAR, FAR)
-        self.slack, self.low, self.high = (turned(frame[k].xyz, axis)[2] for k in (SLACK, NEAREST, FARTHEST))
-        across, down, _ = turned(frame[SIZE].xyz, axis)
+        self.slack, self.low, self.high = (
+            raster.turned(frame[k].xyz, axis)[2] for k in (raster.SLACK, raster.NEAREST, raster.FARTHEST)
+        )
+        across, down, _ = raster.turned(frame[raster.SIZE].xyz, axis)
         self.coarseness = higher((across + down) / 2, self.slack)
         self.moving = self.pace != 0
         self.inverse = 1 / sh.cond(self.moving, self.pace, 1.0)
         self.step = sh.Attrib2i(sh.sign(self.pace))
         self.ahead = sh.max(self.step, 0)
-        self.low_end, per_slice = (turned(frame[k].xyz, axis)[2] for k in (LOW, INVERSE))
-        self.slices = per_slice * frame[COUNTS].w
+        self.low_end, per_slice = (raster.turned(frame[k].xyz, axis)[2] for k in (raster.LOW, raster.INVERSE))
+        self.slices = per_slice * frame[raster.COUNTS].w
         # Where the ray goes through the depths of the image's samples.
         ends = [(depth - self.depth) * self.per_depth for depth in (self.low - self.slack, self.high + self.slack)]
         self.first = sh.Attrib1f(higher(lower(*ends), 0.0))
@@ -233,7 +214,8 @@ class Image:
         """Return whether the ray comes near to samples of a block, as its coarse level says, between two distances."""
         near, far = self.depths(begin, end)
         first, last = ((depth - self.low_end) * self.slices for depth in (near, far))
-        crossed = bits_below(sh.Attrib1i(last + ROUNDED) + 1) & ~bits_below(sh.Attrib1i(sh.floor(first - ROUNDED)))
+        up_to = raster.bits_below(sh.Attrib1i(last + ROUNDED) + 1)
+        crossed = up_to & ~raster.bits_below(sh.Attrib1i(sh.floor(first - ROUNDED)))
         found = crossed & block.zw
         low, high = sh.float_from_bits(block.x), sh.float_from_bits(block.y)
         return (near <= high) & (far >= low) & ((found.x | found.y) != 0)
@@ -323,9 +305,9 @@ class DepthTest:
     def weights(self, number: Any, t: Any) -> tuple[Any, Any, Any]:
         """Return the weights of corners 1 and 2, and of all, at the ray's point moved in its image into a triangle."""
         rows = self.triangles[number]
-        axis = largest_axis(sh.Vector3f(*(row.w for row in rows)))
+        axis = raster.largest_axis(sh.Vector3f(*(row.w for row in rows)))
         point = self.way.eye + t * self.way.ray
-        (ax, ay, _), (bx, by, _), (cx, cy, _) = (turned(row.xyz - point, axis) for row in rows)
+        (ax, ay, _), (bx, by, _), (cx, cy, _) = (raster.turned(row.xyz - point, axis) for row in rows)
         weights = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
         side = sh.cond(weights[0] + weights[1] + weights[2] < 0, -1.0, 1.0)
         a, b, c = (higher(side * weight, 0.0) for weight in weights)
@@ -342,7 +324,7 @@ class PlaneTest(DepthTest):
         middle = sh.Attrib2f(texels.cell) + 0.5
         s = (depth - image.depth + sh.dot(slope, image.place - middle)) / (image.deepening - sh.dot(slope, image.pace))
         beside = abs(image.at(s) - middle)
-        met = (beside.x <= 0.5 + MARGIN) & (beside.y <= 0.5 + MARGIN)
+        met = (beside.x <= 0.5 + raster.MARGIN) & (beside.y <= 0.5 + raster.MARGIN)
         self.offer(image, met, s, sh.Attrib1i(sample.w))
 
 

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, highest
 from raytracer.kernels.hits import HitCount, HitList
-from raytracer.kernels.triangle import REACH
-from raytracer.kernels.walk import Walk
+from raytracer.kernels.triangle import REACH, Walk
 
 SHORTEST, LONGEST = 2.0**-60, 2.0**60
 """Largest components of directions with which no number of a kernel leaves the range of f32."""

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, cast
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
-from raytracer.kernels.intersector import GridIntersector, is_over
+from raytracer.kernels.grid_walk import GridIntersector, is_over
 from raytracer.kernels.tracer import Path, Pixel, Tracer
 from raytracer.kernels.triangle import Hit, TriangleTest, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL

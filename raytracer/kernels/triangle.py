@@ -20,6 +20,7 @@ behind its nearest hit then finds the same hit in whatever order it goes.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -197,6 +198,23 @@ class PlaneView:
     def error_at(self, t: Any) -> Any:
         """Return the distance, in roundings, by which the ray's point at `t` may seem to be off the plane."""
         return self.size + abs(t) * self.pace
+
+
+class Walk(ABC):
+    """The walk that finds a ray's hit among `triangles`, at points that pass the filter `accept`."""
+
+    triangles: Triangles
+    accept: Accept | None = None
+
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        hit = Hit(limit, self.accept)
+        self.collect(hit, ray, eye, near, near, any_hit)
+        return hit
+
+    @abstractmethod
+    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
+        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
 
 
 class TriangleTest:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,9 +15,9 @@ import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
-from raytracer.kernels.intersector import GridIntersector
+from raytracer.kernels.grid_walk import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
-from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles
+from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.scene.layout import Layout
@@ -29,21 +29,6 @@ TOGETHER = frozenset({"opencl"})
 """Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
 MANY = 6000
 """Triangles from which on scattered rays walk faster alone; measured: it is between 2,400 and 10,000."""
-
-
-class Walk(Protocol):
-    """The walk that finds a ray's hit among `triangles`, at points that pass the filter `accept`."""
-
-    triangles: Triangles
-    accept: Accept | None
-
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        ...
-
-    def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
-        """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
-        ...
 
 
 @dataclass

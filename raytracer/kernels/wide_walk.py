@@ -23,12 +23,11 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, WIDTH, widen
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
-    Accept,
     AheadBound,
-    Hit,
     PlaneView,
     Sight,
     Triangles,
+    Walk,
     farther,
     inverse_of,
     is_ray,
@@ -50,7 +49,7 @@ LEAST = 2.0**-126
 """Farther than 0 by more than a tag adds to a key."""
 
 
-class WideIntersector:
+class WideIntersector(Walk):
     """The table of the wide form of a hierarchy over `triangles` (see `triangle_rows`), and the walk.
 
     It works at f32, on ranges that begin at 0 or beyond. `bound` is for rays that may start from a triangle.
@@ -58,7 +57,6 @@ class WideIntersector:
 
     def __init__(self, bvh: Bvh, triangles: NDArray[Any], bound: AheadBound | None = None) -> None:
         self.bound = bound
-        self.accept: Accept | None = None
         wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
         self.triangles = Triangles(triangles)
         self.last = max(RECORDS, 1 << (len(wide.records) - 1).bit_length()) - 1
@@ -68,12 +66,6 @@ class WideIntersector:
         self.records = sh.Table(records, sh.Attrib4u, "records")
         self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
-
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit, self.accept)
-        self.collect(hit, ray, eye, near, near, any_hit)
-        return hit
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -100,7 +101,7 @@ class GltfScene:
                 raise SceneError(f"it names light {number}, and there are {len(given)}")
             found += [made for made in [self._light(given[number], node.matrix, middle)] if made]
         most = float(sum((color for _, color in found), np.zeros(3)).max())
-        return [_colored(light, color / most) for light, color in found] if most > 0 else []
+        return [replace(light, color=_triple(color / most)) for light, color in found] if most > 0 else []
 
     def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, Matrix] | None:
         """Return a light, and how bright it is at `middle`."""
@@ -242,12 +243,6 @@ def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
     ahead = ahead / (np.linalg.norm(ahead) or 1)
     distance = float(np.linalg.norm(middle - place)) or 1.0
     return Camera(_triple(place), _triple(place + distance * ahead), _triple(matrix[:3, 1]), math.degrees(angle))
-
-
-def _colored(light: PlacedLight, color: Matrix) -> PlacedLight:
-    if isinstance(light, PointLight):
-        return PointLight(light.position, _triple(color))
-    return DirectionalLight(light.direction, _triple(color))
 
 
 def _triple(values: Matrix) -> Triple:

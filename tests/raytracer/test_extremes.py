@@ -12,7 +12,7 @@ import shpy as sh
 from raytracer import Intersector, Mesh, PointLight, Scene, render
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
-from raytracer.kernels.cells import CellBox, CellWalk
+from raytracer.kernels.grid_walk import CellBox, CellWalk
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.triangle import Hit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through

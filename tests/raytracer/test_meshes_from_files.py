@@ -14,7 +14,7 @@ from raytracer.accel.grid import build_grid
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
-from raytracer.kernels.intersector import GridIntersector
+from raytracer.kernels.grid_walk import GridIntersector
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import knot
 from raytracer.scene.layout import Layout

@@ -2,7 +2,11 @@
 
 Stage: kernel. The `intersector` of Moreno-Fortuny and McCool with its two loops in one: an iteration either tries one
 triangle or goes on to the next cell (3D-DDA, Amanatides and Woo 1987), so that rays that run side by side wait for
-each other once a ray and not once a cell. As printed, the intersector writes `hit = 1 < INF` for `l < INF`; a hit is
+each other once a ray and not once a cell. The crossings with a cell's far sides are computed anew from the integer
+cell: nothing is added up, so nothing drifts. Each step goes on by one cell along at least one axis and never back, so
+there are no more steps than the grid has cells along its three sides.
+
+As printed, the intersector writes `hit = 1 < INF` for `l < INF`; a hit is
 taken here when no cell follows that is entered before it or with it. A triangle outside of the grid may be met at the
 same distance as one inside: the walk goes on to the part `REACH` behind its nearest hit, as that through the hierarchy.
 """
@@ -11,30 +15,70 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import shpy as sh
+from raytracer.accel.bounds import FAR
 from raytracer.accel.grid import Grid
-from raytracer.kernels.cells import CellBox, CellWalk
-from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, TriangleTest, farther, is_ray
+from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, Walk, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
-class GridIntersector:
+class CellBox:
+    """The uniforms of a grid: `shape` (x, y, z) cells of `size` (3,) from the corner `low` (3,)."""
+
+    def __init__(self, low: NDArray[Any], size: NDArray[Any], shape: tuple[int, ...]) -> None:
+        # In f32 here as in the kernel, so that the far side of the last cell is the far side of the box to the bit.
+        corner, cell = low.astype(np.float32), size.astype(np.float32)
+        self.low = sh.Param(sh.Point3f, corner, name="grid_low")
+        self.high = sh.Param(sh.Point3f, corner + np.array(shape, np.float32) * cell, name="grid_high")
+        self.size = sh.Param(sh.Vector3f, cell, name="cell_size")
+        self.last = sh.Param(sh.Attrib3i, np.array(shape) - 1, name="last_cell")
+
+
+class CellWalk:
+    """The place of a ray: in cell `voxel` (x, y, z) from the distance `t` on; at `far` it has left the grid.
+
+    A ray that misses the grid begins with t >= far, and so does one that is NaN: it is nowhere.
+    """
+
+    def __init__(self, box: CellBox, ray: Any, eye: Any, near: Any) -> None:
+        self.low, self.size, self.eye = box.low, box.size, eye
+        self.moving = ray != 0
+        self.inverse = 1 / sh.cond(self.moving, ray, 1.0)
+        self.step = sh.Attrib3i(sh.sign(ray))
+        self.ahead = sh.max(self.step, 0)
+        # The scene box, side by side; a ray along a side is inside or misses.
+        t0 = (self.low - eye) * self.inverse
+        t1 = (box.high - eye) * self.inverse
+        between = (eye >= self.low) & (eye <= box.high)
+        enter = sh.cond(self.moving, sh.min(t0, t1), sh.cond(between, sh.Attrib3f(-FAR), sh.Attrib3f(FAR)))
+        leave = sh.cond(self.moving, sh.max(t0, t1), FAR)
+        t_exit = sh.max(near, enter.x, enter.y, enter.z)
+        self.far = sh.min(leave.x, leave.y, leave.z)
+        inter = eye + t_exit * ray
+        voxel = sh.clamp(sh.Attrib3i((inter - self.low) / self.size), 0, box.last)
+        self.t, self.voxel = t_exit, voxel
+
+    def advance(self) -> None:
+        """Go on to the next cell, or to several at once where they meet."""
+        corner = self.low + sh.Vector3f(self.voxel + self.ahead) * self.size
+        crossing = sh.cond(self.moving, (corner - self.eye) * self.inverse, FAR)
+        self.t[:] = sh.min(crossing.x, crossing.y, crossing.z)
+        self.voxel += sh.cond(crossing <= self.t, self.step, 0)
+
+
+class GridIntersector(Walk):
     """The tables of a grid over `triangles` (see `triangle_rows`), and the walk through them."""
 
     def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
         self.bound = bound
-        self.accept: Accept | None = None
         self.triangles = Triangles(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
         self.outside = sh.Param(sh.Attrib1i, grid.outside, name="outside")
         self.box = CellBox(grid.low, grid.cell, grid.shape)
-
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
-        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit, self.accept)
-        self.collect(hit, ray, eye, near, near, any_hit)
-        return hit
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), cells from `begin` on.
