@@ -1,8 +1,10 @@
 """A ray tracer written once in shpy, running on every target.
 
-from raytracer import Path, Scene, render
-render(Scene.builtin("mixed"), size=(512, 512), backend="opencl").save("mixed.png")
-render(Scene.builtin("cornell"), integrator=Path(samples=256)).save("cornell.png")
+An integrator renders a scene on a backend:
+
+    from raytracer import Path, Scene, render
+    render(Scene.builtin("mixed"), size=(512, 512), backend="opencl").save("mixed.png")
+    render(Scene.builtin("cornell"), integrator=Path(samples=256)).save("cornell.png")
 """
 
 import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m raytracer` imports the rest
