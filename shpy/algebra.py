@@ -31,7 +31,7 @@ _Part = tuple[str | None, Layout]
 
 
 def _parts(layout: Layout) -> list[_Part]:
-    """The outputs one by one, with their names where they have any."""
+    """Return the outputs one by one, with their names where they have any."""
     if isinstance(layout, Group) and layout.form in ("tuple", "list"):
         return [(None, part) for part in layout.parts]
     if isinstance(layout, Group) and layout.form in ("namedtuple", "dict"):
@@ -53,7 +53,7 @@ def _named_parts(layout: Layout) -> list[_Part]:
 
 
 def _taken_apart(layout: Layout, result: Any) -> list[Any]:
-    """The values of `_named_parts`."""
+    """Return the values of `_named_parts`."""
     if isinstance(layout, Group) and layout.form == "struct":
         return [getattr(result, name) for name in layout.names]
     return _values(layout, result)
@@ -84,7 +84,7 @@ def _again(
 
 
 def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """The defaults of the inputs that go on under these names."""
+    """Return the defaults of the inputs that go on under these names."""
     return {names[n]: default for n, default in defaults.items() if n in names}
 
 
@@ -191,7 +191,7 @@ def _check_one_reading(
 
 
 def _leaf_types(layout: InputType) -> list[Any]:
-    """The types of the parts in the IR, which knows no kinds."""
+    """Return the types of the parts in the IR, which knows no kinds."""
     return [] if isinstance(layout, TableType | TextureType) else [cls.type for _, _, cls in leaves(layout, "")]
 
 
@@ -256,7 +256,7 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
 
 
 def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
-    """Inputs and named outputs under other names; outputs with new names become a NamedTuple."""
+    """Rename inputs and named outputs; outputs with new names become a NamedTuple."""
     parts = _named_parts(p.output)
     outputs = [name for name, _ in parts if name is not None]
     _known(p, names, [*p.inputs, *outputs], "input or output")
@@ -286,7 +286,7 @@ def _known(p: Recorded, given: Mapping[str, Any], known: list[str], what: str) -
 
 
 def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
-    """Inputs given as uniforms."""
+    """Give inputs as uniforms."""
     _known(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
     types = {n: t for n, t in p.inputs.items() if n not in fixed}
@@ -307,7 +307,7 @@ def _uniform(name: str, type_: InputType, value: Any) -> Any:
 
 
 def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
-    """Inputs and params as constants, folded."""
+    """Fold inputs and params, given as constants."""
     uniforms = {**p.params, **listed(p.params)}
     _known(p, values, [*p.inputs, *uniforms], "input or param")
     types = {n: t for n, t in p.inputs.items() if n not in values}
@@ -336,7 +336,7 @@ def _constant(type_: InputType, name: str, value: Any) -> Any:
 
 
 def recorded_from(module: Module) -> Recorded:
-    """What the host must know to run a module; its tables become inputs."""
+    """Return the data with which the host runs a module; its tables become inputs."""
     inputs: dict[str, InputType] = {}
     tree = _tree(module.inputs)
     inputs.update(tree)
@@ -353,7 +353,7 @@ def recorded_from(module: Module) -> Recorded:
 
 
 def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
-    """The layouts that dotted and indexed names of ports stand for."""
+    """Return the layouts that dotted and indexed names of ports stand for."""
     found: dict[str, Layout] = {}
     for head, group in groupby(ports, key=lambda port: port.name.partition(".")[0].partition("[")[0]):
         members = list(group)
@@ -371,13 +371,13 @@ def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
 
 
 def _tuple_class(name: str, names: tuple[str, ...]) -> Any:
-    """A class for parts of these names. Any text is a name in the IR; what Python cannot call so is numbered."""
+    """Return a class for parts of these names. Any text is a name in the IR; what Python cannot call so is numbered."""
     make: Any = namedtuple
     return make(name if name.isidentifier() and not iskeyword(name) else "Parts", names, rename=True)
 
 
 def _class_named(kind: str, base: Any = None, size: int | None = None) -> Any:
-    """The class of the language called `kind`; Attrib where only the type is known."""
+    """Return the class of the language called `kind`; Attrib where only the type is known."""
     for cls in CLASSES.values():
         if cls.__name__ == kind:
             return cls

@@ -50,7 +50,7 @@ class Choice:
         return self.picked()(*args, **named)
 
     def picked(self) -> Callable[..., Any]:
-        """The alternative that a recording takes now."""
+        """Return the alternative that a recording takes now."""
         picking = _picking.get()
         if picking is None:
             return next(iter(self.alternatives.values()))
@@ -87,7 +87,7 @@ def _picks(picks: Mapping[str, str]) -> Iterator[_Picking]:
 
 
 def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Program, dict[str, Choice]]:
-    """The program with these picks, and every choice that it meets."""
+    """Return the program with these picks, and every choice that it meets."""
     with _picks(picks) as picking:
         if isinstance(program, Choice):
             made: Any = program.picked()
@@ -100,7 +100,7 @@ def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Prog
 
 
 def with_picks(program: Program | Choice, picks: Mapping[str, str]) -> Program:
-    """The program recorded anew with these alternatives, by the names of their choices."""
+    """Return the program recorded anew with these alternatives, by the names of their choices."""
     return _recorded(program, picks)[0]
 
 

@@ -126,7 +126,7 @@ def diff(options: argparse.Namespace) -> int:
 
 
 def _read(path: Path) -> str:
-    """The text of a file, or of standard input; ShpyError for one that is too long, or has no end as some devices."""
+    """Return the text of a file or of standard input; ShpyError for a text that is too long, or endless."""
     with nullcontext(sys.stdin) if str(path) == "-" else path.open() as file:
         text = file.read(_LONGEST + 1)
     if len(text) > _LONGEST:

@@ -82,7 +82,7 @@ def _termination_raised() -> Iterator[None]:
 
 
 def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]:
-    """A function of how much is done and of how much: it prints a line to standard error every few seconds.
+    """Return a function of how much is done and of how much: it prints a line to standard error every few seconds.
 
     Work that takes less than `every` seconds prints nothing.
     """

@@ -14,7 +14,7 @@ _WORD, _LINE = 80, 1000
 
 
 def shorten(text: str) -> str:
-    """The text for a message: words above 240 characters are cut to 80, lines to 1,000, whatever names it quotes."""
+    """Shorten a text for a message: words above 240 characters are cut to 80, lines to 1,000."""
     text = _LONG_WORD.sub(lambda word: f"{word[0][: _WORD - 20]}…{word[0][-20:]}", text)
     if len(text) <= _LINE:
         return text

@@ -30,7 +30,7 @@ _STALE: Final = 24 * 3600.0
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new empty file beside `path`, with its ending, which takes the place of `path` unless the block raises.
+    """Yield a new empty file beside `path`, with its ending, that replaces `path` unless the block raises.
 
     Where `path` is a link, the file that it leads to is replaced and the link stays. A file that is replaced keeps its
     mode. The name of the new file is no other process's or thread's, and it was no link when it was made. Unfinished

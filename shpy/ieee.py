@@ -85,7 +85,7 @@ def in_ieee_arithmetic(function: Callable[P, T]) -> Callable[P, T]:
 
 @cache
 def _library() -> Any:
-    """The C library; its functions keep the interpreter's lock, since to give that up takes longer than they do."""
+    """Return the C library; its calls keep the interpreter's lock, which takes longer to release than they take."""
     if sys.platform != "linux":
         return None
     try:

@@ -21,7 +21,7 @@ _ATTEMPTS: Final = 20
 
 
 def parse(text: str, mode: str = "exec") -> Any:
-    """The tree of a text: ast.Module, or ast.Expression for the mode "eval". Raises what `ast.parse` raises."""
+    """Return the tree of a text: ast.Module, or ast.Expression for the mode "eval". Raises what `ast.parse` raises."""
     with _LOCK:
         for _ in range(_ATTEMPTS - 1):
             try:

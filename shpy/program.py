@@ -241,15 +241,15 @@ class Program(OfOneProcess, Generic[_P, _R]):
         return Program(algebra.beside(self._recorded, other._recorded, share=True))
 
     def rename(self, **names: str) -> Program:
-        """Inputs and named outputs under other names: `rename(old="new")`."""
+        """Rename inputs and named outputs: `rename(old="new")`."""
         return Program(algebra.renamed(self._recorded, names))
 
     def bind(self, **values: Any) -> Program:
-        """Inputs given once and for all: a number becomes a uniform; a Param or Table is used as it is."""
+        """Give inputs once and for all: a number becomes a uniform; a Param or Table is used as it is."""
         return Program(algebra.bound(self._recorded, values))
 
     def specialize(self, **values: Any) -> Program:
-        """Inputs or params that become constants, folded into the program."""
+        """Make inputs or params constants, which are folded into the program."""
         return Program(algebra.specialized(self._recorded, values))
 
     def __repr__(self) -> str:
@@ -292,7 +292,7 @@ class Method(PerInstance):
     """A program that is a method: `instance.shade` is a Program, recorded when it is first asked for."""
 
     def record_for(self, instance: Any) -> Program:
-        """The program of the method bound to this instance."""
+        """Return the program of the method bound to this instance."""
         made = Program(record(MethodType(self.function, instance)))
         # Not the bound method, which would keep the instance alive.
         functools.update_wrapper(made, self.function, updated=())
@@ -300,7 +300,7 @@ class Method(PerInstance):
 
 
 def parse(text: str) -> Module:
-    """The module that IR text describes, checked; raises ParseError or VerifyError. Loading executes nothing."""
+    """Return the module that IR text describes, checked; raises ParseError or VerifyError. Loading executes nothing."""
     from shpy.ir.parser import parse as parse_text  # here: lark takes long to import, and few programs read texts
 
     module = parse_text(text)

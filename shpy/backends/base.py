@@ -335,4 +335,4 @@ class Backend(Protocol):
         """Prepare, print and build; raises CompileError naming the user's line."""
 
     def space(self, device: int | None) -> Space:
-        """The memory of a device, the same object for the same device; BackendUnavailable where there is none."""
+        """Return a device's memory, one object for each device; BackendUnavailable where there is no device."""

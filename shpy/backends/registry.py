@@ -54,7 +54,7 @@ def backends() -> list[BackendInfo]:
 
 
 def default_backend(name: str | None = None) -> str:
-    """The default backend's name; with `name`, make that the default.
+    """Return the default backend's name; with `name`, make that the default.
 
     Without a choice it is what the environment variable SHPY_BACKEND says, else numpy. Raises BackendUnavailable for a
     name without a backend, and where the chosen backend is not installed.

@@ -83,7 +83,7 @@ def describe(module: Module, backend: str) -> str:
 
 
 def _called(statement: Stmt) -> str | None:
-    """The function that a statement calls."""
+    """Return the function that a statement calls."""
     match statement:
         case Call(name) | Let(_, "call", _, str(name)):
             return name

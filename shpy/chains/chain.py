@@ -98,7 +98,7 @@ class Chain(OfOneProcess, ABC):
         return Run(self, streams, shape, backend, device, precision).result()
 
     def where(self, condition: str | Program) -> Chain:
-        """The chain with a condition on the elements of each kernel."""
+        """Return the chain with a condition on the elements of each kernel."""
         return self._with(_guarded(self.members, condition))
 
     @abstractmethod
@@ -107,7 +107,7 @@ class Chain(OfOneProcess, ABC):
 
     @abstractmethod
     def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
-        """This chain with other members."""
+        """Return this chain with other members."""
 
     def _check_types(self) -> None:
         """Raise ShpyTypeError where two kernels give the stream of one name different types."""

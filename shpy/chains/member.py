@@ -107,7 +107,7 @@ class Member:
         return any(isinstance(s, Discard) for f in functions for s in walk(f.body))
 
     def where(self, condition: str | Program) -> Member:
-        """The member for the elements for which a stream or a program of the element holds."""
+        """Return the member for the elements for which a stream or a program of the element holds."""
         recorded = self.recorded
         if isinstance(condition, str):
             _check_shared(recorded, condition, Leaf(MASK), f'where="{condition}"')
@@ -124,7 +124,7 @@ class Member:
         return replace(self, kernel=kernel)
 
     def compiled(self, place: Place) -> Kernel:
-        """The kernel for a device; ShpyTypeError for a kernel of another one."""
+        """Return the kernel for a device; ShpyTypeError for a kernel of another one."""
         if isinstance(self.kernel, Program):
             return self.kernel.compile_at(place)
         if self.kernel.place != place:
@@ -137,7 +137,7 @@ class Member:
 
 
 def _outputs(recorded: Recorded) -> tuple[tuple[str, Layout], ...]:
-    """The name and the layout of the stream that each output replaces."""
+    """Return the name and the layout of the stream that each output replaces."""
     layout = recorded.output
     form = layout.form if isinstance(layout, Group) else None
     if isinstance(layout, Group) and form == "dict":
@@ -161,14 +161,14 @@ def _outputs(recorded: Recorded) -> tuple[tuple[str, Layout], ...]:
 
 
 def _fitting(recorded: Recorded, layout: Layout) -> list[str]:
-    """The inputs whose elements have the type of the output: with the same kinds if there are some."""
+    """Return the inputs whose elements have the type of the output: with the same kinds if there are some."""
     elements = {name: element_layout(type_) for name, type_ in recorded.inputs.items()}
     same = [name for name, element in elements.items() if element == layout]
     return same or [name for name, element in elements.items() if alike(element, layout)]
 
 
 def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
-    """A stream has a type: an output made of several values needs a struct."""
+    """Raise ShpyTypeError for an output without a type of a stream: several values need a struct."""
     known = isinstance(layout, Leaf | Rows) or (layout.form in ("struct", "namedtuple"))
     if not known:
         raise ShpyTypeError(

@@ -26,7 +26,7 @@ COUNT = CLASSES["Attrib", 1, Base.I]
 
 
 def merge_of(types: Sequence[type[Value]], stops: bool) -> Program:
-    """The program from status, new and old elements of these types to the elements that stay, in this order of inputs.
+    """Return the program from status, new and old elements of these types, in this order, to those that stay.
 
     Its last inputs and outputs are the number of times that the element was written and, if a loop may stop elements,
     the status of the first execution in which one did, or 0.

@@ -145,7 +145,7 @@ class Run:
             self.current[name] = self._uploaded(name, layout, value)
 
     def _uploaded(self, name: str, layout: Any, value: Any) -> Stream:
-        """A stream of an array, of a number (one element), or of streams for the fields of a struct."""
+        """Return a stream of an array, of a number (one element), or of streams for the fields of a struct."""
         dtypes = host.dtypes_at(self.place.precision)
         found = host.inputs({name: layout}, {name: value}, dtypes)
         shape = host.common_shape(found, None)
@@ -266,7 +266,7 @@ class Run:
             plan.held.append(call)
 
     def _memories(self, key: Any, layout: Layout) -> list[Memory]:
-        """The memories of a stream before a kernel runs: one zero for all elements if there is no stream yet."""
+        """Return the memories of a stream before a kernel runs: one zero for all elements if there is no stream yet."""
         stream = self.current.get(key)
         if stream is not None:
             return [entry.memory for entry in stream.leaf_entries()]
@@ -275,7 +275,7 @@ class Run:
         return [entry.memory for entry in zero.leaf_entries()]
 
     def _target(self, key: Any, layout: Layout, shape: Shape, member: Member | None) -> Stream:
-        """The stream that a kernel or, for None, a merge writes: where the elements lie now, or beside it."""
+        """Return the stream that a kernel or, for None, a merge writes: where the elements lie now, or beside it."""
         space, now = self.place.space, self.current.get(key)
         if now is not None and now.size != 1 and now.shape != shape:
             raise ShpyTypeError(
@@ -314,7 +314,7 @@ class Run:
         return stream
 
     def _shape_of(self, member: Member) -> Shape:
-        """The shape of a run: that of the streams it reads by element, of those it replaces, or what `run` was told."""
+        """Return the shape of a run: of the streams it reads by element, of those it replaces, or `shape=` of `run`."""
         read = {n: self.current[n].shape for n, t in member.inputs.items() if not is_gathered(t) and n in self.current}
         written = {name: self.current[name].shape for name, _ in member.outputs if name in self.current}
         for found in (read, written):
@@ -354,7 +354,7 @@ class Run:
         return found
 
     def so_far(self) -> ChainResult:
-        """The streams as they are now, and the counts."""
+        """Return the streams as they are now, and the counts."""
         self.flush()
         names = _labels(self._members)
         executions = dict.fromkeys(names.values(), 0)
@@ -382,7 +382,7 @@ def _class_of(layout: Layout) -> Any:
 
 
 def _labels(members: Iterable[Member]) -> dict[Member, str]:
-    """A name for each kernel: that of the program, numbered if programs that differ have the same."""
+    """Return a name for each kernel: that of the program, numbered if programs that differ have the same."""
     taken: dict[str, Any] = {}
     found = {}
     for member in members:

@@ -21,7 +21,7 @@ Shape = tuple[int, ...]
 
 
 def check_stream(value: Any, name: str) -> Stream:
-    """The stream; ShpyTypeError for anything else."""
+    """Return the stream; ShpyTypeError for anything else."""
     if not isinstance(value, Stream):
         raise ShpyTypeError(
             f"{name} takes a Stream, not {type(value).__name__}", loc=here(), cure="sh.Stream(array, type)"
@@ -40,7 +40,7 @@ def check_place(stream: Stream, place: Place, name: str) -> None:
 
 
 def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
-    """The memory and shape of indices: a stream of one int an element, or a host array of ints."""
+    """Return the memory and shape of indices: a stream of one int an element, or a host array of ints."""
     if isinstance(index, Stream):
         check_place(index, place, name)
         if index.type.__name__ not in ("Attrib1i", "Attrib1u"):
@@ -59,7 +59,7 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
 
 
 def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
-    """The memory of a mask of a shape: a stream of one bool an element, or a host array of bools."""
+    """Return the memory of a mask of a shape: a stream of one bool an element, or a host array of bools."""
     if not isinstance(mask, Stream):
         array = np.asarray(mask)
         if array.dtype != np.bool_:
@@ -77,5 +77,5 @@ def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
 
 
 def shaped(stream: Stream, memories: list[Memory], shape: Shape) -> Stream:
-    """A stream of the type and place of another one."""
+    """Return a stream of the type and place of another one."""
     return Stream.over(stream.type, shape, stream.place, memories)

@@ -113,7 +113,7 @@ def _checked_count(bins: int | np.integer[Any]) -> int:
 
 
 def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
-    """The edges that numpy would take."""
+    """Return the edges that numpy would take."""
     if isinstance(bins, int | np.integer):
         count = _checked_count(bins)
         try:
@@ -133,7 +133,7 @@ def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
 
 
 def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The least number of a dtype that is in or above each bin, as far as there are any, and the largest in the last.
+    """Return the least number of a dtype in or above each bin, where there is any, and the largest in the last.
 
     Compared with these, numbers of the dtype fall into the same bins as with the edges themselves.
     """
@@ -161,7 +161,7 @@ def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 @cache
 def _locating(element: Any, edge: Any, equal: bool) -> Program:
-    """The number of the bin in which an element lies, or -1; `equal` if bins have equal widths."""
+    """Return the number of the bin in which an element lies, or -1; `equal` if bins have equal widths."""
 
     def among(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
         key = x if x.base is edge.base else mapped(x)

@@ -42,7 +42,7 @@ class Leaves:
         self._own = place.space.collectives if own is None else own
 
     def select(self, mask: Memory) -> Memory:
-        """The indices of the elements that are true, in ascending order."""
+        """Return the indices of the elements that are true, in ascending order."""
         if not mask.count:
             return self._ints(0)
         if self._own.select is not None:
@@ -62,7 +62,7 @@ class Leaves:
         return _memory(cell)
 
     def take(self, source: Memory, index: Memory) -> Memory:
-        """The element of a scalar or vector leaf at each index, the nearest where it is out of range."""
+        """Return the element of a scalar or vector leaf at each index, the nearest where it is out of range."""
         if not index.count:
             return self._place.space.allocate(0, source.type, source.dtype)
         if self._own.take is not None:
@@ -87,14 +87,14 @@ class Leaves:
         return _memory(self._run(made, target.count, old=old, keys=keys, order=order, given=given))
 
     def sort(self, keys: Memory, descending: bool) -> Memory:
-        """The elements in order."""
+        """Return the elements in order."""
         if keys.count and self._own.sort is not None:
             return self._own.sort(keys, descending)  # type: ignore[no-any-return]
         now, order = self._in_order(keys, descending)
         return _memory(now) if now.type.base is keys.type.base else self.take(keys, _memory(order))
 
     def order(self, keys: Memory, descending: bool, below: int | None = None) -> Memory:
-        """The indices that bring the elements into order, ints being clamped to the range below `below`."""
+        """Return the indices that bring the elements into order, ints being clamped to the range below `below`."""
         if not keys.count:
             return self._ints(0)
         if self._own.order is not None:
@@ -113,7 +113,7 @@ class Leaves:
         return _memory(self._run(_tallying(keys.type), bins, keys=keys))
 
     def _in_order(self, keys: Memory, descending: bool) -> tuple[Stream, Stream]:
-        """The keys in order, and the indices that they had: sorted parts are merged, two at a time.
+        """Return the keys in order, and the indices that they had: sorted parts are merged, two at a time.
 
         Each element searches which one of the two parts it comes from. This takes log2(n) runs, and on llvmpipe a third
         of the time of a bitonic network, which takes log2(n)**2 / 2 runs.
@@ -164,12 +164,12 @@ def _memory(stream: Stream) -> Memory:
 
 
 def over_leaf(place: Place, memory: Memory) -> Stream:
-    """A stream (n,) over the memory of a leaf."""
+    """Return a stream (n,) over the memory of a leaf."""
     return Stream.over(element_class(memory), (memory.count,), place, [memory])
 
 
 def element_class(memory: Memory) -> Any:
-    """The class of a leaf's elements, of the kind Attrib."""
+    """Return the class of a leaf's elements, of the kind Attrib."""
     return CLASSES["Attrib", memory.type.size, memory.type.base]
 
 
@@ -228,7 +228,7 @@ def is_mapped(place: Place, element: Any) -> bool:
 
 
 def mapped(x: Any) -> Any:
-    """The unsigned int by whose order floats of 32 bits are sorted: NaN is the greatest, and -0 and +0 are equal."""
+    """Return the unsigned int that orders floats of 32 bits: NaN is the greatest, and -0 and +0 are equal."""
     bits = bits_from_float(x)
     size = bits & 0x7FFFFFFF
     key = cond(bits > size, ~bits, bits | 0x80000000)

@@ -92,7 +92,7 @@ def _mean(stream: Stream, axis: int | None) -> Any:
 
 
 def _exact(stream: Stream, axis: int | None, size: int) -> Any:
-    """The exact sum, which the host finishes: integers of any size are its own."""
+    """Return the exact sum, which the host finishes: integers of any size are its own."""
     rows = _rows(stream, axis)
     shape = (1, *rows.shape, 1) if axis is None else rows.shape
     before, _, after = shape
@@ -109,7 +109,7 @@ def _exact(stream: Stream, axis: int | None, size: int) -> Any:
 
 
 def _sums_on_device(rows: Stream) -> NDArray[Any]:
-    """The words of the exact sums of blocks along the middle axis."""
+    """Return the words of the exact sums of blocks along the middle axis."""
     axis = len(rows.shape) // 2
     shape = (*rows.shape[:axis], -(-rows.shape[axis] // BLOCK), *rows.shape[axis + 1 :])
     data = Table(retyped(rows, Attrib1f, rows.shape))
@@ -154,7 +154,7 @@ bind_reductions(
 
 
 def _element(stream: Stream, name: str) -> tuple[int, Base]:
-    """The size and the base of an element that is a scalar or a vector."""
+    """Return the size and the base of an element that is a scalar or a vector."""
     layout = layout_of(stream.type, "an element")
     if not isinstance(layout, Leaf):
         raise ShpyTypeError(
@@ -170,7 +170,7 @@ def _same_kind(stream: Stream, base: Base) -> Any:
 
 
 def _rows(stream: Stream, axis: Any, element: Any = None) -> Stream:
-    """The stream as (n,), or as (a, n, b) with the elements along the axis in the middle."""
+    """Return the stream as (n,), or as (a, n, b) with the elements along the axis in the middle."""
     type_ = stream.type if element is None else element
     if axis is None:
         return retyped(stream, type_, (stream.size,))
@@ -186,7 +186,7 @@ def _rows(stream: Stream, axis: Any, element: Any = None) -> Stream:
 
 
 def _left(stream: Stream, axis: int | None) -> tuple[int, ...]:
-    """The shape of the result."""
+    """Return the shape of the result."""
     if axis is None:
         return ()
     k = axis % len(stream.shape)
@@ -238,7 +238,7 @@ def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:
 
 
 def _result(found: Stream, stream: Stream, axis: int | None, made: Any) -> Any:
-    """The result on the host for all elements, and a stream along an axis, which shares no memory with the input."""
+    """Return the host's result for all elements, or a stream along an axis that shares no memory with the input."""
     result = retyped(found, made, _left(stream, axis))
     if axis is None:
         return result[()]

@@ -75,7 +75,7 @@ def _checked_below(below: int | None, keys: Memory) -> int | None:
 
 
 def _keys(stream: Stream, key: Program | None, name: str) -> Memory:
-    """The memory of the keys."""
+    """Return the memory of the keys."""
     found = stream if key is None else _computed(stream, key, name)
     entries = found.leaf_entries()
     if len(entries) != 1 or entries[0].memory.type.size != 1:
@@ -89,7 +89,7 @@ def _keys(stream: Stream, key: Program | None, name: str) -> Memory:
 
 
 def _computed(stream: Stream, key: Any, name: str) -> Any:
-    """The key of each element; ShpyTypeError for what is no program of an element that gives a scalar."""
+    """Return the key of each element; ShpyTypeError for what is no program of an element that gives a scalar."""
     wanted = f"@sh.program of one sh.{stream.type.__name__} that gives one number"
     if not isinstance(key, Program):
         raise ShpyTypeError(f"sh.{name} takes a program as key, not {type(key).__name__}", loc=here(), cure=wanted)

@@ -85,7 +85,7 @@ class Builder:
     # Values and variables
 
     def value(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Value:
-        """A fresh value that no statement assigns yet."""
+        """Return a fresh value that no statement assigns yet."""
         made = Value(self._next_value, type, name, loc or self.loc)
         self._next_value += 1
         self._types[made.id] = type
@@ -94,7 +94,7 @@ class Builder:
     def variable(
         self, type: Type, length: int | None = None, name: str | None = None, loc: Loc | None = None
     ) -> Variable:
-        """A fresh slot of the function, zero at its start; an array with `length`."""
+        """Return a fresh slot of the function, zero at its start; an array with `length`."""
         made = self._slot(type, length, name, loc)
         self.variables.append(made)
         return made
@@ -126,11 +126,11 @@ class Builder:
         return made
 
     def type_of(self, value: Operand) -> Type:
-        """The type of a value of this function; KeyError for one it does not know."""
+        """Return the type of a value of this function; KeyError for one it does not know."""
         return value.type if isinstance(value, Value) else self._types[value]
 
     def slot(self, variable: Slot) -> Variable:
-        """The variable with this id."""
+        """Return the variable with this id."""
         return variable if isinstance(variable, Variable) else self._slots[variable]
 
     # Statements
@@ -164,13 +164,13 @@ class Builder:
     def const(
         self, type: Type, components: Iterable[float | int | bool], name: str | None = None, loc: Loc | None = None
     ) -> Value:
-        """A constant with these components."""
+        """Return a constant with these components."""
         return self.let("const", type=type, attr=encode(type, components), name=name, loc=loc)
 
     def load(
         self, variable: Slot, index: Operand | None = None, name: str | None = None, loc: Loc | None = None
     ) -> Value:
-        """What the variable holds now; of an array, the element at `index`."""
+        """Return the value of the variable now; of an array, the element at `index`."""
         slot = self.slot(variable)
         args = () if index is None else (index,)
         return self.let("load", *args, type=slot.type, attr=slot.id, name=name, loc=loc)
@@ -178,12 +178,12 @@ class Builder:
     def swizzle(
         self, value: Operand, components: Sequence[int], name: str | None = None, loc: Loc | None = None
     ) -> Value:
-        """The components picked."""
+        """Return the components picked."""
         type = self.type_of(value).sized(len(components))
         return self.let("swizzle", value, type=type, attr=tuple(components), name=name, loc=loc)
 
     def splat(self, value: Operand, size: int, name: str | None = None, loc: Loc | None = None) -> Value:
-        """A vector of `size` equal components; the scalar itself for 1."""
+        """Return a vector of `size` equal components; the scalar itself for 1."""
         if size == 1 and isinstance(value, Value):
             return value
         return self.let("splat", value, type=self.type_of(value).sized(size), name=name, loc=loc)
@@ -241,14 +241,14 @@ class Builder:
 
     @contextmanager
     def when(self, condition: Operand, loc: Loc | None = None) -> Iterator[None]:
-        """An If: the block is its `then`."""
+        """Append an If whose `then` is the block."""
         self.push()
         yield
         self.append(If(_id(condition), self.pop(), (), loc or self.loc))
 
     @contextmanager
     def otherwise(self) -> Iterator[None]:
-        """The `orelse` of the If that was appended last."""
+        """Make the block the `orelse` of the If that was appended last."""
         last = self._regions[-1][-1] if self._regions[-1] else None
         if not isinstance(last, If) or last.orelse:
             raise ValueError("otherwise follows a when")
@@ -259,7 +259,7 @@ class Builder:
 
     @contextmanager
     def loop(self, turns: int | None = None, loc: Loc | None = None) -> Iterator[LoopBuilder]:
-        """A Loop: the block is its body; see `LoopBuilder` for the rest."""
+        """Append a Loop whose body is the block; see `LoopBuilder` for the rest."""
         made = LoopBuilder(self)
         self.push()
         yield made
@@ -268,7 +268,7 @@ class Builder:
         self.append(Loop(body, continuing, made.condition, turns, loc or self.loc))
 
     def finish(self) -> Function:
-        """The function; every pushed region must be closed."""
+        """Return the function; every pushed region must be closed."""
         if len(self._regions) != 1:
             raise ValueError(f"{len(self._regions) - 1} regions are still open")
         return Function(
@@ -292,10 +292,10 @@ class LoopBuilder:
         self.condition: int | None = None
 
     def continuing(self) -> None:
-        """What follows in the block goes into `continuing`."""
+        """Put the statements that follow in the block into `continuing`."""
         self.body = self.builder.pop()
         self.builder.push()
 
     def until(self, condition: Operand) -> None:
-        """The value that is tested after `continuing`."""
+        """Set the value that is tested after `continuing`."""
         self.condition = _id(condition)

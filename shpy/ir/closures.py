@@ -96,7 +96,7 @@ class Compiled:
     body: Step = lambda frame: _NEXT
 
     def frame(self, run: Run) -> Frame:
-        """A fresh frame: variables zero, values not there yet."""
+        """Return a fresh frame: variables zero, values not there yet."""
         frame = self.blank.copy()
         frame[0] = run
         for place, shape, dtype in self.arrays:
@@ -150,7 +150,7 @@ class Compiler:
         return steps[0] if len(steps) == 1 else run
 
     def statement(self, statement: Stmt) -> Step:
-        """The step of one statement."""
+        """Return the step of one statement."""
         match statement:
             case Let():
                 return self.let(statement)
@@ -173,7 +173,7 @@ class Compiler:
 
     @staticmethod
     def end(status: int) -> Step:
-        """A Discard."""
+        """Return a Discard."""
 
         def run(frame: Frame) -> int:
             raise Ended(status)
@@ -182,7 +182,7 @@ class Compiler:
 
     @staticmethod
     def branch(condition: int, then: Step, orelse: Step) -> Step:
-        """An If."""
+        """Return an If."""
         return lambda frame: then(frame) if frame[condition] else orelse(frame)
 
     def loop(self, loop: Loop) -> Step:
@@ -219,7 +219,7 @@ class Compiler:
     # Statements
 
     def let(self, let: Let) -> Step:
-        """A Let."""
+        """Rewrite a Let."""
         place = self.places[let.value.id]
         compute = self.operation(let, [self.places[a] for a in let.args])
         name, loc = let.value.name, let.value.loc
@@ -237,7 +237,7 @@ class Compiler:
         return run_traced
 
     def store(self, store: Store) -> Step:
-        """A Store."""
+        """Rewrite a Store."""
         slot, value = self.slots[store.variable], self.places[store.value]
         picked = None if store.components is None else list(store.components)
         variable = self.variables[store.variable]
@@ -264,7 +264,7 @@ class Compiler:
         return traced
 
     def store_element(self, store: Store, variable: Variable, index: int, picked: list[int] | None) -> Step:
-        """A Store into an array, dropped when the index is out of range."""
+        """Store into an array; the store is dropped when the index is out of range."""
         slot, value, length = self.slots[store.variable], self.places[store.value], variable.length or 0
         name, loc = variable.name if self.traced else None, store.loc
 
@@ -282,7 +282,7 @@ class Compiler:
         return run
 
     def call(self, name: str, args: tuple[int, ...], results: tuple[Value, ...]) -> Step:
-        """References are copied in and out, which is the same, for no variable is passed twice."""
+        """Call a function; references are copied in and out, which is the same since no variable is passed twice."""
         callee = self.functions[name]
         ports = callee.function.inputs
         into: list[tuple[int, int]] = []
@@ -309,7 +309,7 @@ class Compiler:
     # Operations
 
     def operation(self, let: Let, args: list[int]) -> Callable[[Frame], Any]:
-        """What computes the right side of a Let from a frame."""
+        """Return a function that computes the right side of a Let from a frame."""
         type, dtype = let.value.type, self.dtypes[let.value.type.base]
         match let.op, let.attr:
             case "const", tuple(bits):
@@ -352,7 +352,7 @@ class Compiler:
 
     @staticmethod
     def load(variable: Variable, slot: int, args: list[int]) -> Callable[[Frame], Any]:
-        """What computes a load; a vector out of an array is copied, lest a later store change it."""
+        """Return a function that loads; a vector from an array is copied, lest a later store change it."""
         length = variable.length
         if length is None:
             return lambda frame: frame[slot]
@@ -362,7 +362,7 @@ class Compiler:
 
     @staticmethod
     def application(callee: Compiled, args: list[int]) -> Callable[[Frame], Any]:
-        """What applies a pure function."""
+        """Return a function that applies a pure function."""
         places = [callee.places[port.id] for port in callee.function.inputs]
         output = callee.slots[callee.function.outputs[0].id]
 
@@ -428,13 +428,13 @@ def _clamped(index: Any, length: int) -> int:
 
 
 def _element(table: Array, index: Any) -> Any:
-    """The element at `index`, clamped on each axis."""
+    """Return the element at `index`, clamped on each axis."""
     axes = (index,) if index.ndim == 0 else index
     return table[tuple(_clamped(i, extent) for i, extent in zip(axes, table.shape, strict=False))]
 
 
 def _moved(index: tuple[int, ...], offsets: list[Any]) -> Any:
-    """An index that is moved on each axis, and wraps around as ints do; then as the moduli say that may follow."""
+    """Return an index moved on each axis, which wraps around as ints do, and then by the moduli, if any."""
     rank = len(index)
     moved = np.array(index, np.int32) + np.array(offsets[:rank], np.int32)
     return moved if len(offsets) == rank else meaning.floor_mod_int(moved, np.array(offsets[rank:], np.int32))

@@ -27,7 +27,7 @@ class _Pause:
         self.was_on = False
 
     def enter(self) -> None:
-        """The first block turns the collector off."""
+        """Turn the collector off in the first block."""
         with self.lock:
             if not self.threads:
                 self.was_on = gc.isenabled()
@@ -35,7 +35,7 @@ class _Pause:
             self.threads.append(threading.get_ident())
 
     def leave(self) -> None:
-        """The last block leaves the collector as the first one found it."""
+        """Restore the collector's state in the last block."""
         with self.lock:
             self.threads.remove(threading.get_ident())
             self._restore()
@@ -59,7 +59,7 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """The block runs without the collector. The last such block of all threads to end leaves it as it was found."""
+    """Run the block without the collector. The last such block of all threads restores its state."""
     _PAUSE.enter()
     try:
         yield

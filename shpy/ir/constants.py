@@ -35,27 +35,27 @@ _NAN_BITS = 0x7FF8000000000000
 
 
 def float_to_bits(value: float) -> int:
-    """The bits of a binary64; one pattern for every NaN."""
+    """Return the bits of a binary64; one pattern for every NaN."""
     if value != value:
         return _NAN_BITS
     return int.from_bytes(struct.pack("<d", value), "little")
 
 
 def bits_to_float(bits: int) -> float:
-    """The binary64 with these bits."""
+    """Return the binary64 with these bits."""
     value: float = struct.unpack("<d", bits.to_bytes(8, "little"))[0]
     return value
 
 
 def encode(type: Type, components: Iterable[float | int | bool]) -> tuple[int, ...]:
-    """The `attr` of a `const` of `type` with these components."""
+    """Return the `attr` of a `const` of `type` with these components."""
     if type.is_float:
         return tuple(float_to_bits(float(c)) for c in components)
     return tuple(int(c) for c in components)
 
 
 def decode(type: Type, attr: tuple[int, ...]) -> tuple[Any, ...]:
-    """The components of a `const`: floats, ints or bools of Python."""
+    """Return the components of a `const`: floats, ints or bools of Python."""
     if type.is_float:
         return tuple(bits_to_float(c) for c in attr)
     if type.is_bool:
@@ -64,7 +64,7 @@ def decode(type: Type, attr: tuple[int, ...]) -> tuple[Any, ...]:
 
 
 def to_array(type: Type, attr: tuple[int, ...]) -> NDArray[Any]:
-    """The constant as an array of shape () or (size,), rounded to its type's precision."""
+    """Return the constant as an array of shape () or (size,), rounded to its type's precision."""
     with np.errstate(over="ignore", under="ignore"):
         array = np.array(decode(type, attr), dtype=np.float64 if type.is_float else DTYPES[type.base])
         array = array.astype(DTYPES[type.base])
@@ -72,5 +72,5 @@ def to_array(type: Type, attr: tuple[int, ...]) -> NDArray[Any]:
 
 
 def from_array(type: Type, array: NDArray[Any]) -> tuple[int, ...]:
-    """The `attr` of the constant that `array`, of shape () or (size,), holds."""
+    """Return the `attr` of the constant that `array`, of shape () or (size,), holds."""
     return encode(type, np.atleast_1d(array).tolist())

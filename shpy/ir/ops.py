@@ -281,7 +281,7 @@ LANE_OPS: Final = frozenset({"any_lane", "all_lanes"})
 
 @cache
 def result_type(op: str, args: tuple[Type, ...]) -> Type:
-    """The type that a row of the table gives for these argument types; TypeError if it takes no such types."""
+    """Return the type that a row of the table gives for these argument types; TypeError if it takes no such types."""
     row = OPS[op]
     typed = _match(row.takes, args, row.bases)
     if typed is None:

@@ -76,7 +76,7 @@ _MOST, _MOST_IN_LINE = 2**24, 2**20
 
 
 def parse(text: str) -> Module:
-    """The module that the text says; ParseError with line, column and what was expected."""
+    """Return the module that the text says; ParseError with line, column and what was expected."""
     source = text if text.endswith("\n") else text + "\n"
     _check_size(source)
     try:
@@ -106,7 +106,7 @@ def _grammar() -> Lark:
 
 
 def _whole_words(terminal: TerminalDef) -> None:
-    """A keyword ends where the word does, and comes before a name where both may stand."""
+    """Make a keyword end where the word ends, and match before a name where both are possible."""
     word = terminal.pattern.value
     if isinstance(terminal.pattern, PatternStr) and word.isidentifier():
         terminal.pattern = PatternRE(word + _END)
@@ -264,7 +264,7 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return made
 
     def check_names(self) -> None:
-        """A name at a use must be the one that was given where the thing is made."""
+        """Check that each use has the name that its definition gave."""
         for token in self.mentions:
             name, id = self.split(token)
             known = self.named.get((token[0], id))
@@ -358,7 +358,7 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return lambda value: Let(value, op, args or ())
 
     def components(self, type: Type, constant: list[Token]) -> tuple[int, ...]:
-        """The `attr` of a constant, checked against its type."""
+        """Return the `attr` of a constant, checked against its type."""
         if len(constant) != type.size:
             self.fail(constant[0], f"{type!r} has {type.size} components, found {len(constant)}")
         return encode(type, [self.number(type, token) for token in constant])

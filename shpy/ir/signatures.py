@@ -36,7 +36,7 @@ class Scope:
 
 
 def structural_type(let: Let, args: Types, scope: Scope) -> Type:
-    """The type that the value of a structural operation must have; TypeError if the operation is wrong."""
+    """Return the type that the value of a structural operation must have; TypeError if the operation is wrong."""
     if let.attr is not None and let.op not in _WITH_ATTR:
         raise TypeError(f"{let.op} takes no attribute, not {let.attr!r}")
     return _RULES[let.op](let, args, scope)

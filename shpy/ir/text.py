@@ -74,17 +74,17 @@ class Line:
 
 
 def print_module(module: Module, names: bool = True, locations: bool = True) -> str:
-    """The module as text; `names` of values and variables and `locations` can be left out."""
+    """Return the module as text; `names` of values and variables and `locations` can be left out."""
     return "\n".join(map(str, lines(module, names, locations))) + "\n"
 
 
 def lines(module: Module, names: bool = True, locations: bool = True) -> list[Line]:
-    """The lines of `print_module`, each with what it shows."""
+    """Return the lines of `print_module`, each with what it shows."""
     return _Printer(names, locations).module(module)
 
 
 def quote(text: str) -> str:
-    """A name as it stands in the text: bare if it is a plain word, else in quotes with escapes."""
+    """Return a name as it stands in the text: bare if it is a plain word, else in quotes with escapes."""
     return text if _BARE.fullmatch(text) else _string(text)
 
 
@@ -99,7 +99,7 @@ def _escape(character: str) -> str:
 
 
 def unquote(text: str) -> str:
-    """The name that `quote` wrote; ValueError for an escape that names no character."""
+    """Return the name that `quote` wrote; ValueError for an escape that names no character."""
     if not text.startswith('"'):
         return text
     return _ESCAPED.sub(lambda m: chr(int(m[1], 16)) if m[1] else m[2], text[1:-1])
@@ -177,7 +177,7 @@ class _Printer:
             pending.extend(reversed(nested))
 
     def statement(self, statement: Stmt) -> str:
-        """The statement's line, of an If or Loop the first one."""
+        """Return the statement's line, of an If or Loop the first one."""
         match statement:
             case Let(value):
                 return f"{self.declared(value, located=False)} = {self.operation(statement)}{self.at(value.loc)}"
@@ -203,7 +203,7 @@ class _Printer:
                 return f"discard{f' {status}' if status else ''}{self.at(loc)}"
 
     def operation(self, let: Let) -> str:
-        """The right side of a Let."""
+        """Return the right side of a Let."""
         args = ", ".join(map(self.value, let.args))
         match let.op, let.attr:
             case "const", _ if not args:
@@ -226,7 +226,7 @@ class _Printer:
                 return f"{quote(op)} <{attr!r}> {args}".rstrip()
 
     def arguments(self, name: str, args: tuple[int, ...]) -> list[str]:
-        """A Call's arguments. A function that is not there, or takes fewer, is shown as taking values."""
+        """Return a Call's arguments. A function that is not there, or takes fewer, is shown as taking values."""
         callee = self.references.get(name)
         ports = callee.inputs if callee else ()
         return [
@@ -235,7 +235,7 @@ class _Printer:
         ]
 
     def declared(self, thing: Value | Variable, located: bool = True) -> str:
-        """A value or variable where it is made."""
+        """Return a value or variable where it is made."""
         at = self.at(thing.loc) if located else ""
         if isinstance(thing, Value):
             return f"{self.value(thing.id)}: {thing.type!r}{at}"

@@ -38,7 +38,7 @@ _LEAVES = (Let, Store)
 
 
 def regions_of(statement: Stmt) -> tuple[Region, ...]:
-    """The regions directly inside a statement: then, orelse; or body, continuing; or none."""
+    """Return the regions directly inside a statement: then, orelse; or body, continuing; or none."""
     match statement:
         case If(_, then, orelse):
             return then, orelse
@@ -62,7 +62,7 @@ def walk(region: Region) -> Iterator[Stmt]:
 
 
 def map_regions(statement: Stmt, f: Callable[[Region], Region]) -> Stmt:
-    """The statement with `f` applied to each region directly inside it; the same object if nothing changed."""
+    """Return the statement with `f` applied to each region directly inside it; the same object if nothing changed."""
     match statement:
         case If(_, then, orelse):
             new_then, new_orelse = f(then), f(orelse)
@@ -96,7 +96,7 @@ def rewrite(region: Region, f: Callable[[Stmt], Stmt | Iterable[Stmt] | None]) -
 
 
 def results(statement: Stmt) -> tuple[Value, ...]:
-    """The values that the statement itself assigns."""
+    """Return the values that the statement itself assigns."""
     match statement:
         case Let(value):
             return (value,)
@@ -106,7 +106,7 @@ def results(statement: Stmt) -> tuple[Value, ...]:
 
 
 def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tuple[int, ...]:
-    """The ids of the values that the statement itself reads (a Loop: its `until`).
+    """Return the ids of the values that the statement itself reads (a Loop: its `until`).
 
     A Call's arguments are values or variables as its function says; without `callees` all are taken for values, as they
     are in a module whose functions take values only.
@@ -187,7 +187,7 @@ def loops(module: Module) -> Iterator[Loop]:
 
 
 def limited_loops(module: Module) -> tuple[Loop, ...]:
-    """The loops without a known bound, in the order in which statuses count them (FIRST_LOOP + k is the k-th)."""
+    """Return the loops without a known bound, in the order of their statuses (FIRST_LOOP + k is the k-th)."""
     return tuple(loop for loop in loops(module) if loop.turns is None)
 
 

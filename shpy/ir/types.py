@@ -74,11 +74,11 @@ class Type:
         return self.base is Base.B
 
     def sized(self, size: int) -> Type:
-        """The same base with another number of components."""
+        """Return the type of this base with another number of components."""
         return vec(self.base, size)
 
     def based(self, base: Base) -> Type:
-        """The same number of components of another base."""
+        """Return the type of another base with as many components."""
         return vec(base, self.size)
 
 
@@ -87,10 +87,10 @@ _NAMES: Final = {repr(t): t for t in _TYPES.values()}
 
 
 def vec(base: Base | str, size: int = 1) -> Type:
-    """The type of `size` components (1 to 4) of `base`; KeyError for any other size."""
+    """Return the type of `size` components (1 to 4) of `base`; KeyError for any other size."""
     return _TYPES[Base(base), size]
 
 
 def type_named(name: str) -> Type | None:
-    """The type that prints as `name` (`f`, `i3`, ...), or None."""
+    """Return the type that prints as `name` (`f`, `i3`, ...), or None."""
     return _NAMES.get(name)

@@ -72,7 +72,7 @@ class _Finding(Exception):
 
 
 def _listing(listed: list[Line], anchor: Anchor) -> str:
-    """The marked line, those around it, and the heads of everything that it is nested in."""
+    """Return the marked line, those around it, and the heads of everything that it is nested in."""
     marked = next((n for n, line in enumerate(listed) if line.anchor == anchor), 0)
     depth = listed[marked].depth
     heads: list[int] = []
@@ -97,7 +97,7 @@ def _listing(listed: list[Line], anchor: Anchor) -> str:
 
 
 def _repeated(names: Iterable[str]) -> tuple[int, str] | None:
-    """The place of the first name that came before, and the name."""
+    """Return the place of the first name that came before, and the name."""
     seen: set[str] = set()
     for n, name in enumerate(names):
         if name and name in seen:
@@ -167,7 +167,7 @@ class _Module:
             self.scope.tables[table.name] = table
 
     def check_entry(self) -> None:
-        """The entry's inputs and outputs are the ports; a lowered one may give its status besides, as an i."""
+        """Check that the entry's inputs and outputs are the ports; a lowered one may also give its status, an i."""
         entry, anchor = self.module.entry, ("function", len(self.module.functions) - 1)
         if any(isinstance(port, Variable) for port in entry.inputs):
             raise _Finding("the entry takes its inputs by value", anchor, entry.loc)
@@ -253,7 +253,7 @@ class _Function:
         self.opened[-1].append(value.id)
 
     def see(self, id: int) -> Type:
-        """The type of an operand, which must be visible."""
+        """Return the type of an operand, which must be visible."""
         type = self.visible.get(id)
         if type is None:
             if id in self.made:

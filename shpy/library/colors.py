@@ -91,7 +91,7 @@ def luminance(c: Any) -> Any:
 
 
 def _hue(v: Any, high: Any, chroma: Any) -> Any:
-    """The hue in [0, 1); 0 for greys."""
+    """Return the hue in [0, 1); 0 for greys."""
     r, g, b = v[0], v[1], v[2]
     divisor = cond(chroma > 0, chroma, 1)
     sixth = cond(high == r, (g - b) / divisor, cond(high == g, (b - r) / divisor + 2, (r - g) / divisor + 4))

@@ -83,7 +83,7 @@ def turbulence(p: Any, octaves: Any = 6, lacunarity: Any = 2.0, gain: Any = 0.5)
 
 
 def _cells(p: Any) -> list[Any]:
-    """The ints of the cell that holds p."""
+    """Return the ints of the cell that holds p."""
     return [Attrib1i(c) for c in floor(p)] if p.size > 1 else [Attrib1i(floor(p))]
 
 

@@ -95,7 +95,7 @@ class Mipmap:
         self._texels.update(_listed(levels, channels))
 
     def __call__(self, uv: Any, level: Any = 0) -> Any:
-        """The colour at `uv`, two floats in [0, 1] over the image, in a level of detail."""
+        """Return the colour at `uv`, two floats in [0, 1] over the image, in a level of detail."""
         place = Attrib2f(vector(uv, (2,), "a Mipmap"))
         detail = clamp(Attrib1f(vector(level, (1,), "a Mipmap's level")), 0, self.count - 1)
         finer = floor(detail)
@@ -123,7 +123,7 @@ class Mipmap:
 
 
 def _levels(array: Any) -> tuple[list[NDArray[Any]], int]:
-    """An image and its halves, with the number of its channels."""
+    """Return an image and its halves, with the number of its channels."""
     pixels, channels = checked_pixels(array)
     levels = [np.asarray(pixels, np.float64)]
     while levels[-1].shape[:2] != (1, 1):
@@ -135,7 +135,7 @@ def _levels(array: Any) -> tuple[list[NDArray[Any]], int]:
 
 
 def _halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
-    """An image with half as many pixels along an axis, at least one; each is the mean of the area that it covers."""
+    """Halve the pixels of an image along an axis, to at least one; each is the mean of the area it covers."""
     extent = image.shape[axis]
     fewer = np.maximum(extent // 2, 1)
     edges = np.linspace(0, extent, fewer + 1)
@@ -147,13 +147,13 @@ def _halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
 
 
 def _listed(levels: list[NDArray[Any]], channels: int) -> NDArray[Any]:
-    """The pixels of all levels, one after another."""
+    """Return the pixels of all levels, one after another."""
     flat = np.concatenate([level.reshape(-1, channels) for level in levels])
     return flat[:, 0] if channels == 1 else flat
 
 
 def _face(x: Any, y: Any, z: Any, choose: Callable[..., Any]) -> tuple[Any, Any, Any]:
-    """The face of a cube that a direction meets, and where: of values, or of arrays."""
+    """Return the face of a cube that a direction meets, and where: of values, or of arrays."""
     by_x = (abs(x) >= abs(y)) & (abs(x) >= abs(z))
     by_y = ~by_x & (abs(y) >= abs(z))
     major = choose(by_x, x, choose(by_y, y, z))
@@ -204,7 +204,7 @@ class TextureCube:
         self.table.update(_bordered(faces)[0])
 
     def __call__(self, direction: Any) -> Any:
-        """The colour in a direction, of any length."""
+        """Return the colour in a direction, of any length."""
         return self.type(self._routine(Attrib3f(vector(direction, (3,), "a TextureCube")), self.filter))
 
     def _filtered(self, direction: Attrib3f, filter: str) -> Any:
@@ -226,7 +226,7 @@ class TextureCube:
 
 
 def _directions(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The directions to a grid of places, from 0 to 1, on each face."""
+    """Return the directions to a grid of places, from 0 to 1, on each face."""
     t, s = np.meshgrid(2 * places - 1, 2 * places - 1, indexing="ij")
     one = np.ones_like(s)
     faces = [(one, -t, -s), (-one, -t, s), (s, one, t), (s, -one, -t), (s, -t, one), (-s, -t, -one)]
@@ -234,7 +234,7 @@ def _directions(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _bordered(faces: Any) -> tuple[NDArray[Any], Any]:
-    """The faces, each inside a border of the pixels beyond its edges, and the type of a pixel."""
+    """Return the faces, each inside a border of the pixels beyond its edges, and the type of a pixel."""
     pixels, channels = checked_pixels(faces, 3)
     if pixels.shape[0] != 6 or pixels.shape[1] != pixels.shape[2] or not pixels.shape[1]:
         raise ShpyTypeError(

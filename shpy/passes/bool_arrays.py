@@ -20,7 +20,7 @@ __all__ = ["hold_bools_as_ints"]
 
 
 def hold_bools_as_ints(module: Module) -> Module:
-    """The module without local arrays of bools; the same object if it has none."""
+    """Return the module without local arrays of bools; the same object if it has none."""
     if not any(_is_concerned(v) for function in module.functions for v in variables_of(function)):
         return module
     return each_function(module, lambda function, functions: _Ints(function, functions).run())

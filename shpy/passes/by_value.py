@@ -36,7 +36,7 @@ def takes_array(function: Function) -> bool:
 
 
 def pass_by_value(module: Module) -> Module:
-    """The module whose functions take values only; TypeError for one that takes an array."""
+    """Return the module whose functions take values only; TypeError for one that takes an array."""
     converted: dict[str, _Converted] = {}
     for function in module.functions:
         if takes_array(function):
@@ -60,7 +60,7 @@ class _Converted:
 
 
 def _convert(before: Function, function: Function) -> _Converted:
-    """The function, whose own calls are by value already, with values for what comes by reference."""
+    """Return the function, whose own calls are by value already, with values for what comes by reference."""
     references = [port for port in function.inputs if isinstance(port, Variable)]
     if not references:
         return _Converted(before, function)
@@ -89,7 +89,7 @@ class _Caller:
         self.b = Builder(function=function)
 
     def run(self) -> Function:
-        """The function with its calls by value."""
+        """Return the function with its calls by value."""
         self.b.extend(rewrite(self.function.body, self._statement))
         return self.b.finish()
 

@@ -68,12 +68,12 @@ class Callees:
         self.copies: dict[str, Function] = dict(self.alone)
 
     def entry(self) -> LaneFunction:
-        """The entry, whose inputs all vary."""
+        """Return the entry, whose inputs all vary."""
         entry = self.module.entry
         return self._made(entry, entry.name, frozenset(port.id for port in entry.inputs), None)
 
     def called(self, name: str, varying: tuple[bool, ...], *, masked: bool) -> LaneFunction:
-        """The copy for arguments of which these vary, and for some lanes only if it is `masked`."""
+        """Return the copy for arguments of which these vary, and for some lanes only if it is `masked`."""
         key = name, varying, masked
         if key in self.made:
             return self.made[key]
@@ -103,7 +103,7 @@ class Callees:
         )
 
     def named(self, entry: LaneFunction) -> dict[str, LaneFunction]:
-        """The entry and the copies that it needs, callees first: the first of each function has its name."""
+        """Return the entry and the copies that it needs, callees first: the first of each function has its name."""
         needed = {entry.function.name}
         for copy in (entry, *reversed(self.made.values())):
             if copy.function.name in needed:
@@ -121,7 +121,7 @@ class Callees:
 
 
 def _statuses(module: Module) -> dict[str, int]:
-    """The variable of each function that is its status, by what its callers do with the last result.
+    """Return the variable of each function that is its status, by what its callers do with the last result.
 
     The entry has one more output than the module if it has a status.
     """
@@ -137,7 +137,7 @@ def _statuses(module: Module) -> dict[str, int]:
 
 
 def _with_mask(function: Function) -> Function:
-    """A function that each lane runs alone, with one more input: whether it does. It asks no other lane."""
+    """Return a function that each lane runs alone, with one more input: whether it does. It asks no other lane."""
 
     def change(s: Stmt) -> Stmt:
         return replace(s, op="and", args=s.args * 2) if isinstance(s, Let) and s.op in LANE_OPS else s
@@ -161,7 +161,7 @@ class CallBuilder(ExitBuilder):
         self.callees = callees
 
     def call(self, s: Call, here: Here) -> None:
-        """A Call, of the copy that fits."""
+        """Rewrite a Call as a call of the copy that fits."""
         args = tuple(self.same.get(a, a) for a in s.args)
         if s.function in self.callees.alone:
             mask = here.mask if here.mask is not None else self.b.const(BOOL, [True]).id

@@ -40,7 +40,7 @@ GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise)
 
 
 def take_apart(module: Module, *, throughout: bool = False) -> Module:
-    """The module with every function on scalars; TypeError for what should have been lowered."""
+    """Return the module with every function on scalars; TypeError for what should have been lowered."""
     *others, entry = module.functions
     expressions = _expressions(others) if throughout else {f.name for f in others if f.pure}
     functions = [
@@ -59,7 +59,7 @@ def take_apart(module: Module, *, throughout: bool = False) -> Module:
 
 
 def _expressions(functions: Sequence[Function]) -> set[str]:
-    """The pure functions that still are when every vector is taken apart: neither they nor what they call give any."""
+    """Return the functions that stay pure on scalars: neither they nor their callees return a vector."""
     found: set[str] = set()
     for f in functions:
         called = {s.attr for s in walk(f.body) if isinstance(s, Let) and s.op == "call"}
@@ -69,7 +69,7 @@ def _expressions(functions: Sequence[Function]) -> set[str]:
 
 
 def _with_scalar_ports(function: Function) -> Function:
-    """A function that works on vectors, which takes and gives their components."""
+    """Return a function that works on vectors, which takes and gives their components."""
     b = Builder(function=function)
     b.inputs, b.outputs = [], []
     given: list[Stmt] = []
@@ -97,7 +97,7 @@ def _with_scalar_ports(function: Function) -> Function:
 
 
 def _fresh(b: Builder, statements: Sequence[Stmt]) -> tuple[Stmt, ...]:
-    """Copies of Lets and Stores with values of their own."""
+    """Copy Lets and Stores with values of their own."""
     same: dict[int, int] = {}
     made: list[Stmt] = []
     for s in statements:
@@ -131,7 +131,7 @@ class _Apart:
         self.slots: dict[int, tuple[Variable, ...]] = {}
 
     def run(self) -> Function:
-        """The function on scalars."""
+        """Return the function on scalars."""
         b, function = self.b, self.function
         b.variables, b.outputs = [], list(function.outputs)
         for variable in function.variables:
@@ -150,7 +150,7 @@ class _Apart:
         return b.finish()
 
     def inputs(self) -> None:
-        """The entry's inputs are vectors in memory: these stay whole, as those of some functions do."""
+        """Keep the entry's inputs whole, as those of some functions: they are vectors in memory."""
         ports = [port for port in self.function.inputs if isinstance(port, Value)]
         if self.is_entry or (self.function.pure and not self.throughout):
             for port in ports:
@@ -180,7 +180,7 @@ class _Apart:
     # Values
 
     def keep(self, value: Value) -> None:
-        """A value that stays whole: pick its components."""
+        """Keep a value whole, and pick its components."""
         self.wholes[value.id] = value.id
         size = value.type.size
         if size == 1:
@@ -189,7 +189,7 @@ class _Apart:
         self.parts[value.id] = tuple(self.b.swizzle(value, (k,), loc=value.loc).id for k in range(size))
 
     def whole(self, value: int) -> int:
-        """The value as a vector again."""
+        """Return the value as a vector again."""
         parts = self.parts[value]
         if len(parts) == 1:
             return parts[0]
@@ -199,7 +199,7 @@ class _Apart:
         return self.wholes[value]
 
     def let(self, let: Let) -> None:
-        """The operation on scalars."""
+        """Rewrite the operation on scalars."""
         value, op, args, attr = let.value, let.op, let.args, let.attr
         match op:
             case "const":
@@ -231,7 +231,7 @@ class _Apart:
                 self.componentwise(let)
 
     def values(self, value: Value) -> list[Value]:
-        """A scalar value for each component of a value; itself if it has but one."""
+        """Return a scalar value for each component of a value; itself if it has but one."""
         size = value.type.size
         if size == 1:
             made = [value]

@@ -28,7 +28,7 @@ __all__ = ["without_continuing"]
 
 
 def without_continuing(b: Builder, loop: Loop) -> Loop:
-    """The same loop, of the function that `b` builds, without a continuing part; Loops inside are the same objects."""
+    """Return a loop of the function that `b` builds without its continuing part; inner Loops stay the same objects."""
     if not continues(loop):
         if not falls_through(loop.body):
             return Loop(loop.body, (), None, loop.turns, loop.loc)

@@ -24,7 +24,7 @@ _Key = tuple[object, ...]
 
 
 def merge_common(module: Module) -> Module:
-    """The module without values that equal an earlier, visible one."""
+    """Return the module without values that equal an earlier, visible one."""
     return each_function(module, lambda f, functions: _Merge(f, functions).run())
 
 
@@ -35,7 +35,7 @@ class _Merge(Rewriter):
         self._scopes: list[list[_Key]] = []
 
     def region(self, region: Region) -> Region:
-        """The region; what it computes is forgotten after it."""
+        """Return the region; what it computes is forgotten after it."""
         self._scopes.append([])
         made = super().region(region)
         for key in self._scopes.pop():

@@ -40,17 +40,17 @@ __all__ = ["remove_dead", "remove_unused_functions", "without_dead"]
 
 
 def remove_dead(module: Module) -> Module:
-    """The module without statements and variables that have no effect."""
+    """Return the module without statements and variables that have no effect."""
     return each_function(module, without_dead)
 
 
 def without_dead(function: Function, functions: Functions) -> Function:
-    """The function without statements and variables that have no effect; `functions` are those it may call."""
+    """Return the function without statements and variables that have no effect; `functions` are those it may call."""
     return _Marker(function, functions).swept()
 
 
 def remove_unused_functions(module: Module) -> Module:
-    """The module without the functions that its entry does not reach."""
+    """Return the module without the functions that its entry does not reach."""
     reached = {module.entry.name}
     for function in reversed(module.functions):
         if function.name in reached:
@@ -77,7 +77,7 @@ class _Marker:
         self._effects: list[tuple[Stmt, If | Loop | None]] = []
 
     def swept(self) -> Function:
-        """The function with what is needed."""
+        """Return the function with what is needed."""
         f = self.function
         self._index(f.body, None, None)
         for variable in (*f.outputs, *(i for i in f.inputs if isinstance(i, Variable))):

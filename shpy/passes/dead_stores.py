@@ -26,12 +26,12 @@ __all__ = ["remove_dead_stores", "without_dead_stores"]
 
 
 def remove_dead_stores(module: Module) -> Module:
-    """The module without stores that nobody reads; values that fed them stay for `remove_dead`."""
+    """Return the module without stores that nobody reads; values that fed them stay for `remove_dead`."""
     return each_function(module, without_dead_stores)
 
 
 def without_dead_stores(function: Function, functions: Functions) -> Function:
-    """The function without them; `functions` are those it may call."""
+    """Return the function without them; `functions` are those it may call."""
     return _Liveness(function, functions).run()
 
 
@@ -66,7 +66,7 @@ class _Liveness:
         return replace(f, body=body)
 
     def _walk(self, region: Region, live: int, after: _After, *, removing: bool) -> tuple[Region, int]:
-        """The region without dead stores, and what is live before it when `live` is after it.
+        """Return the region without dead stores, and what is live before it when `live` is after it.
 
         The first time, with nothing live after it and nothing removed, it finds what each loop reads first.
         """

@@ -171,7 +171,7 @@ class _Ending:
         self.status = (self.b.output if self.gives else self.b.reference)(_INT, "status")
 
     def run(self) -> Function:
-        """The function with its exits explicit."""
+        """Return the function with its exits explicit."""
         if self.gives:
             self.b.loc = self.function.loc
             self._set_status(Status.WRITTEN)
@@ -218,7 +218,7 @@ class _Ending:
                 self.b.append(s)
 
     def _call(self, s: Call) -> None:
-        """A call that may end the element; what follows asks for the status."""
+        """Rewrite a call that may end the element; the statements after it test the status."""
         if not self.plan.by_value:
             self.b.append(replace(s, args=(*s.args, self.status.id)))
             return

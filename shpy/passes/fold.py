@@ -33,7 +33,7 @@ __all__ = ["fold"]
 
 
 def fold(module: Module, *, fixed: bool = True) -> Module:
-    """The module with its constants computed.
+    """Return the module with its constants computed.
 
     `fixed` says that the working precision is: without it, no arithmetic on base f is done.
     """
@@ -54,7 +54,7 @@ class _Fold(Rewriter):
     # What is constant
 
     def constant(self, value: int) -> tuple[int, ...] | None:
-        """The components of a constant, or of the splat of one."""
+        """Return the components of a constant, or of the splat of one."""
         made = self.made.get(value)
         if made is None:
             return None
@@ -67,7 +67,7 @@ class _Fold(Rewriter):
         return None
 
     def _computed(self, let: Let) -> tuple[int, ...] | None:
-        """The components of the result where it is constant."""
+        """Return the components of the result where it is constant."""
         if let.op == "table_size":
             return self.sizes.get(str(let.attr))
         if not let.args or (let.op not in OPS and let.op not in _STRUCTURAL):
@@ -111,7 +111,7 @@ class _Fold(Rewriter):
             self.emit(let)
 
     def _in_range(self, load: Let) -> Let:
-        """A load whose index, where it is constant, is that of the nearest element."""
+        """Return a load whose index, where it is constant, is that of the nearest element."""
         index = self.constant(load.args[0])
         nearest = None if index is None else min(max(index[0], 0), self._length(load.attr) - 1)
         if index is None or nearest is None or nearest == index[0]:

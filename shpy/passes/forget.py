@@ -22,7 +22,7 @@ __all__ = ["forget_data"]
 
 
 def forget_data(module: Module) -> Module:
-    """The module without initial values, and with as much of its tables' shapes as its text depends on."""
+    """Return the module without initial values, and with as much of its tables' shapes as its text depends on."""
     sizes = {table.name: table.size for table in module.tables}
     kept: dict[str, tuple[int, ...]] = {}
     for function in module.functions:

@@ -33,7 +33,7 @@ _EXACT = frozenset("const load swizzle construct splat component param table cal
 
 
 def lower_half(module: Module) -> Module:
-    """The module without base h; the same object if it has none."""
+    """Return the module without base h; the same object if it has none."""
     if not _has_half(module):
         return module
     library = Library(module)
@@ -70,7 +70,7 @@ class _Half(Rebase):
             self.emit(Let(value, "half", (whole,)))
 
     def make_unrounded(self, op: str, args: tuple[int, ...], let: Let, type: Type) -> int:
-        """The operation itself, in f; its id."""
+        """Return the operation itself, in f; its id."""
         whole = self.value(type)
         self.emit(Let(whole, op, args, let.attr))
         return whole.id

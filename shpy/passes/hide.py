@@ -29,7 +29,7 @@ _MINUS_ZERO = 1 << 63
 
 
 def hide_derivable(module: Module) -> Module:
-    """The module without operations on floats that a compiler could compute."""
+    """Return the module without operations on floats that a compiler could compute."""
     entry = module.entry.name
 
     def hidden(function: Function, functions: Functions) -> Function:
@@ -88,7 +88,7 @@ class _Hide(Rewriter):
         return Let(let.value, let.op, (*let.args[:at], self._hide(constant), *let.args[at + 1 :]), let.attr)
 
     def _hide(self, value: int) -> int:
-        """A value that is the same number, to the bit, and unknown to the driver."""
+        """Return a value that is the same number, to the bit, and unknown to the driver."""
         made = self.value(self.types[value])
         constant = self.made.get(value)
         plus = constant is not None and isinstance(constant.attr, tuple) and _MINUS_ZERO not in constant.attr

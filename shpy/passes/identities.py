@@ -29,10 +29,10 @@ class Known(Protocol):
     fixed: bool
 
     def constant(self, value: int) -> tuple[int, ...] | None:
-        """The components of a constant."""
+        """Return the components of a constant."""
 
     def make(self, op: str, *args: int, type: Type, attr: Attr = None) -> int:
-        """A new value."""
+        """Return a new value."""
 
 
 Found = int | Let | None
@@ -62,7 +62,7 @@ _ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
 
 
 def simplify(known: Known, let: Let) -> Found:
-    """What may stand for the operation, or None."""
+    """Return a simpler equivalent of the operation, or None."""
     match let.op, let.args:
         case "neg" | "not" | "abs" | "half" | "convert", (x,):
             return _unary(known, let, x)

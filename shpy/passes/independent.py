@@ -22,7 +22,7 @@ __all__ = ["inline_independent"]
 
 
 def inline_independent(module: Module) -> Module:
-    """The module without calls of such functions; the same object if there is none."""
+    """Return the module without calls of such functions; the same object if there is none."""
     found: dict[str, tuple[Let, ...]] = {}
     functions = []
     for function in module.functions:
@@ -36,7 +36,7 @@ def inline_independent(module: Module) -> Module:
 
 
 def _independent(function: Function) -> tuple[Let, ...]:
-    """What makes the result, the result last, if no input has a part in it; else nothing."""
+    """Return the Lets that make the result, in order, if no input takes part in it; else none."""
     lets = {s.value.id: s for s in function.body if isinstance(s, Let)}
     stores = [s for s in walk(function.body) if isinstance(s, Store)]
     if not function.pure or len(stores) != 1 or len(lets) + 1 != len(function.body) or stores[0].components:

@@ -54,7 +54,7 @@ _DEEPEST_GUARD = 8
 
 
 def inline_calls(module: Module, chosen: Callable[[Function], bool] = lambda function: True) -> Module:
-    """The module without the functions that are `chosen`; CompileError where that nests too deep.
+    """Return the module without the functions that are `chosen`; CompileError where that nests too deep.
 
     Pure functions and the entry stay in any case.
     """
@@ -92,7 +92,7 @@ class _Inliner:
         self.b = Builder(function=function)
 
     def run(self) -> Function:
-        """The function without these calls."""
+        """Return the function without these calls."""
         self.b.extend(self._region(self.function.body, in_loop=False))
         return self.b.finish()
 
@@ -158,7 +158,7 @@ class _Copy:
         self.slots: dict[int, int] = {}
 
     def region(self, region: Region) -> Region:
-        """The region's copy."""
+        """Return the region's copy."""
         return tuple([self._statement(s) for s in region])
 
     def _statement(self, s: Stmt) -> Stmt:
@@ -196,7 +196,7 @@ def _returns(region: Region) -> bool:
 
 
 def _without_returns(region: Region, guards: int) -> Region | None:
-    """The same region, whose end is the function's, without Return; None if that takes more than branches."""
+    """Return a region that ends the function without its Returns; None if branches are not enough."""
     for n, s in enumerate(region):
         if isinstance(s, Return):
             return region[:n]

@@ -55,7 +55,7 @@ class Known:
         return low <= least and greatest <= high
 
     def span(self, value: int) -> Span:
-        """The least and the greatest number that any component of an int, uint or bool can be."""
+        """Return the least and the greatest number that any component of an int, uint or bool can be."""
         anything = _SPANS[self._types[value].base]
         let = self._lets.get(value)
         if let is None or self._depth > _DEEPEST:

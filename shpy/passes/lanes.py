@@ -55,7 +55,7 @@ class Scope:
 
 
 def of_all_lanes(function: Function) -> Function:
-    """A pure function as it is; its `any_lane` asks of every lane, for it knows of none that is off."""
+    """Return a pure function as it is; its `any_lane` asks of every lane, for it knows of none that is off."""
 
     def change(s: Stmt) -> Stmt:
         return replace(s, op="lane_any") if isinstance(s, Let) and s.op == "any_lane" else s
@@ -106,7 +106,7 @@ class LaneBuilder:
         return made
 
     def both(self, mask: int | None, condition: int, name: str | None = None) -> int:
-        """The lanes of `mask` for which `condition` holds."""
+        """Return the lanes of `mask` for which `condition` holds."""
         return condition if mask is None else self.let("and", mask, condition, name=name)
 
     def none(self, mask: int) -> int:
@@ -114,14 +114,14 @@ class LaneBuilder:
         return self.let("not", self.let("lane_any", mask, type=BOOL))
 
     def lanes(self, variable: int, scope: Scope | None = None) -> Variable:
-        """The lanes slot of a variable at this point, or in an outer scope."""
+        """Return the lanes slot of a variable at this point, or in an outer scope."""
         scope = scope or self.scope
         while scope.outer is not None and variable not in scope.inner:
             scope = scope.outer
         return self.slots.lanes(variable, None if scope.outer is None else id(scope.note))
 
     def current(self, variable: int) -> Variable:
-        """The slot that holds a variable at this point."""
+        """Return the slot that holds a variable at this point."""
         return self.lanes(variable) if variable in self.state else self.slots.uniform(variable)
 
     def spread(self, variable: int) -> None:
@@ -129,13 +129,13 @@ class LaneBuilder:
         self.b.store(self.lanes(variable), self.load(self.slots.uniform(variable)))
 
     def select(self, mask: int, new: int, old: int) -> int:
-        """`new` in the lanes of `mask`, else `old`."""
+        """Return `new` in the lanes of `mask`, else `old`."""
         size = self.b.type_of(new).size
         wide = mask if size == 1 else self.let("splat", mask, type=BOOL.sized(size))
         return self.let("cond", wide, new, old)
 
     def kept(self, here: Here) -> frozenset[int]:
-        """What lanes that are masked off still need."""
+        """Return the variables that masked-off lanes still need."""
         return frozenset() if here.mask is None else here.kept | self.scope.kept
 
     def meet(self, facts: set[int], stored: frozenset[int], live: frozenset[int]) -> None:

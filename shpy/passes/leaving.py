@@ -47,7 +47,7 @@ class ExitBuilder(LaneBuilder):
                 self.b.store(outside, kept)
 
     def leave_loop(self, s: Break, note: Note, here: Here, needed: Iterable[int] | None = None) -> bool:
-        """A Break, or a Discard, after which only the status is needed."""
+        """Return a Break, or a Discard, after which only the status is needed."""
         scope = self.scope
         assert scope.note is not None
         live = scope.note.after if needed is None else frozenset(needed)
@@ -102,7 +102,7 @@ class ExitBuilder(LaneBuilder):
         self.b.append(Continue(s.loc))
 
     def leave_function(self, s: Return | Discard, here: Here) -> bool:
-        """A Return; or, outside of loops, a Discard."""
+        """Return a Return; or, outside of loops, a Discard."""
         scope = self.scope
         if here.whole:
             self.meet(scope.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
@@ -122,5 +122,5 @@ class ExitBuilder(LaneBuilder):
         self.b.append(If(none, self.b.pop()))
 
     def mask(self, here: Here) -> int:
-        """The active lanes, as a mask."""
+        """Return the active lanes, as a mask."""
         return self.let("lane_mask", type=BOOL) if here.mask is None else here.mask

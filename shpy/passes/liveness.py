@@ -98,7 +98,7 @@ class _Targets:
 
 
 def annotate(function: Function) -> list[Note]:
-    """The notes of the function's body."""
+    """Return the notes of the function's body."""
     end = sum(1 << v.id for v in function.outputs)
     targets = _Targets(end, end, end, sum(1 << v.id for v in function.outputs[-1:]))
     notes = _notes(function.body, end, targets)
@@ -107,7 +107,7 @@ def annotate(function: Function) -> list[Note]:
 
 
 def _before(statement: Stmt, after: Bits, targets: _Targets) -> Bits:
-    """What is live before the statement."""
+    """Return the variables that are live before the statement."""
     match statement:
         case Let(_, "load", _, int(variable)):
             return after | 1 << variable
@@ -185,7 +185,7 @@ def _first(notes: Sequence[Note], after: Bits) -> Bits:
 
 
 def stored_in(region: Region) -> Set:
-    """The variables that the region stores, at any depth."""
+    """Return the variables that the region stores, at any depth."""
     return frozenset(s.variable for s in walk(region) if isinstance(s, Store))
 
 
@@ -198,7 +198,7 @@ class _Leaving:
 
 
 def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leaving) -> Bits | None:
-    """What is dirty at the region's end, None if that is never reached; fills in the notes if they are given."""
+    """Return what is dirty at the region's end, None if it is never reached, and fill in the notes, if any."""
     for at, statement in enumerate(region):
         note = None if notes is None else notes[at]
         if note is not None:
@@ -250,7 +250,7 @@ def _iteration(loop: Loop, note: Note | None, dirty: Bits, leaving: _Leaving) ->
 
 
 def loops(region: Region, notes: Sequence[Note]) -> Iterator[tuple[Loop, Note]]:
-    """The loops of a region and of those inside, from the first on, with their notes."""
+    """Yield the loops of a region and of those inside, from the first on, with their notes."""
     for s, note in zip(region, notes, strict=True):
         if isinstance(s, Loop):
             yield s, note

@@ -34,7 +34,7 @@ def lower(
     corrected: frozenset[str] = frozenset(),
     bounded: frozenset[str] = frozenset(),
 ) -> Module:
-    """The module without composite operations and transcendentals, but for those in `native`.
+    """Return the module without composite operations and transcendentals, but for those in `native`.
 
     Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well, and so do those of binary64
     that are `bounded`, some of BOUNDED: native ones that are good for angles that are not far.

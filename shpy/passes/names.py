@@ -13,7 +13,7 @@ __all__ = ["fresh"]
 
 
 def fresh(name: str, taken: set[str]) -> str:
-    """The name, or the first of name_2, name_3, ... that is free; from now on it is taken."""
+    """Return the name, or the first of name_2, name_3, ... that is free; from now on it is taken."""
     found, number = name, 2
     while found in taken:
         found, number = f"{name}_{number}", number + 1

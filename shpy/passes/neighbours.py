@@ -56,7 +56,7 @@ Parts = tuple[_Moved, ...]
 
 
 def find_neighbours(vector: VectorModule) -> VectorModule:
-    """The module with such reads of tables of one or two axes as `neighbour`; the same object if there are none."""
+    """Rewrite such reads of tables of one or two axes as `neighbour`; returns the same object if there are none."""
     module = vector.module
     finder = _Finder(module, vector.entry)
     entry = finder.run()
@@ -81,7 +81,7 @@ class _Finder:
         self.found = False
 
     def run(self) -> Function:
-        """The entry, with `neighbour` where it can be."""
+        """Return the entry, with `neighbour` where it can be."""
         self.region(self.function.body, together=True)
         return self.b.finish()
 
@@ -159,11 +159,11 @@ class _Finder:
         self.b.append(Let(s.value, "neighbour", offsets + moduli, s.attr))
 
     def component(self, value: int, component: int) -> int:
-        """A component of a uniform."""
+        """Return a component of a uniform."""
         return value if self.b.type_of(value).size == 1 else self.b.swizzle(value, (component,)).id
 
     def offset(self, part: _Moved) -> int:
-        """The sum of the terms."""
+        """Return the sum of the terms."""
         if all(value in self.constants for _, value, _ in part.terms):
             known = sum(sign * self.constants[value][component] for sign, value, component in part.terms)
             return self.b.const(_INT, [(known + 2**31) % 2**32 - 2**31]).id
@@ -179,7 +179,7 @@ class _Finder:
 
 
 def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
-    """a + b or a - b, if at most one of them varies, that not with a minus, and neither is taken modulo anything."""
+    """Return a + b or a - b if at most one varies, without a minus, and neither is taken modulo anything."""
     if (b.axis is not None and (sign < 0 or a.axis is not None)) or a.modulus or b.modulus:
         return None
     terms = tuple((sign * s, value, component) for s, value, component in b.terms)
@@ -187,7 +187,7 @@ def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
 
 
 def _wrapped(a: _Moved, b: _Moved) -> _Moved | None:
-    """a modulo b, if a is the element's own index, moved, and b is one uniform value."""
+    """Return a modulo b, if a is the element's own index, moved, and b is one uniform value."""
     if a.axis is None or a.modulus or b.axis is not None or b.modulus or len(b.terms) != 1 or b.terms[0][0] < 0:
         return None
     return replace(a, modulus=b.terms[0][1:])

@@ -60,7 +60,7 @@ class Target:
     looped: frozenset[str] = frozenset()
 
     def does(self, math: Math) -> frozenset[str]:
-        """What it does itself in this mode."""
+        """Return the operations that it does itself in this mode."""
         return {
             "strict": self.native - TRANSCENDENTALS,
             "relaxed": self.native,
@@ -100,7 +100,7 @@ class Prepared:
 
 
 def prepare(module: Module, options: Options, target: Target) -> Prepared:
-    """A recorded module made ready for a target's printer."""
+    """Return a recorded module made ready for a target's printer."""
     corrected = target.wrong if options.math != "fast" else frozenset()
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     plain = lower_half(set_precision(module, options.precision))
@@ -121,7 +121,7 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
 
 
 def with_strict_functions(module: Module, precision: Precision) -> Module:
-    """A recorded module for the interpreter to run as strict mode does: the same object if it has no transcendentals.
+    """Return a module that the interpreter runs as strict mode: the same object if it has no transcendentals.
 
     Else it is at its precision already, and computes with binary32 or binary64.
     """
@@ -132,7 +132,7 @@ def with_strict_functions(module: Module, precision: Precision) -> Module:
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:
-    """The same module, simpler. `fixed` says that its working precision is: without it, f is not computed with."""
+    """Simplify a module. Without `fixed`, its working precision is unknown, and nothing of base f is computed."""
     for _ in range(_ROUNDS):
         before = _control(module := promote(module))
         module = inline_independent(fold(module, fixed=fixed))

@@ -31,14 +31,14 @@ _BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}
 
 
 def set_precision(module: Module, precision: Precision = "f32") -> Module:
-    """The module at this precision of the working float; KeyError for a precision that does not exist."""
+    """Return the module at this precision of the working float; KeyError for a precision that does not exist."""
     working = _BASES[precision]
     changed = each_function(module, lambda f, functions: _Working(f, functions, Base.F, working).run())
     return retype_ports(changed, Base.F, working)
 
 
 def retype_ports(module: Module, old: Base, new: Base) -> Module:
-    """Base `new` instead of `old` for params and tables; initial values are rounded to their type."""
+    """Give params and tables of base `old` the base `new`; initial values are rounded to their type."""
     params = tuple(
         replace(p, type=_typed(p.type, old, new), value=rounded(_typed(p.type, old, new), p.value))
         for p in module.params
@@ -48,7 +48,7 @@ def retype_ports(module: Module, old: Base, new: Base) -> Module:
 
 
 def rounded(type: Type, attr: tuple[int, ...]) -> tuple[int, ...]:
-    """The constant as its type holds it."""
+    """Return the constant as its type holds it."""
     return from_array(type, to_array(type, attr))
 
 
@@ -65,24 +65,24 @@ class Rebase(Rewriter):
         self.old_types: dict[int, Type] = {i.id: i.type for i in function.inputs if isinstance(i, Value)}
 
     def run(self) -> Function:
-        """The function with its slots, too, of the new base."""
+        """Return the function with its slots, too, of the new base."""
         f = super().run()
         inputs = tuple(self.retyped(i) if isinstance(i, Value) else self.slot(i) for i in f.inputs)
         outputs, variables = tuple(map(self.slot, f.outputs)), tuple(map(self.slot, f.variables))
         return replace(f, inputs=inputs, outputs=outputs, variables=variables)
 
     def retyped(self, value: Value) -> Value:
-        """The value with its new type; `old_types` keeps the one that it had."""
+        """Return the value with its new type; `old_types` keeps the one that it had."""
         self.old_types[value.id] = value.type
         new = _typed(value.type, self.old, self.new)
         return value if new is value.type else Value(value.id, new, value.name, value.loc)
 
     def slot(self, variable: Variable) -> Variable:
-        """The variable with its new type."""
+        """Return the variable with its new type."""
         return replace(variable, type=_typed(variable.type, self.old, self.new))
 
     def call(self, call: Call) -> None:
-        """A Call gives values of the new base."""
+        """Rewrite a Call to give values of the new base."""
         self.emit(replace(call, results=tuple(map(self.retyped, call.results))))
 
 

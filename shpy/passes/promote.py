@@ -43,7 +43,7 @@ _ZERO = -1
 
 
 def promote(module: Module) -> Module:
-    """The module with as few variables, loads and stores as a walk in program order can tell."""
+    """Return the module with as few variables, loads and stores as a walk in program order can tell."""
     promoted = each_function(module, _promote)
     return remove_dead_stores(remove_dead(promoted))
 
@@ -117,7 +117,7 @@ class _Forward(Rewriter):
         self.emit(let)
 
     def _named(self, value: Value) -> Value:
-        """The value with the name of the variable that it replaces; a name of its own it keeps."""
+        """Return the value with the name of the variable that it replaces; a name of its own it keeps."""
         name = value.name or self.names.get(value.id)
         return Value(value.id, value.type, name, value.loc)
 
@@ -165,7 +165,7 @@ class _Forward(Rewriter):
             self._emit(Let(let.value, "construct", tuple(parts)))
 
     def _run(self, run: list[Piece], whole: Value) -> int:
-        """The components of one value, as a value."""
+        """Return the components of one value, as a value."""
         source, picked = run[0][0], tuple(k for _, k in run)
         type = whole.type.sized(len(run))
         if source == _ZERO:
@@ -234,7 +234,7 @@ def _pieces(state: State, size: int) -> list[Piece]:
 
 
 def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]]) -> set[int]:
-    """The variables that the region stores into; `found` gets those of each Loop in it, by the Loop's identity."""
+    """Return the variables that the region stores into; `found` gets those of each Loop in it, by identity."""
     stored: set[int] = set()
     for s in region:
         if isinstance(s, Store):

@@ -22,7 +22,7 @@ _SHARE = 4
 
 
 def find_rejection(module: Module) -> Module | None:
-    """The program of the same inputs whose one output is whether the element is discarded at the start.
+    """Return the program of the same inputs whose one output is whether the element is discarded at the start.
 
     None if nothing is discarded there, or if that takes a large part of the program's statements to find out.
     """

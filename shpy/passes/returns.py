@@ -28,7 +28,7 @@ __all__ = ["returns_outside_loops"]
 
 
 def returns_outside_loops(function: Function, status: int | None = None) -> Function:
-    """The function with every Return inside a loop replaced; `status` is the variable that holds the status."""
+    """Return the function with every Return inside a loop replaced; `status` is the variable that holds the status."""
     inside = any(_contains(s, Return) for s in walk(function.body) if isinstance(s, Loop))
     return _Rewriter(function, status).run() if inside or status is not None else function
 
@@ -77,7 +77,7 @@ class _Rewriter:
         return self.b.pop()
 
     def ended_by_a_call(self, written: set[int]) -> set[int]:
-        """The values that say whether the status is another than WRITTEN."""
+        """Return the values that say whether the status is another than WRITTEN."""
         statements = (
             [s for s in walk(self.function.body) if isinstance(s, Let | Store)] if self.status is not None else []
         )

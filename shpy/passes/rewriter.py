@@ -46,7 +46,7 @@ class Rewriter:
         self._next_value: int | None = None
 
     def run(self) -> Function:
-        """The function with its body rewritten."""
+        """Return the function with its body rewritten."""
         return replace(self.function, body=self.region(self.function.body))
 
     # Making
@@ -65,7 +65,7 @@ class Rewriter:
         self.alias[old.id] = new
 
     def value(self, type: Type, name: str | None = None) -> Value:
-        """A fresh value."""
+        """Return a fresh value."""
         if self._next_value is None:
             self._next_value = max((v.id for v in defined(self.function)), default=-1) + 1
         self._next_value += 1
@@ -85,7 +85,7 @@ class Rewriter:
     # The walk
 
     def region(self, region: Region) -> Region:
-        """The region, rewritten."""
+        """Return the region, rewritten."""
         self._open.append([])
         self.statements(region)
         return tuple(self._open.pop())
@@ -129,35 +129,35 @@ class Rewriter:
     # Hooks
 
     def let(self, let: Let) -> None:
-        """A Let."""
+        """Rewrite a Let."""
         self.emit(let)
 
     def store(self, store: Store) -> None:
-        """A Store."""
+        """Rewrite a Store."""
         self.emit(store)
 
     def call(self, call: Call) -> None:
-        """A Call statement."""
+        """Rewrite a Call statement."""
         self.emit(call)
 
     def branch(self, branch: If) -> None:
-        """An If whose regions are still to be rewritten."""
+        """Rewrite an If and its regions."""
         self.emit(If(branch.condition, self.region(branch.then), self.region(branch.orelse), branch.loc))
 
     def loop(self, loop: Loop) -> None:
-        """A Loop with everything still to be rewritten: `until` may be a value that its regions make."""
+        """Rewrite a Loop and its regions, of which one may make the value `until`."""
         body = self.region(loop.body)
         continuing = self.region(loop.continuing)
         until = None if loop.until is None else self.alias.get(loop.until, loop.until)
         self.emit(Loop(body, continuing, until, loop.turns, loop.loc))
 
     def exit(self, exit: Stmt) -> None:
-        """A Break, Continue, Return or Discard."""
+        """Rewrite a Break, Continue, Return or Discard."""
         self.emit(exit)
 
 
 def each_function(module: Module, f: Callable[[Function, Functions], Function]) -> Module:
-    """The module with `f(function, functions by name)` in place of every function, callees first."""
+    """Return the module with `f(function, functions by name)` in place of every function, callees first."""
     functions = {g.name: g for g in module.functions}
     for name, function in functions.items():
         functions[name] = f(function, functions)

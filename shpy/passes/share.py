@@ -63,7 +63,7 @@ _INDEX = vec(Base.I)
 
 
 def share_calls(module: Module) -> Module:
-    """The module, whose calls are in loops where the whole would be large with every call inlined."""
+    """Return the module, whose calls are in loops where the whole would be large with every call inlined."""
     sizes = inlined_sizes(module)
     depths = {module.entry.name: 0}
     stopped = may_be_stopped(module)
@@ -208,13 +208,13 @@ class _Sharing(Rewriter):
         self.depth -= 1
 
     def slot(self, type: Type, name: str | None = None) -> int:
-        """A new variable."""
+        """Return a new variable."""
         self.variables.append(Variable(self.next_slot, type, None, name, self.loc))
         self.next_slot += 1
         return self.next_slot - 1
 
     def slot_of(self, key: tuple[object, ...], type: Type, name: str | None) -> int:
-        """The variable for this use: loops that follow each other share it."""
+        """Return the variable for this use: loops that follow each other share it."""
         if key not in self.known:
             self.known[key] = self.slot(type, name)
         return self.known[key]
@@ -250,7 +250,7 @@ class _Iterations:
         self.arguments: list[dict[int, int]] = [{} for _ in first]
 
     def _made(self, n: int) -> tuple[Value, ...]:
-        """The values of a part, and the results of the call before it."""
+        """Return the values of a part, and the results of the call before it."""
         made = tuple(v for s in self.between[n] for v in results(s))
         return made if n == 0 else results(self.calls[n - 1]) + made
 
@@ -273,7 +273,7 @@ class _Iterations:
             free.setdefault(value.type, []).append(self.kept[value.id])
 
     def _users(self) -> dict[int, set[int]]:
-        """The parts that use a value; a call's arguments are used in the part before it."""
+        """Return the parts that use a value; a call's arguments are used in the part before it."""
         users: dict[int, set[int]] = {}
         for n, (part, call) in enumerate(zip(self.between, self.calls, strict=True)):
             for s in (*walk(part), call):
@@ -316,7 +316,7 @@ class _Iterations:
                 work.emit(Store(slots[place], work.alias.get(argument, argument)))
 
     def _values(self, call: Stmt) -> Iterator[tuple[int, int]]:
-        """The arguments by value, with their places."""
+        """Yield the arguments by value, with their places."""
         ports = self.work.functions[str(callee_of(call))].inputs
         args = call.args if isinstance(call, (Let, Call)) else ()
         for place, (argument, port) in enumerate(zip(args, ports, strict=True)):

@@ -36,14 +36,14 @@ def count_ops(module: Module) -> dict[str, int]:
 
 
 def callee_of(statement: Stmt) -> str | None:
-    """The function that a statement calls, as an expression or as a statement."""
+    """Return the function that a statement calls, as an expression or as a statement."""
     if isinstance(statement, Let):
         return str(statement.attr) if statement.op == "call" else None
     return statement.function if isinstance(statement, Call) else None
 
 
 def calls_of(function: Function) -> Iterator[str]:
-    """The functions that it calls, once for each call in its text."""
+    """Yield the functions that it calls, once for each call in its text."""
     for statement in walk(function.body):
         callee = callee_of(statement)
         if callee is not None:
@@ -51,7 +51,7 @@ def calls_of(function: Function) -> Iterator[str]:
 
 
 def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
-    """The statements of each function, with those that it calls in place, but for calls of functions `apart`.
+    """Return the statements of each function, with those that it calls in place, but for calls of functions `apart`.
 
     The time is that of one walk, also where the number is exponential.
     """
@@ -63,7 +63,7 @@ def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
 
 
 def kept_apart(module: Module) -> frozenset[str]:
-    """The functions that a compiler must not inline, so that its work stays in proportion to the text.
+    """Return the functions that a compiler must not inline, so that its work stays in proportion to the text.
 
     None, unless the whole program would have WORTH_KEEPING statements; else all that have more than one call and are
     not small.
@@ -120,10 +120,10 @@ def check_size(module: Module, compiler: str) -> None:
 
 
 def shortened(name: str, most: int = 60) -> str:
-    """A name that fits a message."""
+    """Return a name that fits a message."""
     return name if len(name) <= most else f"{name[:most]}…"
 
 
 def spoken(number: int) -> str:
-    """A count: exact as far as one reads it."""
+    """Return a count: exact as far as one reads it."""
     return f"{number:,}" if number < 10**12 else f"{number:.1e}" if number < 10**300 else "more than 1e300"

@@ -47,7 +47,7 @@ class Slots:
         return made
 
     def mask(self, name: str, loop: int) -> Variable:
-        """The slot of a mask, of a loop or the function."""
+        """Return the slot of a mask, of a loop or the function."""
         key = (name, loop, _FUNCTION)
         if key not in self._made:
             self._made[key] = Variable(len(self._made), vec(Base.B), None, name)
@@ -55,7 +55,7 @@ class Slots:
         return self._made[key]
 
     def live(self) -> frozenset[int]:
-        """The slots of the masks of lanes that are still in their loop."""
+        """Return the slots of the masks of lanes that are still in their loop."""
         return frozenset(slot.id for (name, _, _), slot in self._made.items() if name == "live")
 
     def _slot(self, kind: str, variable: int, loop: int = _FUNCTION) -> Variable:
@@ -65,7 +65,7 @@ class Slots:
         return self._made[key]
 
     def named(self, used: Iterable[int]) -> dict[int, Variable]:
-        """The slots that are used, with their names, by id."""
+        """Return the slots that are used, with their names, by id."""
         wanted = set(used)
         kept = {key: slot for key, slot in self._made.items() if slot.id in wanted}
         of: dict[int, set[tuple[str, bool]]] = {}

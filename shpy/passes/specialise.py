@@ -26,7 +26,7 @@ Constants = Mapping[str, tuple[int, ...]]
 
 
 def specialise(module: Module, inputs: Constants, params: Constants | None = None) -> Module:
-    """The module with these inputs and params, by name, as constants; ShpyTypeError for one that it does not have."""
+    """Make constants of inputs and params, given by name; ShpyTypeError for a name that the module lacks."""
     params = params or {}
     _check(inputs, [p.name for p in module.inputs], "input")
     _check(params, [p.name for p in module.params], "param")
@@ -72,7 +72,7 @@ class _Params(Rewriter):
 
 
 def select_outputs(module: Module, indices: Sequence[int]) -> Module:
-    """The module with these of its entry's outputs, in this order, and without what the others needed.
+    """Return the module with these of its entry's outputs, in this order, and without what the others needed.
 
     A status output, which no port describes, is the entry's last: it stays where its index is given, last.
     """

@@ -79,7 +79,7 @@ class VectorModule:
 
 
 def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> VectorModule:
-    """The module for many lanes. `padded`: some hold no element (see `lane_mask`); `alone`: see `Callees`."""
+    """Return the module for many lanes. `padded`: some hold no element (see `lane_mask`); `alone`: see `Callees`."""
 
     def make(
         function: Function, given: frozenset[int], mask: Value | None, callees: Callees
@@ -108,7 +108,7 @@ class _Vectorizer(CallBuilder):
         self.notes = annotate(function)
 
     def run(self) -> Function:
-        """The function for many lanes."""
+        """Return the function for many lanes."""
         while True:
             found = self.facts.size() + len(self.varying_arrays)
             self.begin()
@@ -461,7 +461,7 @@ class _Vectorizer(CallBuilder):
         return until
 
     def varying_test(self, s: Loop, note: Note, active: int) -> int | None:
-        """The test when only the lanes of `active` leave."""
+        """Return the test when only the lanes of `active` leave."""
         scope, facts = self.scope, note.facts
         facts.varying = True
         self.b.push()
@@ -475,7 +475,7 @@ class _Vectorizer(CallBuilder):
 
 
 def _before_use(slot: int, store: Store, region: Region) -> Region:
-    """The region with `store` in front of the first statement that knows the slot."""
+    """Return the region with `store` in front of the first statement that knows the slot."""
     for at, statement in enumerate(region):
         for s in walk((statement,)):
             if (isinstance(s, Store) and s.variable == slot) or (

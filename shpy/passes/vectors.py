@@ -26,7 +26,7 @@ __all__ = ["rearrange"]
 
 
 def rearrange(known: Known, let: Let) -> Found:
-    """What may stand for a swizzle, construct or component, or None."""
+    """Return a simpler equivalent of a swizzle, construct or component, or None."""
     if let.op == "swizzle":
         assert isinstance(let.attr, tuple)
         return _swizzle(known, let, let.args[0], let.attr)
@@ -58,7 +58,7 @@ def _swizzle(known: Known, let: Let, source: int, picked: tuple[int, ...]) -> Fo
 
 
 def _of_construct(known: Known, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
-    """A swizzle of a construct: of one of its parts, or a construct of what is picked of several.
+    """Return a swizzle of a construct: of one of its parts, or a construct of what is picked of several.
 
     What the user named is not taken apart: `q.zyx` says more.
     """
@@ -76,7 +76,7 @@ def _of_construct(known: Known, let: Let, construct: Let, picked: tuple[int, ...
 
 
 def _one_by_one(known: Known, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
-    """The runs; one of a scalar, which is no vector to pick from, as often as it is picked."""
+    """Yield the runs; one of a scalar, which is no vector to pick from, as often as it is picked."""
     for arg, picked in runs:
         if known.types[arg].size == 1:
             yield from ((arg, [0]) for _ in picked)
@@ -116,7 +116,7 @@ def _is_nameless_construct(made: Let | None) -> bool:
 
 
 def _picked(known: Known, arg: int) -> tuple[int, tuple[int, ...]]:
-    """The vector that a part comes from, and which of its components."""
+    """Return the vector that a part comes from, and which of its components."""
     made = known.made.get(arg)
     if made is not None and made.op == "swizzle":
         assert isinstance(made.attr, tuple)

@@ -36,7 +36,7 @@ _WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.floa
 
 
 def dtypes_at(precision: str) -> dict[Base, Any]:
-    """The dtype of each base at a working precision."""
+    """Return the dtype of each base at a working precision."""
     return {**DTYPES, Base.F: _WORKING[precision]}
 
 
@@ -89,7 +89,7 @@ class InputLeaf:
         self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
 
     def flat(self, shape: Shape) -> NDArray[Any]:
-        """The elements in C order: (n[, size]), or 1 for n where all are the same."""
+        """Return the elements in C order: (n[, size]), or 1 for n where all are the same."""
         tail = (self.size,) if self.size > 1 else ()
         if math.prod(self.shape) == 1:
             return np.ascontiguousarray(self.array.reshape((1, *tail)))
@@ -126,7 +126,7 @@ def _trailing(name: str, shape: Shape, size: int) -> str:
 
 
 def _exact(data: Any, precision: str, math: str) -> Any:
-    """A Param or another constant with all the digits that it has: a kernel of f64 takes them."""
+    """Return a Param or another constant with all the digits that it has: a kernel of f64 takes them."""
     if isinstance(data, Value) and data._uniform:
         return data.at(precision, math)
     if isinstance(data, Value) and data._frame is None:
@@ -138,14 +138,14 @@ def _exact(data: Any, precision: str, math: str) -> Any:
 def streams(
     types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
 ) -> list[InputLeaf]:
-    """The inputs as `inputs` gives them, none of which is a stream."""
+    """Return the inputs as `inputs` gives them, none of which is a stream."""
     return [leaf for leaf in inputs(types, given, dtypes, math) if isinstance(leaf, InputLeaf)]
 
 
 def inputs(
     types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
 ) -> list[InputLeaf | DeviceLeaf]:
-    """The array inputs, leaf by leaf in the entry's order; dependent uniforms are computed in the mode `math`."""
+    """Return the array inputs, leaf by leaf in the entry's order; dependent uniforms are computed in mode `math`."""
     found: list[InputLeaf | DeviceLeaf] = []
     precision = next(name for name, dtype in _WORKING.items() if dtype is dtypes[Base.F])
     for name, type_ in types.items():
@@ -161,7 +161,7 @@ def inputs(
 
 
 def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
-    """The entry of each leaf: an array or a number, or where a leaf of a stream lies."""
+    """Return the entry of each leaf: an array or a number, or where a leaf of a stream lies."""
     if not hasattr(given, "leaf_entries"):
         if not isinstance(layout, Group):
             return flatten(layout, given, what)
@@ -175,7 +175,7 @@ def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
 
 
 def given_shape(shape: Any) -> Shape:
-    """The argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
+    """Return the argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
     single = isinstance(shape, int | np.integer) and not isinstance(shape, bool)
     extents = [shape] if single else sequence(shape)
     if extents is None or not all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in extents):
@@ -191,12 +191,12 @@ def given_shape(shape: Any) -> Shape:
 
 
 def _spoken(value: Any) -> str:
-    """A value in a message: its text, cut where it is long."""
+    """Return a value in a message: its text, cut where it is long."""
     return reprlib.repr(value)
 
 
 def common_shape(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Any) -> Shape:
-    """The element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
+    """Return the element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
     shapes = [s.shape for s in inputs]
     wanted = None if shape is None else given_shape(shape)
     for name, given in [*((s.name, s.shape) for s in inputs), ("shape", wanted or ())]:
@@ -225,7 +225,7 @@ def common_shape(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Any) -> Shape:
 
 
 def _broadcast(shapes: Sequence[Shape]) -> Shape:
-    """The shape that these broadcast to; ValueError if they do not. numpy's own function refuses large products."""
+    """Return the shape that these broadcast to, or raise ValueError. numpy's function refuses large products."""
     rank = max(map(len, shapes), default=0)
     whole = []
     for axis in range(-rank, 0):
@@ -237,7 +237,7 @@ def _broadcast(shapes: Sequence[Shape]) -> Shape:
 
 
 def _check_column(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Shape) -> None:
-    """An (n, 1) array for a scalar that blows the shape up is nearly always a mistake."""
+    """Raise ShpyTypeError for an (n, 1) array for a scalar that enlarges the shape: nearly always a mistake."""
     if all(math.prod(s.shape) < math.prod(shape) for s in inputs):
         for s in inputs:
             if s.size == 1 and len(s.shape) > 1 and s.shape[-1] == 1:
@@ -298,7 +298,7 @@ class Target:
 
 
 def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, *, zeros: bool) -> list[Target]:
-    """The arrays to write, leaf by leaf, zeros at first if need be.
+    """Return the arrays to write, leaf by leaf, zeros at first if need be.
 
     Raises ShpyTypeError where `out` has another dtype or shape.
     """
@@ -322,7 +322,7 @@ def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, 
 
 
 def bytes_each(inputs: Sequence[InputLeaf], output: Layout, dtypes: Mapping[Base, Any]) -> int:
-    """The bytes of one element in all inputs and outputs on the host."""
+    """Return the bytes of one element in all inputs and outputs on the host."""
     outputs: list[int] = [cls.size * np.dtype(dtypes[cls.base]).itemsize for _, _, cls in leaves(output, "out")]
     return sum(outputs) + sum(s.size * s.array.itemsize for s in inputs)
 

@@ -317,7 +317,7 @@ class Kernel(OfOneProcess):
         return out, status
 
     def _check_sizes(self, tables: dict[str, Table]) -> None:
-        """A size that is written down is folded into the text: the data must have it."""
+        """Raise ShpyTypeError for data of another size than the declared one, which is folded into the text."""
         for declared in self._recorded.module.tables:
             shape = tuple(int(n) for n in tables[declared.name].shape)
             if declared.size not in (None, shape):
@@ -380,6 +380,6 @@ class Kernel(OfOneProcess):
 
 
 def _shape_of(out: Any) -> tuple[int, ...] | None:
-    """The element shape of streams that a run writes."""
+    """Return the element shape of streams that a run writes."""
     found = next(streams_in(iter([out])), None)
     return None if found is None else found.shape

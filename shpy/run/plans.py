@@ -35,7 +35,7 @@ Shape = tuple[int, ...]
 
 
 def signature(arrays: Sequence[Any]) -> tuple[Any, ...] | None:
-    """The shapes and dtypes of contiguous arrays, `float` for a number; None where there is anything else."""
+    """Return the shapes and dtypes of contiguous arrays, `float` for a number; None where there is anything else."""
     found: list[Any] = []
     for array in arrays:
         if type(array) is np.ndarray and array.flags.c_contiguous:
@@ -60,7 +60,7 @@ class Plan:
     def begin(
         self, arrays: Sequence[Any], params: dict[str, Array], tables: dict[str, TableData], out: Any = None
     ) -> tuple[Call, Any] | None:
-        """The call, and its outputs in the structure of the program's; None where `out` needs more than this."""
+        """Return the call, and its outputs in the program's structure; None where `out` needs more checks."""
         flat = [
             array.reshape(shape) if type(array) is np.ndarray else np.full(shape, array, dtype)
             for array, (shape, dtype) in zip(arrays, self.inputs, strict=True)
@@ -82,7 +82,7 @@ class Plan:
 def plan_of(
     recorded: Recorded, dtypes: Mapping[Base, Any], arrays: Sequence[Any], common: Shape, *, zeros: bool
 ) -> Plan | None:
-    """The plan of a call that went well; None where an input has several leaves, is converted or is broadcast."""
+    """Return the plan of a call that succeeded; None where an input has several leaves, is converted or broadcast."""
     types = list(recorded.inputs.values())
     if len(arrays) != len(types) or not common:
         return None

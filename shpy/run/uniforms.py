@@ -34,7 +34,7 @@ class _Kept:
 
 
 def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
-    """The uniform's value, of shape () or (size,), computed by the program that its expression is."""
+    """Return the uniform's value, of shape () or (size,), computed by the program that its expression is."""
     keeps = uniform._const.kept
     kept = keeps.get((precision, math))
     if kept is None:
@@ -51,7 +51,7 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
 
 
 def _recorded(uniform: Dependent) -> Recorded:
-    """The program without inputs that computes the uniform."""
+    """Return the program without inputs that computes the uniform."""
     value: Any = uniform
     cls = CLASSES[value.kind, value.size, value.base]
 

@@ -112,7 +112,7 @@ def prepare(
 
 
 def signature_of_streams(streams: Sequence[Any]) -> tuple[Any, ...] | None:
-    """The shapes, types and places of streams of one leaf each; None where there is anything else."""
+    """Return the shapes, types and places of streams of one leaf each; None where there is anything else."""
     found = []
     for stream in streams:
         if type(stream) is not Stream or len(stream._memories) != 1:
@@ -150,7 +150,7 @@ def _prepared(
     *,
     fresh: bool,
 ) -> Prepared:
-    """The call: it writes the memory of the outputs, or its own where theirs is still read or may have to stay."""
+    """Return the call: it writes the outputs' memory, or its own where theirs is still read or may have to stay."""
     space = place.space
     direct = fresh or (executable.writes_all and not _reads_others(inputs, targets, itself=space.overwrites))
     written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
@@ -215,7 +215,7 @@ def _like(memory: Memory, place: Place) -> Memory:
 
 
 def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list[StreamLeaf], Any]:
-    """The leaf of a stream for each output, and the streams in the structure of the outputs."""
+    """Return the leaf of a stream for each output, and the streams in the structure of the outputs."""
     if out is None:
         made = build_streams(layout, place, shape)
         return [entry for stream in streams_in(iter([made])) for entry in stream.leaf_entries()], made
@@ -238,7 +238,7 @@ def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list
 
 
 def build_streams(layout: Layout, place: Place, shape: Shape) -> Any:
-    """A fresh stream for each output: structs and matrices are one stream, tuples and dicts have one for each part."""
+    """Make a stream for each output: structs and matrices are one stream, tuples and dicts have one for each part."""
     if isinstance(layout, Group) and layout.form != "struct":
         return build_group(layout, [build_streams(part, place, shape) for part in layout.parts])
     return Stream.fresh(shape, layout.cls, place)

@@ -93,7 +93,7 @@ class Stream(StreamReductions):
 
     @classmethod
     def over(cls, element: Any, shape: Shape, place: Place, memories: Sequence[Memory]) -> Stream:
-        """A stream over memory that is there already."""
+        """Return a stream over memory that is there already."""
         made = cls.__new__(cls)
         made._hold(element, _layout(element), shape, place, memories)
         return made
@@ -107,7 +107,7 @@ class Stream(StreamReductions):
         device: int | None = None,
         precision: Precision = "f32",
     ) -> Stream:
-        """A stream of a shape, for a kernel to write; its elements are zeros."""
+        """Return a stream of a shape, for a kernel to write; its elements are zeros."""
         made = cls.fresh(host.given_shape(shape), type, _place(backend, device, precision))
         for memory in made._memories:
             memory.write(np.zeros((memory.count, *_tail(memory)), memory.dtype))
@@ -115,7 +115,7 @@ class Stream(StreamReductions):
 
     @classmethod
     def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
-        """A stream of a shape at a place, for a kernel that writes every element: they are not set."""
+        """Return a stream of a shape at a place, for a kernel that writes every element: they are not set."""
         dtypes = host.dtypes_at(place.precision)
         memories = [
             place.space.allocate(math.prod(shape), leaf.type, np.dtype(dtypes[leaf.base]))
@@ -125,7 +125,7 @@ class Stream(StreamReductions):
 
     @classmethod
     def wrap(cls, native: Any, type: Any = None, backend: str | None = None) -> Stream:
-        """A stream over the memory of a numpy array, a `pyopencl.array.Array` or a `moderngl.Texture`, not copied.
+        """Make a stream over a numpy array, a `pyopencl.array.Array` or a `moderngl.Texture`, without a copy.
 
         (*S, N) for N components, (*S,) for one; a texture is (height, width). `type` None is an Attrib of that many
         components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
@@ -203,7 +203,7 @@ class Stream(StreamReductions):
         return found if dtype is None else found.astype(dtype)
 
     def __getitem__(self, key: Any) -> Any:
-        """The elements of an index, a slice or a mask, on the host."""
+        """Return the elements of an index, a slice or a mask, on the host."""
         entry = np.asarray(key) if isinstance(key, Stream) else key
         rows = _rows_of(entry, self._shape[0]) if self._shape else None
         if rows is None:
@@ -229,7 +229,7 @@ class Stream(StreamReductions):
             memory.write(leaf.flat(self._shape))
 
     def copy(self) -> Stream:
-        """A stream with the same elements on the same device."""
+        """Return a stream with the same elements on the same device."""
         space = self.place.space
         memories = []
         for memory in self._memories:
@@ -254,7 +254,7 @@ class Stream(StreamReductions):
         return _unpickled, (self._type, self._shape, self.place, [memory.read() for memory in self._memories])
 
     def to(self, backend: str, device: int | None = None) -> Stream:
-        """A stream with the same elements on another device, by way of the host; itself where it is there already."""
+        """Return a stream with these elements on another device, copied through the host; itself if it is there."""
         place = _place(backend, device, self.place.precision)
         if place == self.place:
             return self
@@ -266,7 +266,7 @@ class Stream(StreamReductions):
         return Stream.over(self._type, self._shape, place, memories)
 
     def native(self) -> Any:
-        """The array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.
+        """Return the array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.
 
         Its memory stays as long as somebody holds it, and later runs that write the stream write it, too. A texture
         holds rows of 4096 elements; only `on_device` may use it, and on another thread it raises ShpyTypeError.
@@ -299,7 +299,7 @@ class Stream(StreamReductions):
         return (1, 0)  # kDLCPU
 
     def way_to(self, place: Place) -> str:
-        """The expression that brings it to another place, as messages spell it."""
+        """Return the expression that brings it to another place, as messages spell it."""
         if self.precision != place.precision:
             type_, told = self._type.__name__, f'"{place.backend}", precision="{place.precision}"'
             return f"sh.Stream(stream.numpy(), {type_}, {told})"
@@ -372,7 +372,7 @@ class StreamTable(Table):
         self.stream.update(array)
 
     def data(self, dtype: Any) -> TableData:
-        """The elements on the host."""
+        """Return the elements on the host."""
         memory = self.memory
         return TableData(memory.read().reshape(self.stream.shape + _tail(memory)).astype(dtype, copy=False))
 
@@ -438,7 +438,7 @@ def _layout(type: Any) -> Layout:
 
 
 def _checked(array: Any, layout: Layout, place: Place) -> list[host.InputLeaf]:
-    """The leaves of host data, all of one shape."""
+    """Return the leaves of host data, all of one shape."""
     dtypes = host.dtypes_at(place.precision)
     if isinstance(array, Stream):
         array = array.numpy()
@@ -462,7 +462,7 @@ def _unpickled(element: Any, shape: Shape, place: Place, arrays: Sequence[NDArra
 
 
 def _rows_of(key: Any, count: int) -> range | None:
-    """The rows that an index or a slice of the first axis names, in order; None for any other key."""
+    """Return the rows that an index or a slice of the first axis names, in order; None for any other key."""
     if isinstance(key, int | np.integer) and not isinstance(key, bool) and -count <= key < count:
         at = int(key) % count
         return range(at, at + 1)
@@ -473,7 +473,7 @@ def _rows_of(key: Any, count: int) -> range | None:
 
 
 def streams_in(values: Iterator[Any]) -> Iterator[Stream]:
-    """The streams among inputs, outputs and tables, whether alone or as fields."""
+    """Yield the streams among inputs, outputs and tables, whether alone or as fields."""
     for value in values:
         if isinstance(value, Stream):
             yield value

@@ -38,7 +38,7 @@ __all__ = [
 
 
 def programs(endless: bool = False) -> SearchStrategy[Generated]:
-    """A hypothesis strategy of well-typed programs that end, with nested loops, branches and exits, that shrink.
+    """Return a hypothesis strategy of well-typed programs that end, with nested loops, branches and exits, that shrink.
 
     Each is a recorded program with the same four inputs, for which `inputs(program, count)` gives arrays; its `text` is
     the source. Only operations with one exact answer are used: every backend must give the same bits. With `endless`,

@@ -19,7 +19,7 @@ Array = NDArray[Any]
 
 
 def flat_leaves(outputs: Any) -> list[Array]:
-    """The arrays of an output, whatever its structure."""
+    """Return the arrays of an output, whatever its structure."""
     if isinstance(outputs, np.ndarray | np.generic):
         return [np.asarray(outputs)]
     parts: Any = outputs

@@ -66,13 +66,13 @@ class Denormals:
         return np.asarray(self.numbers != 0)
 
     def first(self, element: int) -> Denormal | None:
-        """The first denormal of an element in C order; None if there is none."""
+        """Return the first denormal of an element in C order; None if there is none."""
         number = int(self.numbers[element])
         return Denormal(float(self.values[element]), *self.places[number - 1]) if number else None
 
 
 def meets_denormals(setting: Setting) -> Array:
-    """The elements, (n,) bool, of which an input, a result or anything between is a denormal or the least normal.
+    """Return the elements, (n,) bool, that meet a denormal or the least normal, in an input or any result.
 
     Operations such as `length` are taken apart, and so is the body of each function: what they compute counts.
     """
@@ -81,7 +81,7 @@ def meets_denormals(setting: Setting) -> Array:
 
 
 def find_denormals(setting: Setting, lines: Collection[Loc] | None = None) -> Denormals:
-    """The first denormal of each element; with `lines`, the first one that is computed at one of these lines.
+    """Return the first denormal of each element; with `lines`, the first one that is computed at one of these lines.
 
     It takes some times as long as `meets_denormals`, and counts the same numbers.
     """
@@ -92,7 +92,7 @@ def find_denormals(setting: Setting, lines: Collection[Loc] | None = None) -> De
 def _run(
     setting: Setting, watcher: type[_Watcher], lines: Collection[Loc] | None = None
 ) -> tuple[list[Array], list[tuple[Loc | None, str]]]:
-    """The watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
+    """Return the watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
     module = _without_pure_functions(lower(setting.program.ir, TRANSCENDENTALS))
     module = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576)).module
     entry = replace(module.entry, outputs=(), variables=(*module.entry.variables, *module.entry.outputs))
@@ -113,7 +113,7 @@ def _run(
 
 
 def _without_pure_functions(module: Module) -> Module:
-    """The module with a statement for each call of a pure function, so that these are inlined as well."""
+    """Return the module with a statement for each call of a pure function, so that these are inlined as well."""
 
     def called(s: Stmt) -> Stmt:
         if isinstance(s, Let) and s.op == "call":
@@ -136,7 +136,7 @@ class _Watcher(ABC):
         self.b = Builder(function=function)
 
     def run(self) -> Function:
-        """The copy, with the watcher's own outputs."""
+        """Return the copy, with the watcher's own outputs."""
         self.declare()
         for port in self.function.inputs:
             if isinstance(port, Value):

@@ -137,7 +137,7 @@ def _spoken(value: Any) -> str:
 
 
 def _exactly(value: Any) -> str:
-    """The number, and for floats its exact form."""
+    """Return the number, and for floats its exact form."""
     array = np.asarray(value)
     if array.dtype.kind != "f":
         return _spoken(value)
@@ -159,7 +159,7 @@ def first_divergence(
     shape: Any = None,
     **named: Any,
 ) -> Divergence | None:
-    """The first event at which a backend parts from another, bit by bit; None where their outputs are the same.
+    """Return the first event at which a backend parts from another, bit by bit; None where their outputs are the same.
 
     Results may be `ulp` numbers apart, or atol + rtol * |the first's|, as in `assert_equivalent`: then outputs within
     that are the same, and so are the values of an event. Events go the same way on both up to the one that is found.
@@ -199,7 +199,7 @@ def search(
     runs: tuple[Run, Run] | None = None,
     bound: Bound = EXACT,
 ) -> Divergence | None:
-    """The first event of an element at which two backends part, by halves; None if they agree while watched."""
+    """Return the first event of an element at which two backends part, by halves; None if they agree while watched."""
     if runs is not None:
         names = _judged(setting, names, element, runs, bound)
     one, two = (observer(setting, name, element) for name in names)
@@ -222,7 +222,7 @@ def search(
 
 
 def _parting(sides: Sides, count: int) -> int:
-    """The first event that differs in any bit, by halves; `count` if there is none."""
+    """Return the first event that differs in any bit, by halves; `count` if there is none."""
     low, high = 0, count
     while low < high:
         middle = (low + high) // 2
@@ -232,7 +232,7 @@ def _parting(sides: Sides, count: int) -> int:
 
 
 def _beyond(sides: Sides, low: int, count: int, bound: Bound) -> int:
-    """The first event from `low` on that is further apart, or that only one of the two comes to; `count` if none."""
+    """Return the first event from `low` on that is further apart, or that only one side reaches; `count` if none."""
     width = _AHEAD
     while low < count:
         events = range(low, min(count, low + width))
@@ -253,7 +253,7 @@ def _elsewhere(one: Seen, two: Seen) -> bool:
 def _judged(
     setting: Setting, names: tuple[str, str], element: int, runs: tuple[Run, Run], bound: Bound
 ) -> tuple[str, str]:
-    """The pair with the interpreter for the one that is right, if exactly one is."""
+    """Return the pair with the interpreter for the one that is right, if exactly one is."""
     if INTERPRETER in names:
         return names
     truth = run(setting, INTERPRETER, only={element})

@@ -121,7 +121,7 @@ class _Comparison:
         return meets_denormals(self.setting)
 
     def told(self, other: Run, wrong: Array) -> Iterator[str]:
-        """What there is to say of a failure."""
+        """Yield the lines that explain a failure."""
         element, s = int(np.flatnonzero(wrong)[0]), self.setting
         place = ", ".join(map(str, s.index(element))) or "the only one"
         yield (

@@ -97,7 +97,7 @@ def _distance(a: Array, b: Array) -> Array:
 
 
 def _value(run: Run, leaf: int, element: int) -> Any:
-    """The output of an element: a number, or a list for a vector; None where nothing was written."""
+    """Return the output of an element: a number, or a list for a vector; None where nothing was written."""
     value = run.outputs[leaf][element].tolist()
     return None if not run.written[element] else value[0] if len(value) == 1 else value
 

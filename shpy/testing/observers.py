@@ -67,7 +67,7 @@ class Setting:
         return promote(self.program.ir)
 
     def watch(self, looked: frozenset[int]) -> Watched:
-        """The module that watches itself, made once for each set of sites that are looked at."""
+        """Return the module that watches itself, made once for each set of sites that are looked at."""
         if looked not in self.watches:
             limit = self.options.get("loop_limit", 1_048_576)
             self.watches[looked] = watch(self.module, limit, looked, wide=self.precision == "f64")
@@ -87,19 +87,19 @@ class Setting:
         return streams(self.program._recorded.inputs, self._given, dtypes_at(self.precision))
 
     def element(self, n: int) -> dict[str, Any]:
-        """The inputs of the n-th element in C order, by name."""
+        """Return the inputs of the n-th element in C order, by name."""
         flat = [s.flat(self.element_shape) for s in self._streams]
         return {s.name: a[n if len(a) > 1 else 0] for s, a in zip(self._streams, flat, strict=True)}
 
     def data(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The params and tables, as the interpreter takes them."""
+        """Return the params and tables, as the interpreter takes them."""
         recorded, dtypes = self.program._recorded, dtypes_at(self.precision)
         found = tables(recorded.inputs, self._given, recorded.tables)
         params = uniforms(recorded.params, self.precision, "strict")
         return params, {n: t.data(dtypes[t.type.base]) for n, t in found.items()}
 
     def index(self, n: int) -> tuple[int, ...]:
-        """The place of the n-th element along numpy's axes."""
+        """Return the place of the n-th element along numpy's axes."""
         return tuple(int(i) for i in np.unravel_index(n, self.element_shape)) if self.element_shape else ()
 
 
@@ -115,20 +115,20 @@ class Observer(Protocol):
         """How many events the element has."""
 
     def trail(self, event: int) -> int:
-        """The hash of every event up to this one."""
+        """Return the hash of every event up to this one."""
 
     def site(self, event: int) -> int:
-        """The number of the statement that the event is; 0 if the element had ended."""
+        """Return the number of the statement that the event is; 0 if the element had ended."""
 
     def look(self, sites: frozenset[int]) -> Observer:
-        """An observer that sees these sites in full."""
+        """Return an observer that sees these sites in full."""
 
     def seen(self, event: int) -> Seen:
-        """The event in full, if its site is looked at."""
+        """Return the event in full, if its site is looked at."""
 
 
 def observer(setting: Setting, target: str, element: int) -> Observer:
-    """What watches this element on this target."""
+    """Return an observer of this element on this target."""
     return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
 
 
@@ -142,7 +142,7 @@ def _seen(watched: Watched, found: Mapping[str, Any]) -> Seen:
 
 
 def _kept(found: Mapping[str, Any], place: str, type: Type) -> Any:
-    """A value out of the slot of its family, in its own type."""
+    """Return a value out of the slot of its family, in its own type."""
     family = {Base.D: "d", Base.F: "f", Base.H: "f"}.get(type.base, "u")
     array = found[f"{place}_{family}"][: type.size]
     if type.base is Base.I:
@@ -181,7 +181,7 @@ class _Backend:
         return _seen(self.watched, self._run(event))
 
     def _run(self, target: int) -> dict[str, Any]:
-        """The added outputs of the element, by name."""
+        """Return the added outputs of the element, by name."""
         s = self.setting
         try:
             outputs = self.kernel(*s.inputs, shape=s.shape, **s.named, target=np.uint32(target))
@@ -235,7 +235,7 @@ class _Interpreter:
 
 
 def _runnable(program: Program, watched: Watched) -> Program:
-    """The module that watches itself, with the tables and params of the program."""
+    """Return the module that watches itself, with the tables and params of the program."""
     module = watched.module
     kinds = {cls.__name__: cls for cls in CLASSES.values()}
     parts = tuple(
@@ -248,5 +248,5 @@ def _runnable(program: Program, watched: Watched) -> Program:
 
 
 def sites_of(sides: Iterable[Observer], events: Iterable[int]) -> frozenset[int]:
-    """The sites of these events, as any of the observers has them."""
+    """Return the sites of these events, as any of the observers has them."""
     return frozenset(side.site(event) for event in events for side in sides) - {0}

@@ -18,7 +18,7 @@ __all__ = ["pytest_addoption", "pytest_configure", "pytest_generate_tests", "shp
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The two options."""
+    """Add the two options."""
     group = parser.getgroup("shpy")
     group.addoption(
         "--shpy-backends",
@@ -59,6 +59,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def shpy_backend(request: Any) -> str:
-    """The name of the backend that this test runs on, for `Program.compile`."""
+    """Return the name of the backend that this test runs on, for `Program.compile`."""
     name: str = request.param
     return name

@@ -86,7 +86,7 @@ class Reference:
         self.only = only
 
     def devices(self) -> list[Device]:
-        """The one there is."""
+        """Return the one there is."""
         return [Device("reference interpreter", "1")]
 
     def compile(self, module: Module, options: Options) -> Interpreted:
@@ -95,12 +95,12 @@ class Reference:
         return Interpreted(interpreter_of(module, options.precision, options.loop_limit), loops, self.only)
 
     def space(self, device: int | None) -> NumpySpace:
-        """The host's memory."""
+        """Return the host's memory."""
         return SPACE
 
 
 def interpreter_of(module: Module, precision: Precision, loop_limit: int | None) -> Interpreter:
-    """The interpreter of a recorded module, whose exponentials and the like are those of strict mode."""
+    """Return the interpreter of a recorded module, whose exponentials and the like are those of strict mode."""
     lowered = with_strict_functions(module, precision)
     return Interpreter(lowered, precision if lowered is module else "f32", loop_limit)
 
@@ -127,7 +127,7 @@ def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
 
 
 def require(wanted: Iterable[str]) -> list[str]:
-    """These names of backends, each of which is there; raises BackendUnavailable for one that is not."""
+    """Return these names of backends; raises BackendUnavailable for one that is not available."""
     names = [name.strip() for name in wanted if name.strip()]
     for name in names:
         backend(name).devices()
@@ -142,7 +142,7 @@ _OPTIONS = frozenset(inspect.signature(Program.compile).parameters) - {"self", "
 
 
 def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What of the keyword arguments are inputs of the program, and what are options of compiling it."""
+    """Split the keyword arguments into inputs of the program and options of its compilation."""
     inputs = {name: value for name, value in given.items() if name in program.inputs}
     options = {name: value for name, value in given.items() if name not in inputs}
     unknown = sorted(options.keys() - _OPTIONS)
@@ -161,7 +161,7 @@ def flushes_denormals(notes: Iterable[str]) -> bool:
 
 
 def kernel(program: Program, target: str, only: Collection[int] | None = None, **options: Any) -> Kernel:
-    """The program compiled for one of `targets()`; `only` are the elements that the interpreter runs."""
+    """Return the program compiled for one of `targets()`; `only` are the elements that the interpreter runs."""
     if target == INTERPRETER:
         return Kernel(program._recorded, Reference(only), Options(**options))
     name, _, lanes = target.partition("-")

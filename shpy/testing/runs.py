@@ -48,7 +48,7 @@ def run(setting: Setting, target: str, only: Collection[int] | None = None) -> R
 
 
 def parted(a: Run, b: Run, bound: Bound = EXACT) -> Array:
-    """The elements, (n,), whose outputs are further apart, or that one of the two did not write."""
+    """Return the elements, (n,), whose outputs are further apart, or that one of the two did not write."""
     wrong = np.asarray(a.written != b.written)
     for one, two in zip(a.outputs, b.outputs, strict=True):
         wrong |= bound.exceeded(one, two).any(axis=1)

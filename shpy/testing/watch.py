@@ -204,7 +204,7 @@ class _Watcher:
         return made
 
     def after_store(self, s: Store) -> tuple[Site, Value]:
-        """What the variable holds once it is stored into."""
+        """Return the site and the value of the variable after a store."""
         slot = self.b.slot(s.variable)
         place = slot.name or f"${slot.id}"
         if s.components is not None:
@@ -235,7 +235,7 @@ class _Watcher:
         b.loc = None
 
     def words(self, value: Value) -> list[Value]:
-        """The bits of each component, as u; of what is wider than binary32, of its rounded value and of the rest."""
+        """Return the bits of each component, as u; above binary32, those of the rounded value and of the rest."""
         b, base = self.b, value.type.base
         found = [self.bits(value)]
         if base in (Base.F, Base.D):
@@ -282,7 +282,7 @@ class _Watcher:
         self.keep(hit, f"{place}_{base.value}", self.padded([exact], vec(base)))
 
     def padded(self, parts: list[Value], scalar: Type) -> Value:
-        """A vector of four of these parts and zeros."""
+        """Return a vector of four of these parts and zeros."""
         room = 4 - sum(p.type.size for p in parts)
         if not room and len(parts) == 1:
             return parts[0]
@@ -291,7 +291,7 @@ class _Watcher:
 
 
 def _stored_names(function: Function) -> Mapping[int, str]:
-    """The variable into which a value is stored first: what a value without a name is to the user."""
+    """Return the variable into which a value is stored first: what a value without a name is to the user."""
     slots = {
         v.id: v.name for v in (*function.inputs, *function.outputs, *function.variables) if isinstance(v, Variable)
     }

@@ -49,7 +49,7 @@ _told: set[str] = set()
 
 
 def key(*parts: str) -> str:
-    """The hash of all that a binary depends on: its key, 64 hexadecimal digits."""
+    """Return the hash of all that a binary depends on: its key, 64 hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         encoded = part.encode("utf-8", "surrogatepass")
@@ -58,7 +58,7 @@ def key(*parts: str) -> str:
 
 
 def load(name: str) -> bytes | None:
-    """The binary kept under this key; None where there is none, or one that is damaged or not this user's."""
+    """Return the binary kept under this key; None where there is none, or one that is damaged or not this user's."""
     with _opened_folder() as folder:
         if folder is None:
             return None
@@ -99,7 +99,7 @@ def save(name: str, binary: bytes) -> None:
 
 
 def known_names(name: str, possible: Container[str], ask: Callable[[], Iterable[str]]) -> frozenset[str]:
-    """The names kept under this key, all of which are possible ones; without them those that `ask` gives, then kept."""
+    """Return the names kept under this key, all of them possible, or else keep and return those that `ask` gives."""
     kept = load(name)
     if kept is not None:
         known = frozenset(kept.decode(errors="replace").split())
@@ -115,7 +115,7 @@ def _head(name: str, binary: bytes) -> bytes:
 
 
 def _place() -> Path | None:
-    """The folder that the environment names; None where nothing is to be kept."""
+    """Return the folder that the environment names; None where nothing is to be kept."""
     chosen = os.environ.get("SHPY_CACHE_DIR")
     if chosen is not None:
         return Path(chosen).expanduser() if chosen else None
@@ -126,7 +126,7 @@ def _place() -> Path | None:
 
 @contextmanager
 def _opened_folder() -> Iterator[int | None]:
-    """A descriptor of the folder, made with mode 0700 if it is not there; None where there is none to be used.
+    """Yield a descriptor of the folder, made with mode 0700 if it is missing; None where no folder can be used.
 
     All work goes through the descriptor that was checked, so that nobody can put another folder in its place.
     """
@@ -177,7 +177,7 @@ def tell(reason: str) -> None:
 
 
 def _read(folder: int, name: str, most: int) -> bytes | None:
-    """The first `most` bytes of a regular file of this user; None where there is none.
+    """Return the first `most` bytes of a regular file of this user; None where there is none.
 
     Opening neither follows a link nor waits for a pipe's writer, and the state is asked of what was opened.
     """
@@ -218,7 +218,7 @@ def _prune(folder: int) -> None:
 
 
 def _age(folder: int, name: str) -> float:
-    """The seconds since a file was used; infinity for a date in the future, which says nothing of that."""
+    """Return the seconds since a file was used; infinity for a date in the future, which says nothing of that."""
     try:
         age = time.time() - os.stat(name, dir_fd=folder, follow_symlinks=False).st_mtime
     except OSError:

@@ -18,12 +18,12 @@ __all__ = ["CORRECTED"]
 
 
 def _mantissa(bits: Term) -> Term:
-    """The mantissa with its hidden bit: 2**23 up to 2**24."""
+    """Return the mantissa with its hidden bit: 2**23 up to 2**24."""
     return (bits & 0x7FFFFF) | 0x800000
 
 
 def _exponent(bits: Term) -> Term:
-    """The biased exponent, as an int."""
+    """Return the biased exponent, as an int."""
     return ((bits >> 23) & 255).based(Base.I)
 
 
@@ -42,7 +42,7 @@ def _rounded(q: Term, exact: Term, n: Term) -> Term:
 
 
 def div(a: Term, b: Term) -> Term:
-    """A / b."""
+    """Return a / b."""
     a_bits, b_bits = a.op("bits_from_float").named("a_bits"), b.op("bits_from_float").named("b_bits")
     m, d = _mantissa(a_bits).named("m"), _mantissa(b_bits).named("d")
     less = (m < d).named("less")
@@ -66,7 +66,7 @@ def div(a: Term, b: Term) -> Term:
 
 
 def sqrt(x: Term) -> Term:
-    """The square root: that of the mantissa times an even power of two."""
+    """Return the square root: that of the mantissa times an even power of two."""
     bits = x.op("bits_from_float").named("bits")
     e = _exponent(bits).named("e")
     odd = (e & 1).named("odd")
@@ -89,13 +89,13 @@ def sqrt(x: Term) -> Term:
 
 
 def _leading(x: Term) -> Term:
-    """The place of the highest bit of a uint that is not 0, as an int: from the exponent of a float."""
+    """Return the place of the highest bit of a uint that is not 0, as an int: from the exponent of a float."""
     # Without the bit below the highest one, no conversion rounds up to the next power of two.
     return _exponent((x & ~(x >> 1)).based(Base.F).op("bits_from_float")) - 127
 
 
 def _normalised(bits: Term) -> tuple[Term, Term]:
-    """The mantissa m, 2**23 up to 2**24, and the exponent n of a number of size m * 2**n; zero is 0 * 2**-649."""
+    """Return the mantissa m, 2**23 up to 2**24, and the exponent n of a number m * 2**n; zero is 0 * 2**-649."""
     field, low = _exponent(bits), bits & 0x7FFFFF
     up = where(low.equals(0), field.constant(500), 23 - _leading(low | 1)).named("up")
     denormal = field.equals(0)
@@ -103,7 +103,7 @@ def _normalised(bits: Term) -> tuple[Term, Term]:
 
 
 def _assembled(sign: Term, m: Term, e: Term) -> Term:
-    """The float with this sign bit nearest to m * 2**(e - 158), half to even; m has its highest bit set."""
+    """Return the float with this sign bit nearest to m * 2**(e - 158), half to even; m has its highest bit set."""
     less = (1 - e).op("max", 0).op("min", 31).named("less")
     kept = m.op("shr", less)
     m = (kept | where(kept.op("shl", less).equals(m), m.constant(0), 1)).named("m")
@@ -138,7 +138,7 @@ def _negated(x: _Wide, condition: Term) -> _Wide:
 
 
 def _product(a: Term, b: Term) -> _Wide:
-    """A * b * 2**14 for mantissas of 24 bits, from halves of 12 bits."""
+    """Return a * b * 2**14 for mantissas of 24 bits, from halves of 12 bits."""
     a_high, a_low, b_high, b_low = a >> 12, a & 4095, b >> 12, b & 4095
     middle = (a_high * b_low + a_low * b_high).named("middle")
     low = (a_low * b_low + ((middle & 4095) << 12)).named("low")
@@ -147,7 +147,7 @@ def _product(a: Term, b: Term) -> _Wide:
 
 
 def fma(a: Term, b: Term, c: Term) -> Term:
-    """A * b + c, rounded once: a sum of 64 bits whose lowest bit tells of all that was shifted out."""
+    """Return a * b + c, rounded once: a sum of 64 bits whose lowest bit tells of all that was shifted out."""
     bits = [x.op("bits_from_float").named(f"{name}_bits") for x, name in ((a, "a"), (b, "b"), (c, "c"))]
     (a_m, a_e), (b_m, b_e), (c_m, c_e) = map(_normalised, bits)
     product, term = _product(a_m, b_m), (c_m << 6, c_m.constant(0))  # times 2**14 and 2**38

@@ -36,7 +36,7 @@ INFINITY: Final = float("inf")
 
 
 def _times_part(k: Term, part: float) -> Pair:
-    """The whole number k < 2**20 times a constant, exactly; in binary64 the constant has few enough bits."""
+    """Return the whole number k < 2**20 times a constant, exactly; in binary64 the constant has few enough bits."""
     factor = k.constant(part)
     if k.type.base is Base.D:
         return k * factor, k.constant(0)
@@ -62,7 +62,7 @@ def _reduced(x: Term) -> Triple:
 
 
 def _near_reduced(x: Term) -> Triple:
-    """The same for an x of at most FAR in size; anything for others."""
+    """Reduce an x of at most FAR in size; the result for others is arbitrary."""
     first, second, third, *fourth = constants(x, HALF_PI)
     k = whole_and_shifted(x * constants(x, TWO_BY_PI)[0])[0].named("near_k")
     product, rest = _times_part(k, first)
@@ -89,12 +89,12 @@ def _quadrant(k: Term) -> Pair:
 
 
 def _sine_rest(high: Term, low: Term, z: Term) -> Term:
-    """The sine of high + low, less high."""
+    """Return the sine of high + low, less high."""
     return (high * (z * polynomial(z, SIN)) + low).named("sine_rest")
 
 
 def _cosine(high: Term, low: Term, z: Term) -> Pair:
-    """The cosine of high + low, in two parts that overlap."""
+    """Return the cosine of high + low, in two parts that overlap."""
     by_2 = (z * 0.5).named("z_by_2")
     whole = (1 - by_2).named("whole")
     rest = (z * z * polynomial(z, COS) - high * low).named("rest")
@@ -142,7 +142,7 @@ def _asin_rest(a: Term) -> Term:
 
 
 def _far_root(a: Term) -> Pair:
-    """The root of (1 - a) / 2 in two parts, for 1/2 <= a <= 1."""
+    """Return the root of (1 - a) / 2 in two parts, for 1/2 <= a <= 1."""
     part = ((1 - a) * 0.5).named("part")
     root = part.op("sqrt").named("root")
     square, lost = two_product(root, root)
@@ -183,7 +183,7 @@ def acos(x: Term) -> Term:
 
 
 def _atan_of_quotient(smaller: Term, larger: Term) -> Pair:
-    """The arc tangent of smaller / larger, both positive, in two parts: from 1/2 on as pi/4 plus a smaller one."""
+    """Return the arc tangent of smaller / larger, both positive, in two parts; from 1/2 on pi/4 plus a smaller one."""
     wide = (smaller + smaller > larger).named("wide")
     total, total_low = fast_two_sum(larger, smaller)
     n = where(wide, smaller - larger, smaller).named("n")
@@ -215,7 +215,7 @@ def atan(x: Term) -> Term:
 
 
 def atan2(y: Term, x: Term) -> Term:
-    """The angle of (x, y), as C99 7.12.4.4 and F.9.1.4 have it."""
+    """Return the angle of (x, y), as C99 7.12.4.4 and F.9.1.4 have it."""
     base = x.type.base
     ax, ay = abs(x).named("ax"), abs(y).named("ay")
     steep = (ay > ax).named("steep")

@@ -32,7 +32,7 @@ _TANH_END: Final = {Base.F: 32.0, Base.D: 64.0}
 
 
 def _between(x: Term, ends: tuple[float, float]) -> Term:
-    """The number between two ends that is nearest to x; NaN stays."""
+    """Return the number between two ends that is nearest to x; NaN stays."""
     low, high = ends
     return where(x > high, high, where(x < low, low, x))
 

@@ -68,7 +68,7 @@ def _parted(x: Term) -> Pair:
 
 
 def _parted_double(x: Term) -> Pair:
-    """The same in binary64: brought near 1 by powers of two, until binary32 can tell the exponent."""
+    """Part a binary64 number: powers of two bring it near 1, until binary32 can tell the exponent."""
     k = x.constant(0)
     for step in (512, 512, 256, 128):
         small, large = x < 2.0 ** (-step // 2), x > 2.0 ** (step // 2)
@@ -80,7 +80,7 @@ def _parted_double(x: Term) -> Pair:
 
 
 def _edges(x: Term, inside: Term) -> Term:
-    """A logarithm of x where it is no positive finite number."""
+    """Return a logarithm of x where it is no positive finite number."""
     outside = where(x.equals(0), x.constant(-INFINITY), where(x < 0, x.constant(NAN), x))
     return where((x > 0) & (x < INFINITY), inside.named("inside"), outside.named("outside"))
 
@@ -94,7 +94,7 @@ def _series(f: Term) -> tuple[Term, Term]:
 
 
 def _log_of(u: Term, low: Term | None = None) -> Term:
-    """The logarithm of u + low, for positive finite u and a low far smaller."""
+    """Return the logarithm of u + low, for positive finite u and a low far smaller."""
     f, k = _parted(u)
     half, rest = _series(f)
     ln2, ln2_low = constants(u, LN2)
@@ -125,7 +125,7 @@ def log10(x: Term) -> Term:
 
 
 def _mantissa_log(f: Term, inverse_ln: Numbers) -> Pair:
-    """The logarithm of 1 + f to the base whose inverse natural logarithm is given in two parts, in two parts."""
+    """Return the logarithm of 1 + f to the base whose inverse natural logarithm is given in two parts, in two parts."""
     half, rest = _series(f)
     inverse, inverse_low = constants(f, inverse_ln)
     main, lost = fast_two_sum(f, -half)
@@ -161,7 +161,7 @@ def acosh(x: Term) -> Term:
 
 
 def _root(t: Term, low: Term) -> Pair:
-    """The root of t + low in two parts."""
+    """Return the root of t + low in two parts."""
     root = t.op("sqrt").named("root")
     square, lost = two_product(root, root)
     rest = ((t - square) - lost) + low
@@ -169,7 +169,7 @@ def _root(t: Term, low: Term) -> Pair:
 
 
 def _log_sum(large: Term, x: Term, u: Term, low: Term) -> Term:
-    """The logarithm of u + low, or of 2 x where x is large."""
+    """Return the logarithm of u + low, or of 2 x where x is large."""
     whole, part = where(large, x, u).named("u"), where(large, x.constant(0), low)
     ln2 = where(large, x.constant(0.6931471805599453), 0.0).named("ln2")
     inside = (_log_of(whole, part) + ln2).named("inside")
@@ -202,7 +202,7 @@ In binary32 s has to be below 1/30 where the logarithm is small: its cube is rou
 
 
 def _log2_in_two(a: Term) -> Pair:
-    """The binary logarithm of a positive finite a in two parts.
+    """Return the binary logarithm of a positive finite a in two parts.
 
     The mantissa m is compared with the nearest c of `_CENTRES`: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in
     two parts and so small that what follows it need not be.
@@ -268,7 +268,7 @@ def pow_(x: Term, y: Term) -> Term:
 
 
 def _power_edges(x: Term, y: Term, a: Term, size: Term) -> Term:
-    """What |x| to the power of y is for zeros and infinities, and its sign."""
+    """Return |x| to the power of y for zeros and infinities, with its sign."""
     end = (a.equals(0) | a.equals(INFINITY)).named("end")
     size = where(end, where((y > 0).equals(a > 1), x.constant(INFINITY), 0.0), size).named("size")
     whole = y.op("floor").equals(y).named("whole")

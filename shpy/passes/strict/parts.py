@@ -48,13 +48,13 @@ _SPLITTER: Final = {Base.F: 2.0**12 + 1, Base.D: 2.0**27 + 1}
 
 
 def constants(like: Term, numbers: Numbers) -> tuple[float, ...]:
-    """The numbers of the term's base, exactly as it holds them."""
+    """Return the numbers of the term's base, exactly as it holds them."""
     base = like.type.base
     return tuple(float(DTYPES[base](number)) for number in numbers[base])
 
 
 def halves_of(number: float) -> tuple[float, float]:
-    """A binary32 as two numbers of twelve bits."""
+    """Return a binary32 as two numbers of twelve bits."""
     spread = np.float32(number) * np.float32(_SPLITTER[Base.F])
     high = float(spread - (spread - np.float32(number)))
     return high, number - high
@@ -75,14 +75,14 @@ def plus(x: Term, number: float) -> Term:
 
 
 def two_sum(a: Term, b: Term) -> Pair:
-    """The rounded sum and what rounding lost (Knuth 1969)."""
+    """Return the rounded sum and what rounding lost (Knuth 1969)."""
     total = (a + b).named("sum")
     back = (total - a).named("back")
     return total, ((a - (total - back)) + (b - back)).named("sum_low")
 
 
 def fast_two_sum(a: Term | float, b: Term) -> Pair:
-    """The same for |a| >= |b| (Dekker 1971)."""
+    """Return the rounded sum and its error for |a| >= |b| (Dekker 1971)."""
     total = (a + b).named("sum")
     return total, (b - (total - a)).named("sum_low")
 
@@ -95,7 +95,7 @@ def split(a: Term) -> Pair:
 
 
 def two_product(a: Term, b: Term) -> Pair:
-    """The rounded product and what rounding lost (Dekker 1971); neither factor near the ends of the range."""
+    """Return the rounded product and what rounding lost (Dekker 1971); neither factor near the ends of the range."""
     product = (a * b).named("product")
     (a_high, a_low), (b_high, b_low) = split(a), split(b)
     rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
@@ -109,7 +109,7 @@ def exact_quotient_rest(n: Term, d: Term, q: Term) -> Term:
 
 
 def whole_and_shifted(x: Term) -> Pair:
-    """The nearest whole number, never -0, and the same plus MAGIC; |x| below 2**21."""
+    """Return the nearest whole number, never -0, and the same plus MAGIC; |x| below 2**21."""
     shifted = x + MAGIC[x.type.base]
     return shifted - MAGIC[x.type.base], shifted
 
@@ -125,7 +125,7 @@ def scaled_by(x: Term, shifted: Term) -> Term:
 
 
 def _power_of_two(n: Term) -> Term:
-    """The binary32 2**n, for -127 < n < 128 in the low bits of a uint."""
+    """Return the binary32 2**n, for -127 < n < 128 in the low bits of a uint."""
     return ((n + 127) << 23).op("float_from_bits").named("power")
 
 

@@ -22,7 +22,7 @@ from shpy.testing.certify.findings import Target
 
 
 def kernels(folder: Path) -> dict[str, Program]:
-    """The examples' kernels by name, recorded from the files in a folder."""
+    """Return the examples' kernels by name, recorded from the files in a folder."""
     sys.path.insert(0, str(folder))
     try:
         mandelbrot, planet, algebra, blur, life, nbody = (
@@ -42,13 +42,13 @@ def kernels(folder: Path) -> dict[str, Program]:
 
 
 def _compiled(advance: Any) -> Program:
-    """The program whose kernel a function closes over."""
+    """Return the program whose kernel a function closes over."""
     found = (cell.cell_contents for cell in advance.__closure__)
     return next(Program(held._recorded) for held in found if isinstance(held, Kernel))
 
 
 def hashes() -> dict[str, dict[str, str]]:
-    """The golden hashes, as numpy gives them here."""
+    """Return the golden hashes, as numpy gives them here."""
     here = Target("numpy")
     return {
         "functions": {

@@ -84,7 +84,7 @@ def _expected(devices: int, made: Sequence[Section], full: bool) -> str:
 
 
 def targets(name: str | None, device: int | None, lanes: int | None) -> list[Target]:
-    """The devices that are asked for: without a backend's name the first device of each backend.
+    """Return the devices that are asked for: without a backend's name the first device of each backend.
 
     Raises ShpyError for a backend, a device or a width that is not there.
     """

@@ -35,11 +35,11 @@ class Work:
         return flat_leaves(target.compile(self.program)(*self.arrays, **self.named, shape=self.shape))
 
     def denormal(self) -> Array:
-        """The elements, (n,), that meet a denormal on their way."""
+        """Return the elements, (n,), that meet a denormal on their way."""
         return meets_denormals(Setting(self.program, self.arrays, self.named, self.shape, {}))
 
     def given(self, element: int) -> str:
-        """The inputs of an element, in words."""
+        """Return the inputs of an element, in words."""
         if not self.arrays:
             return f"element {element}"
         return ", ".join(repr(a[element].tolist()) for a in self.arrays)
@@ -69,7 +69,7 @@ def _strange(given: str, wanted: str | None) -> str:
 
 
 def compare_arrays(work: Work, target: Target, found: list[Array], wanted: list[Array]) -> Finding:
-    """The same bits as numpy gives here, the same but for denormals, or the first inputs that differ."""
+    """Find the same bits as numpy's, the same but for denormals, or the first inputs that differ."""
     rows = [[leaf.reshape(work.count, -1) for leaf in leaves] for leaves in (found, wanted)]
     wrong = np.zeros(work.count, np.bool_)
     for a, b in zip(*rows, strict=True):

@@ -36,7 +36,7 @@ _TINY: Final = 2.0**-126
 
 @functools.cache
 def function(name: str) -> Program:
-    """The program that applies one operation of the table to scalars."""
+    """Return the program that applies one operation of the table to scalars."""
     b = Builder(name)
     arity = OPS[name].signature.partition(" -> ")[0].count("T")
     b.store(b.output(vec("f"), "result"), b.let(name, *(b.input(vec("f"), "xyz"[k]) for k in range(arity))))
@@ -45,7 +45,7 @@ def function(name: str) -> Program:
 
 
 def arguments(name: str, mantissas: int | None = None) -> tuple[Array, ...]:
-    """The inputs of a function's sweep; `mantissas` for each exponent, or as many as by default."""
+    """Return the inputs of a function's sweep; `mantissas` for each exponent, or as many as by default."""
     arity = len(function(name).inputs)
     if arity == 1:
         return (sweep(mantissas) if mantissas else sweep(),)
@@ -53,7 +53,7 @@ def arguments(name: str, mantissas: int | None = None) -> tuple[Array, ...]:
 
 
 def sweep_checks() -> list[Check]:
-    """A check for each function: the bits, and the bound."""
+    """Return a check for each function: the bits, and the bound."""
     return [Check(name, functools.partial(_sweep, name)) for name in SWEPT]
 
 
@@ -67,7 +67,7 @@ def _sweep(name: str, target: Target) -> Finding:
 
 
 def bound_checks() -> list[Check]:
-    """A check of each function's error in relaxed mode, then at f64."""
+    """Return a check of each function's error in relaxed mode, then at f64."""
     names = sorted(TRANSCENDENTALS)
     relaxed = [Check(f"{name}, relaxed", functools.partial(_relaxed, name)) for name in names]
     return relaxed + [Check(f"{name}, f64", functools.partial(_double, name)) for name in names]
@@ -111,7 +111,7 @@ def errors(found: Array, wanted: Array) -> Array:
 
 
 def input_checks() -> list[Check]:
-    """Checks of every function of one argument on all its inputs, in parts of about a minute."""
+    """Return checks of every function of one argument on all its inputs, in parts of about a minute."""
     return [
         Check(f"{name}, part {part + 1} of {PARTS}", functools.partial(_all, name, part))
         for name in SWEPT
@@ -140,7 +140,7 @@ def _all(name: str, part: int, target: Target) -> Finding:
 
 
 def _double(name: str, target: Target) -> Finding:
-    """The error of strict mode at f64, against mpmath in 160 bits."""
+    """Return the error of strict mode at f64, against mpmath in 160 bits."""
     try:
         import mpmath as mp
     except ImportError:

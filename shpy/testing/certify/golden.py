@@ -29,7 +29,7 @@ KERNELS: Final = Path(__file__).with_name("kernels")
 
 @functools.cache
 def golden() -> dict[str, dict[str, str]]:
-    """The hashes of each section by name."""
+    """Return the hashes of each section by name."""
     content: dict[str, dict[str, str]] = json.loads(FILE.read_text())
     return content
 
@@ -41,7 +41,7 @@ def write(content: dict[str, Any]) -> None:
 
 
 def digest(arrays: Iterable[Array]) -> str:
-    """A hash of arrays: of their types, shapes and bits, in little-endian order."""
+    """Return a hash of arrays: of their types, shapes and bits, in little-endian order."""
     whole = hashlib.sha256()
     for array in arrays:
         plain = np.ascontiguousarray(array)

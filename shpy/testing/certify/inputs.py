@@ -36,7 +36,7 @@ def fractions(count: int, seed: int) -> Array:
 
 
 def no_denormals(*arrays: Array) -> tuple[Array, ...]:
-    """The elements of which no component is a denormal."""
+    """Return the elements of which no component is a denormal."""
     kept = np.ones(arrays[0].shape, np.bool_)
     for a in arrays:
         kept &= (np.abs(a) >= np.finfo(a.dtype).tiny) | (a == 0) | np.isnan(a)
@@ -63,7 +63,7 @@ def pairs(count: int, seed: int, arity: int = 2) -> tuple[Array, ...]:
 
 
 def everything(part: int) -> Iterator[Array]:
-    """The float32 numbers of a part that are no denormals, in chunks."""
+    """Yield the float32 numbers of a part that are no denormals, in chunks."""
     for first in range(part * _PART, (part + 1) * _PART, _CHUNK):
         x = np.arange(first, first + _CHUNK, dtype=np.uint64).astype(np.uint32).view(np.float32)
         kept = no_denormals(x)[0]

@@ -29,7 +29,7 @@ _LAYERS: Final = ("pixels", "depth", "normal", "object_id", "rays")
 
 
 def example_checks() -> list[Check]:
-    """A check for each kernel of an example."""
+    """Return a check for each kernel of an example."""
     return [Check(name, functools.partial(_example, name)) for name in EXAMPLES]
 
 
@@ -38,7 +38,7 @@ def _example(name: str, target: Target) -> Finding:
 
 
 def example(name: str) -> Work:
-    """An example's kernel with what it runs on."""
+    """Return an example's kernel with what it runs on."""
     program = Program.from_ir(parse((KERNELS / f"{name}.ir").read_text()))
     disc = _grid(64) * np.float32(2.25) - np.float32(1.125)
     match name:
@@ -67,7 +67,7 @@ def _grid(size: int) -> Array:
 
 
 def picture_checks() -> list[Check]:
-    """A check for each picture."""
+    """Return a check for each picture."""
     return [Check(name, functools.partial(_picture, name)) for name in SCENES]
 
 
@@ -101,7 +101,7 @@ def _pixels(found: dict[str, Array], wanted: dict[str, Array]) -> list[str]:
 
 
 def picture(scene: str, backend: str) -> dict[str, Array]:
-    """The layers of a rendered picture; ImportError where there is no ray tracer."""
+    """Return the layers of a rendered picture; ImportError where there is no ray tracer."""
     raytracer: Any = importlib.import_module("raytracer")
     image = raytracer.render(raytracer.Scene.builtin(scene), size=_SIZE, backend=backend, bounces=2)
     return {layer: np.asarray(getattr(image, layer)) for layer in _LAYERS}

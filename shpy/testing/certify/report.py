@@ -50,7 +50,7 @@ _SPOKEN = {
 
 
 def device_of(target: Target) -> Device:
-    """The device of a target."""
+    """Return the device of a target."""
     return backend(target.backend).devices()[target.device or 0]
 
 
@@ -63,7 +63,7 @@ def device_lines(target: Target) -> list[str]:
 
 
 def section_line(ran: Ran) -> str:
-    """What a section found, in a line."""
+    """Return the findings of a section, in a line."""
     counted = [f"{n} {spoken}" for verdict, spoken in _SPOKEN.items() if (n := ran.count(verdict))]
     counted += [f"{ran.left} not run"] if ran.left else []
     said = f"  {ran.section.name:12} {ran.section.title:38} {', '.join(counted)}"
@@ -92,7 +92,7 @@ def left_line(ran: Ran, target: Target) -> list[str]:
 
 
 def difference_lines(ran: Ran) -> list[str]:
-    """The first checks that differ with their inputs, and why others were refused or not made."""
+    """Return the first checks that differ with their inputs, and why others were refused or not made."""
     said = []
     for number, (name, finding) in enumerate(ran.wrong.items()):
         if number == SHOWN:
@@ -119,7 +119,7 @@ def verdict(rans: Sequence[Ran]) -> str:
 
 
 def verdict_lines(rans: Sequence[Ran]) -> list[str]:
-    """The verdict, how many checks it stands for, and what its words mean."""
+    """Return the verdict, how many checks it stands for, and what its words mean."""
     said, left = verdict(rans), sum(ran.left for ran in rans)
     meaning = ["     Denormals are numbers nearer to 0 than 1.18e-38. This device takes them for 0."]
     explained = meaning if "denormals" in said else []
@@ -130,7 +130,7 @@ def verdict_lines(rans: Sequence[Ran]) -> list[str]:
 
 
 def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
-    """What is kept: the machine, each device, and every finding."""
+    """Return the record: the machine, each device, and every finding."""
     return {
         "format": FORMAT,
         "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

@@ -62,7 +62,7 @@ class Ran:
 
 
 def sections(names: Sequence[str] = SECTIONS, full: bool = False) -> list[Section]:
-    """The sections of these names, in their order; `full` adds INPUTS to all of SECTIONS."""
+    """Return the sections of these names, in their order; `full` adds INPUTS to all of SECTIONS."""
     made = []
     wanted = {*names, INPUTS} if full and set(names) == set(SECTIONS) else set(names)
     for name in (*SECTIONS, INPUTS):
@@ -86,7 +86,7 @@ def sections(names: Sequence[str] = SECTIONS, full: bool = False) -> list[Sectio
 
 
 def mixed(cases: list[Case]) -> list[Case]:
-    """The cases in an order of which any beginning holds all kinds of them."""
+    """Return the cases in an order of which any beginning holds all kinds of them."""
     order = sorted(range(len(cases)), key=lambda k: k * _GOLDEN_RATIO % 1)
     return [cases[k] for k in order]
 
@@ -130,5 +130,5 @@ def _found(check: Check, target: Target) -> Finding:
 
 
 def _impersonal(text: str) -> str:
-    """The text without the folders of this machine."""
+    """Return the text without the folders of this machine."""
     return text.replace(f"{Path(shpy.__file__).parents[1]}/", "").replace(str(Path.home()), "~")

@@ -162,7 +162,7 @@ class Case:
 
 
 def element(array: Any, k: int, shape: tuple[int, ...]) -> Any:
-    """The k-th element of an array over `shape`, for a message."""
+    """Return the k-th element of an array over `shape`, for a message."""
     given = np.asarray(array)
     if given.dtype == object or given.ndim < len(shape) or given.shape[: len(shape)] != shape:
         return array
@@ -170,7 +170,7 @@ def element(array: Any, k: int, shape: tuple[int, ...]) -> Any:
 
 
 def tree_map(f: Callable[[Array], Array], outputs: Any) -> Any:
-    """The outputs' structure with `f` of each array."""
+    """Return the outputs' structure with `f` of each array."""
     if isinstance(outputs, tuple | list):
         parts = [tree_map(f, part) for part in outputs]
         return type(outputs)(*parts) if hasattr(outputs, "_fields") else type(outputs)(parts)
@@ -221,7 +221,7 @@ def made_up(type_: InputType, seed: int) -> Any:
 
 
 def by_decorator(cases: list[Case]) -> Callable[..., Callable[[F], F]]:
-    """The decorator that adds a function, to be recorded when it is needed, to a list of cases."""
+    """Return the decorator that adds a function, to be recorded when it is needed, to a list of cases."""
 
     def case(
         *,
@@ -250,7 +250,7 @@ def by_decorator(cases: list[Case]) -> Callable[..., Callable[[F], F]]:
 
 
 def all_cases() -> list[Case]:
-    """The list: operations, edges, control flow, data."""
+    """Return the list: operations, edges, control flow, data."""
     from shpy.testing.conformance import control, data, edges, operations, zeros
 
     parts = (operations, edges, zeros, control, data)

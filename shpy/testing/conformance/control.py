@@ -45,7 +45,7 @@ INPUTS = (Variable("a", F), Variable("n", I))
 
 
 def number(value: float) -> Const:
-    """A constant: an int for an int, else a float."""
+    """Return a constant: an int for an int, else a float."""
     return Const(I, (value,)) if isinstance(value, int) else Const(F, (value,))
 
 
@@ -73,17 +73,17 @@ def when(condition: Expr, *body: Stmt) -> If:
 
 
 def form_if(body: Block, depth: int) -> Block:
-    """The block under an `if`."""
+    """Return the block under an `if`."""
     return (when(bit(depth), *body), plus("x", 0.5))
 
 
 def form_elif(body: Block, depth: int) -> Block:
-    """The block under an `elif`."""
+    """Return the block under an `elif`."""
     return (If(((bit(depth), (plus("x", 3.0),)), (bit(depth + 1), body)), (plus("x", 5.0),)),)
 
 
 def form_else(body: Block, depth: int) -> Block:
-    """The block under an `else`."""
+    """Return the block under an `else`."""
     return (If(((bit(depth), (plus("x", 3.0),)),), body), plus("x", 0.25))
 
 
@@ -93,20 +93,20 @@ def _counter(depth: int, most: int) -> tuple[Stmt, Stmt, Expr]:
 
 
 def form_while(body: Block, depth: int) -> Block:
-    """The block in a `while` of three iterations."""
+    """Return the block in a `while` of three iterations."""
     start, step, room = _counter(depth, 3)
     more = Apply(B, "and", (room, compare("lt", X, 300.0)))
     return (start, While(more, (step, *body, plus("x", 0.125))), plus("x", 0.5))
 
 
 def form_do(body: Block, depth: int) -> Block:
-    """The condition is made before SH_UNTIL: what an SH_CONTINUE skips may not be read, so there is none."""
+    """Return the condition is made before SH_UNTIL: what an SH_CONTINUE skips may not be read, so there is none."""
     start, step, room = _counter(depth, 3)
     return (start, Do((step, *body, plus("x", 0.125)), Apply(B, "not", (room,)), late=False), plus("x", 0.5))
 
 
 def form_do_late(body: Block, depth: int) -> Block:
-    """The block in a `do`, its condition evaluated at the end of each iteration."""
+    """Return the block in a `do`, its condition evaluated at the end of each iteration."""
     start, step, room = _counter(depth, 2)
     full = Apply(B, "or", (Apply(B, "not", (room,)), compare("gt", X, 300.0)))
     return (start, Do((step, *body, plus("x", 0.125)), full, late=True), plus("x", 0.5))
@@ -119,32 +119,32 @@ def _for(bounds: tuple[Expr, ...], body: Block, depth: int) -> Block:
 
 
 def form_for(body: Block, depth: int) -> Block:
-    """The block in `for i in range(3)`."""
+    """Return the block in `for i in range(3)`."""
     return _for((number(3),), body, depth)
 
 
 def form_for_two(body: Block, depth: int) -> Block:
-    """The block in `for i in range(-1, 2)`."""
+    """Return the block in `for i in range(-1, 2)`."""
     return _for((number(-1), number(2)), body, depth)
 
 
 def form_for_step(body: Block, depth: int) -> Block:
-    """The block in `for i in range(1, 8, 3)`."""
+    """Return the block in `for i in range(1, 8, 3)`."""
     return _for((number(1), number(8), number(3)), body, depth)
 
 
 def form_for_down(body: Block, depth: int) -> Block:
-    """The block in `for i in range(4, -3, -2)`."""
+    """Return the block in `for i in range(4, -3, -2)`."""
     return _for((number(4), number(-3), number(-2)), body, depth)
 
 
 def form_for_symbolic(body: Block, depth: int) -> Block:
-    """The block in a `for` with bounds of each element's own: some elements take no iteration."""
+    """Return the block in a `for` with bounds of each element's own: some elements take no iteration."""
     return _for((Apply(I, "and", (N, number(1))), Apply(I, "and", (N, number(3)))), body, depth)
 
 
 def form_for_symbolic_step(body: Block, depth: int) -> Block:
-    """The block in a `for` whose end and step are computed."""
+    """Return the block in a `for` whose end and step are computed."""
     step = Apply(I, "sub", (Apply(I, "mul", (Apply(I, "and", (N, number(1))), number(5))), number(2)))  # 3 or -2
     return _for((number(2), Apply(I, "sub", (Apply(I, "and", (N, number(7))), number(2))), step), body, depth)
 
@@ -162,7 +162,7 @@ FORS = [name for name in LOOPS if name.startswith("for")]
 def case(
     name: str, body: Block, *, functions: tuple[Function, ...] = (), limit: int | None = None, **more: Any
 ) -> Case:
-    """The case of a body over `a` and `n` that computes x, s and an array."""
+    """Return the case of a body over `a` and `n` that computes x, s and an array."""
     start = (Declare("x", A), Declare("s", number(0)))
     results = (X, Name(I, "s"), Read(F, "own", (number(1),)))
     program = Tree(INPUTS, (Variable("own", F, 3),), (), functions, (*start, *body), results, limit)
@@ -175,7 +175,7 @@ def case(
 
 
 def evaluated(program: Tree, a: Any, n: Any) -> tuple[Any, ...]:
-    """What its syntax says, zeros for elements that were discarded or stopped."""
+    """Return the result that its syntax says, zeros for elements that were discarded or stopped."""
     found = [Evaluator(program).run([x, y]) for x, y in zip(a, n, strict=True)]
     blank = [0] * len(program.results)
     return tuple(map(np.array, zip(*(outputs if end == WRITTEN else blank for outputs, end in found), strict=True)))
@@ -197,7 +197,7 @@ def pairs() -> Iterator[tuple[str, str]]:
 
 
 def nested(outer: str, inner: str, *body: Stmt) -> Block:
-    """The body inside one form inside another."""
+    """Return the body inside one form inside another."""
     return FORMS[outer]((plus("x", 1.0), *FORMS[inner](body, 2)), 0)
 
 
@@ -220,7 +220,7 @@ def exit_cases(outer: str, inner: str) -> Iterator[Case]:
 
 
 def straight_cases() -> Iterator[Case]:
-    """An exit that ends a block for good."""
+    """Yield an exit that ends a block for good."""
     for loop in LOOPS:
         if not loop.startswith("do"):
             for kind in ("break", "continue", "return", "discard"):
@@ -233,7 +233,7 @@ def straight_cases() -> Iterator[Case]:
 
 
 def cut(block: Block) -> Block:
-    """The block without what stands behind an exit."""
+    """Return the block without what stands behind an exit."""
     made: list[Stmt] = []
     for s in block:
         match s:

@@ -70,7 +70,7 @@ class Evaluator:
         self.functions: dict[str, Function] = {f.name: f for f in program.functions}
 
     def run(self, inputs: list[Any]) -> tuple[list[Any], int]:
-        """The outputs, and DISCARDED, WRITTEN or STOPPED."""
+        """Return the outputs, and DISCARDED, WRITTEN or STOPPED."""
         scope: dict[str, Any] = dict(zip((i.name for i in self.program.inputs), inputs, strict=True))
         scope |= {name: np.asarray(param.value)[()] for name, param in PARAMS.items()}
         for array in self.program.arrays:
@@ -93,7 +93,7 @@ class Evaluator:
         return np.zeros((array.length or 0, *tail), DTYPES[array.type.base])
 
     def body(self, block: Block, scope: dict[str, Any]) -> None:
-        """A function's body: a return ends it."""
+        """Run a function's body, which a return ends."""
         try:
             self.block(block, scope)
         except Leave as leave:
@@ -176,7 +176,7 @@ class Evaluator:
         return rows
 
     def combine(self, vector: Any, rows: list[Any]) -> Any:
-        """The row vector times the matrix, summed from the first row on."""
+        """Return the row vector times the matrix, summed from the first row on."""
         total = vector[0] * rows[0]
         for number, row in zip(vector[1:], rows[1:], strict=True):
             total = total + number * row
@@ -239,7 +239,7 @@ class Evaluator:
                 return
 
     def value(self, e: Expr, scope: dict[str, Any]) -> Any:
-        """The value of an expression."""
+        """Return the value of an expression."""
         match e:
             case Const(type, values):
                 made = np.array(values).astype(DTYPES[type.base])
@@ -271,7 +271,7 @@ class Evaluator:
 
     @staticmethod
     def apply(op: str, args: list[Any]) -> Any:
-        """The value of an operation of the table."""
+        """Return the value of an operation of the table."""
         if op == "floordiv" and args[0].dtype.kind == "f":
             return floor_quotient(*args)[()]
         if op == "floormod" and args[0].dtype.kind == "f":

@@ -21,7 +21,7 @@ from shpy.passes.library import PARTS, definition
 
 
 def exact(name: str) -> Callable[..., Array]:
-    """The function on arrays of one shape: componentwise where it is a transcendental."""
+    """Return the function on arrays of one shape: componentwise where it is a transcendental."""
     return functools.partial(_strict, name) if name in TRANSCENDENTALS else OPS[name].meaning
 
 
@@ -34,7 +34,7 @@ def _strict(name: str, *arrays: Array) -> Array:
 
 
 def apply(function: Function, *arrays: Array) -> Array:
-    """A pure function of scalars, applied to each element of arrays of one shape."""
+    """Return a pure function of scalars, applied to each element of arrays of one shape."""
     known: dict[int, Any] = {}
     slots: dict[int, Any] = {}
     for port, array in zip(function.inputs, arrays, strict=True):

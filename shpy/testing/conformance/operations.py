@@ -25,19 +25,19 @@ NO_DOUBLES = {"glsl": "has no 64-bit floats"}
 
 
 def kind(type: Type) -> str:
-    """The language type of an IR type: `Attrib3f`."""
+    """Return the language type of an IR type: `Attrib3f`."""
     return f"Attrib{type.size}{type.base.value}"
 
 
 def program(entry: Function, params: tuple[Param, ...] = (), tables: tuple[Table, ...] = (), *callees: Function) -> Any:
-    """The program whose entry this is."""
+    """Return the program whose entry this is."""
     inputs = tuple(Port(str(i.name), kind(i.type)) for i in entry.inputs)
     outputs = tuple(Port(str(o.name), kind(o.type)) for o in entry.outputs)
     return sh.Program.from_ir(Module("operation", inputs, outputs, params, tables, (*callees, entry)))
 
 
 def arguments(name: str, base: str, size: int, count: str) -> tuple[Type, ...] | None:
-    """The types of a row's arguments, `count` the base of a shift's; None where it takes none of this size."""
+    """Return the types of a row's arguments, `count` the base of a shift's; None where it takes none of this size."""
     wanted = OPS[name].signature.partition(": ")[2].partition(" -> ")[0].split()
     t = vec(base, size)
     letters = {"T": t, "V": t, "V3": t, "S": t.scalar, "B": t.based(Base.B), "I": t.based(Base.I), "U": t.based(Base.U),
@@ -51,7 +51,7 @@ def arguments(name: str, base: str, size: int, count: str) -> tuple[Type, ...] |
 
 
 def values(name: str, types: tuple[Type, ...], size: int) -> list[Array]:
-    """An array for each argument: all pairs for up to two scalars, else a random choice, then ordinary numbers."""
+    """Return an array for each argument: all pairs of up to two scalars, else a random choice, then other numbers."""
     rng = np.random.default_rng(size)
     pools = [SPECIAL[t.base] for t in types]
     if size == 1 and len(types) <= 2:
@@ -116,7 +116,7 @@ def row_case(name: str, base: str, count: str) -> Case | None:
 
 
 def meant(name: str, types: tuple[Type, ...], arrays: list[Array]) -> Array:
-    """What the table says of (n,) and (n, size) arrays."""
+    """Return the table's result for (n,) and (n, size) arrays."""
     result = result_type(name, types)
     # A vector of one component, so that a sum over components is not one over elements.
     columns = [a.T if a.ndim > 1 else a[None] for a in arrays]
@@ -160,7 +160,7 @@ def structural(
     tables: tuple[Table, ...] = (),
     *callees: Function,
 ) -> Case:
-    """The case of a builder whose outputs are these values; `bases` says whether there are doubles."""
+    """Return the case of a builder whose outputs are these values; `bases` says whether there are doubles."""
     for n, value in enumerate(made):
         b.store(b.output(value.type, f"r{n}"), value)
     function = b.finish()
@@ -169,7 +169,7 @@ def structural(
 
 
 def convert_case(source: str, target: str) -> Case:
-    """A conversion between two bases, for every size."""
+    """Return a conversion between two bases, for every size."""
     b = Builder("operation")
     arrays: dict[str, Any] = {}
     made = [b.let("convert", _input(b, vec(source, n), f"a{n}", n, arrays), type=vec(target, n)) for n in (1, 2, 3, 4)]
@@ -246,7 +246,7 @@ def param_case(base: str) -> Case:
 
 
 def table_case(base: str, size: int, rank: int) -> Case:
-    """A table of a type and rank: elements at indices in range and out of it, and its size."""
+    """Return a table of a type and rank: elements at indices in range and out of it, and its size."""
     t = vec(base, size)
     extents = (2, 3, 5)[:rank]
     special = SPECIAL[t.base]
@@ -284,7 +284,7 @@ def half_case() -> Case:
 
 
 def call_case() -> Case:
-    """A pure function, called twice."""
+    """Return a pure function, called twice."""
     callee = Builder("twice")
     callee.pure = True
     x = callee.input(vec("f", 3), "x")
@@ -297,7 +297,7 @@ def call_case() -> Case:
 
 
 def lanes_case() -> Case:
-    """What other lanes hold may change which way is taken, never the result."""
+    """Return the case that other lanes may change which branch is taken, and never the result."""
     b = Builder("operation")
     arrays: dict[str, Any] = {}
     c = _input(b, vec(Base.B), "c", 0, arrays)

@@ -76,7 +76,7 @@ OWN: dict[str, Any] = {
 
 
 def kernel(program: sh.Program, backend: str, **options: Any) -> Kernel:
-    """The program, compiled for one of BACKENDS, WIDTHS, LANES or WIDE."""
+    """Return the program, compiled for one of BACKENDS, WIDTHS, LANES or WIDE."""
     if backend in OWN:
         return Kernel(program._recorded, OWN[backend], Options(**options))
     if backend in LANES | WIDE:
@@ -144,7 +144,7 @@ class DenormalWatch:
 
 
 def _named(function: Function) -> Function:
-    """The function with a name for each value, so that a trace shows them all."""
+    """Return the function with a name for each value, so that a trace shows them all."""
 
     def name(statement: Any) -> Any:
         if isinstance(statement, Let):

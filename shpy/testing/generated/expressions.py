@@ -93,28 +93,28 @@ class Expressions:
         return bool(self.draw(st.integers(0, 99)) >= 100 - percent)
 
     def fresh(self, prefix: str) -> str:
-        """A name that is not taken."""
+        """Return a name that is not taken."""
         self.count += 1
         return f"{prefix}{self.count}"
 
     # Expressions
 
     def const(self, type: Type) -> Const:
-        """A constant of a type."""
+        """Return a constant of a type."""
         numbers = NUMBERS[type.base] + (EDGES[type.base] if self.derives and self.chance(30) else ())
         if self.chance(30):
             return Const(type, (self.pick(numbers),) * type.size)
         return Const(type, tuple(self.pick(numbers) for _ in range(type.size)))
 
     def leaf(self, type: Type) -> Expr:
-        """A name in sight, or a constant."""
+        """Return a name in sight, or a constant."""
         there = [name for name, t in self.names.items() if t is type]
         if there and not self.chance(15):
             return Name(type, self.pick(there))
         return self.const(type)
 
     def expr(self, type: Type, depth: int = 2) -> Expr:
-        """An expression of a type, at most `depth` operations deep."""
+        """Return an expression of a type, at most `depth` operations deep."""
         if depth == 0 or self.chance(35):
             return self.leaf(type)
         if self.uniforms and self.chance(4):
@@ -124,7 +124,7 @@ class Expressions:
         return self.pick((kind, kind, self.moved))(type, depth - 1)  # type: ignore[no-any-return]
 
     def uniform(self, type: Type, depth: int) -> Expr:
-        """An expression of uniforms and tables, which has one value for all elements: often a choice among them."""
+        """Draw an expression of uniforms and tables, with one value for all elements: often a choice among them."""
         kept = self.names, self.arrays, self.matrices, self.indices, self.uniforms
         self.names, self.arrays, self.matrices = {n: self.names[n] for n in self.uniforms}, [], {}
         self.indices, self.uniforms = (), ()
@@ -133,12 +133,12 @@ class Expressions:
         return made
 
     def edged(self, type: Type) -> Expr:
-        """An int at the ends of its range for some elements, where C has another type than the language."""
+        """Return an int at the ends of its range for some elements, where C has another type than the language."""
         op = self.pick(("abs", "abs", "neg", "sign", "popcount"))
         return Apply(type, op, (self.leaf(type),))
 
     def row(self, type: Type, op: str, of: tuple[Type, ...], depth: int, first: Expr | None = None) -> Apply:
-        """An op on operands of these types; beside one vector the others may be scalars, on either side."""
+        """Return an op on operands of these types; beside one vector the others may be scalars, on either side."""
         whole = self.draw(st.integers(0, len(of) - 1))
         args = [
             Splat(t, self.expr(t.scalar, depth))
@@ -151,7 +151,7 @@ class Expressions:
         return Apply(type, op, tuple(args))
 
     def assembled(self, type: Type, depth: int) -> Expr:
-        """An argument of a function that takes vectors: as often as not, one made of parts that come from outside."""
+        """Draw an argument of a function that takes vectors: half of the time one made of parts from outside."""
         if type.size == 1 or not self.chance(50):
             return self.expr(type, depth)
         parts = self.pick(PARTS[type.size])
@@ -166,11 +166,11 @@ class Expressions:
         )
 
     def same(self, type: Type, op: str, count: int, depth: int, first: Expr | None = None) -> Apply:
-        """An op whose operands are all of the result's type."""
+        """Return an op whose operands are all of the result's type."""
         return self.row(type, op, (type,) * count, depth, first)
 
     def arithmetic(self, type: Type, depth: int) -> Expr:
-        """An expression of floats."""
+        """Return an expression of floats."""
         if self.chance(4):
             op = self.pick(FUNCTIONS)
             return Apply(type, op, tuple(self.assembled(type, depth) for _ in range(OPS[op].signature.count("T") - 1)))
@@ -190,7 +190,7 @@ class Expressions:
         return self.choice(type, depth)
 
     def scaled(self, type: Type, depth: int) -> Expr:
-        """An `ldexp`, whose result is now and then a denormal."""
+        """Return an `ldexp`, whose result is now and then a denormal."""
         ints = type.based(Base.I)
         exponent = self.expr(ints, depth)
         if self.chance(50):
@@ -208,7 +208,7 @@ class Expressions:
         return Apply(type, op, tuple(self.assembled(vector, depth) for _ in range(1 if op == "length" else 2)))
 
     def derived(self, type: Type, depth: int) -> Expr:
-        """An operation with a number that the compiler of a driver can come to know, and this package does not."""
+        """Draw an operation with a number that a driver's compiler can derive, and this package does not."""
         ints = [n for n, t in self.names.items() if t is I]
         i = Name(I, self.pick(self.indices or ints))
         number = self.pick(
@@ -227,7 +227,7 @@ class Expressions:
         return Apply(type, op, (known, other) if type.size == 1 and self.chance(50) else (other, known))
 
     def choice(self, type: Type, depth: int) -> Expr:
-        """A `cond`, by one bool or by one for each component; now and then by a choice among bools."""
+        """Return a `cond`, by one bool or by one for each component; now and then by a choice among bools."""
         bools = type.based(Base.B)
         condition: Expr | None = None
         if depth and self.chance(40):
@@ -236,7 +236,7 @@ class Expressions:
         return self.row(type, "cond", (bools, type, type), depth, condition)
 
     def whole(self, type: Type, depth: int) -> Expr:
-        """An expression of ints."""
+        """Return an expression of ints."""
         if type.base is Base.I and self.chance(10):
             return self.same(type, self.pick(SIGNED), 2, 0, self.edged(type))
         kind = self.draw(st.integers(0, 9))
@@ -259,28 +259,28 @@ class Expressions:
         return self.pick(ways)(type, depth)  # type: ignore[no-any-return]
 
     def converted(self, type: Type, depth: int) -> Expr:
-        """A conversion from another base."""
+        """Return a conversion from another base."""
         if type.base is Base.U and self.chance(30):
             return Apply(type, "bits_from_float", (self.expr(type.based(Base.F), depth),))
         others = {"f": "iub", "i": "fub", "u": "fib", "b": "ifu"}[type.base.value]
         return Convert(type, self.expr(type.based(Base(self.pick(others))), depth))
 
     def part(self, type: Type, depth: int) -> Expr:
-        """A component of a vector."""
+        """Return a component of a vector."""
         vector = self.vector(type.base)
         if self.chance(30):
             return Component(type, self.expr(vector, depth), self.index(depth))
         return Swizzle(type, self.expr(vector, depth), (self.draw(st.integers(0, vector.size - 1)),))
 
     def vector(self, base: Base) -> Type:
-        """A vector of a base; one that a variable has, as a rule."""
+        """Return a vector of a base; one that a variable has, as a rule."""
         there = [t for t in self.names.values() if t.base is base and t.size > 1]
         if there and not self.chance(20):
             return self.pick(there)  # type: ignore[no-any-return]
         return vec(base, self.draw(st.integers(2, 4)))
 
     def made(self, type: Type, depth: int) -> Expr:
-        """A vector out of parts."""
+        """Return a vector out of parts."""
         if type.size == 1:
             return self.part(type, depth)
         if self.chance(30):
@@ -292,7 +292,7 @@ class Expressions:
         return Construct(type, tuple(self.expr(type.sized(n), depth) for n in self.pick(PARTS[type.size])))
 
     def read(self, type: Type, depth: int) -> Expr:
-        """An element of an array or a table."""
+        """Return an element of an array or a table."""
         for array in self.arrays:
             if array.struct:
                 field = next((f for f, t in FIELDS.items() if t is type), None)
@@ -309,13 +309,13 @@ class Expressions:
         return self.leaf(type)
 
     def place(self, depth: int, lanes: int = 10) -> Expr:
-        """The index of a table; what other lanes do chooses it in `lanes` of a hundred."""
+        """Return the index of a table; what other lanes do chooses it in `lanes` of a hundred."""
         if self.chance(lanes):
             return LaneIndex(I, self.pick(("any_lane", "all_lanes")), self.expr(B, depth))
         return self.index(depth)
 
     def index(self, depth: int) -> Expr:
-        """An index that a variable gives: constants out of range are errors."""
+        """Return an index that a variable gives: constants out of range are errors."""
         uints = [n for n, t in self.names.items() if t is U]
         if uints and self.chance(20):
             return Name(U, self.pick(uints))
@@ -325,12 +325,12 @@ class Expressions:
         return Name(I, self.pick(names))
 
     def there_matrix(self, type: Type) -> str:
-        """A matrix that takes vectors of this type, "" if there is none."""
+        """Return a matrix that takes vectors of this type, "" if there is none."""
         fitting = [name for name, size in self.matrices.items() if size == type.size]
         return str(self.pick(fitting)) if fitting else ""
 
     def truth(self, type: Type, depth: int) -> Expr:
-        """An expression of bools."""
+        """Return an expression of bools."""
         kind = self.draw(st.integers(0, 10))
         if kind < 5:
             of = type.based(self.pick((Base.F, Base.I, Base.U)))

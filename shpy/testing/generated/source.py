@@ -68,12 +68,12 @@ PREFIX = {"neg": "-", "not": "~"}
 
 
 def class_of(type: Type) -> str:
-    """The type's name in the language."""
+    """Return the type's name in the language."""
     return f"sh.Attrib{type.size}{type.base.value}"
 
 
 def number(base: Base, value: float) -> str:
-    """A literal that a Python float or int can be written as."""
+    """Return a literal that a Python float or int can be written as."""
     if base is Base.B:
         return str(bool(value))
     if base in (Base.I, Base.U):
@@ -82,7 +82,7 @@ def number(base: Base, value: float) -> str:
 
 
 def text(e: Expr) -> str:
-    """The expression in the language."""
+    """Return the expression in the language."""
     match e:
         case Const(type, values):
             return f"{class_of(type)}({', '.join(number(type.base, v) for v in values)})"
@@ -134,7 +134,7 @@ class _Writer:
         self.results: tuple[Expr, ...] = ()
 
     def source(self) -> str:
-        """The whole text."""
+        """Return the whole text."""
         self.line(0, "@sh.struct")
         self.line(0, "class Pair:")
         for field, type in FIELDS.items():
@@ -240,7 +240,7 @@ class _Writer:
 
 
 def source(tree: Tree) -> str:
-    """The program in the language."""
+    """Return the program in the language."""
     return _Writer(tree).source()
 
 
@@ -271,7 +271,7 @@ class Generated(Program):
     text: str
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        """What hypothesis prints when it has found a program that fails."""
+        """Print a failing program for hypothesis."""
         printer.text(f"the program\n\n{self.text}")
 
 

@@ -79,12 +79,12 @@ class Statements(Expressions):
         return self.pick(ways)()  # type: ignore[no-any-return]
 
     def target(self) -> tuple[str, Type]:
-        """A variable that may be stored into, and its type."""
+        """Return a variable that may be stored into, and its type."""
         name = self.pick(self.stored)
         return name, self.names[name]
 
     def assign(self) -> Stmt:
-        """A store into a variable, or some of its components."""
+        """Return a store into a variable, or some of its components."""
         name, type = self.target()
         if type.size > 1 and self.chance(40):
             most = 1 if name.endswith("]") else type.size
@@ -99,7 +99,7 @@ class Statements(Expressions):
         return Splat(type, self.expr(type.scalar)) if type.size > 1 and self.chance(20) else self.expr(type)
 
     def declare(self) -> Stmt:
-        """A new variable of the block."""
+        """Return a new variable of the block."""
         value = self.expr(self.pick(CORE + OTHERS))
         name = self.fresh("t")
         self.names[name] = value.type
@@ -107,7 +107,7 @@ class Statements(Expressions):
         return Declare(name, value)
 
     def group(self) -> Stmt:
-        """A new matrix or struct of the block, or a product of matrices."""
+        """Return a new matrix or struct of the block, or a product of matrices."""
         if self.chance(30):
             name = self.fresh("s")
             values = tuple(self.expr(type) for type in FIELDS.values())
@@ -125,13 +125,13 @@ class Statements(Expressions):
         return DeclareMatrix(name, rows)
 
     def settle(self) -> Stmt:
-        """A number that a compiler knows after two statements: `x[:] = 1`, `x -= 1`."""
+        """Return a number that a compiler knows after two statements: `x[:] = 1`, `x -= 1`."""
         name, type = self.pick([(n, self.names[n]) for n in self.stored if self.names[n].base is Base.F])
         one = Const(type, (1.0,) * type.size)
         return self.together(Assign(name, one), Assign(name, one, None, "sub"))
 
     def store_at(self) -> Stmt:
-        """A store into the component of a vector that an index picks at run time."""
+        """Return a store into the component of a vector that an index picks at run time."""
         vectors = [(n, self.names[n]) for n in self.stored if self.names[n].size > 1 and not n.endswith("]")]
         if not vectors:
             return self.assign()
@@ -139,7 +139,7 @@ class Statements(Expressions):
         return StoreAt(name, self.index(1), self.expr(type.scalar))
 
     def write(self) -> Stmt:
-        """A store into an array."""
+        """Return a store into an array."""
         array = self.pick(self.arrays)
         if array.struct:
             return WriteStruct(array.name, self.index(1), tuple(self.expr(type) for type in FIELDS.values()))
@@ -147,7 +147,7 @@ class Statements(Expressions):
         return Write(array.name, self.index(1), self.given(array.type), op)
 
     def lanes(self) -> Stmt:
-        """A store chosen by what other lanes do."""
+        """Return a store chosen by what other lanes do."""
         name, type = self.pick([(n, self.names[n]) for n in self.stored if self.names[n].size == 1])
         return Lanes(self.pick(("any_lane", "all_lanes")), self.expr(B), name, self.expr(type))
 
@@ -166,18 +166,18 @@ class Statements(Expressions):
         return kind
 
     def leave(self) -> Stmt:
-        """An exit under a condition."""
+        """Return an exit under a condition."""
         return Exit(self.exit_kind(), self.expr(B))
 
     @contextmanager
     def inside(self) -> Any:
-        """What is drawn meanwhile is one block deeper."""
+        """Count what is drawn meanwhile as one block deeper."""
         self.depth += 1
         yield
         self.depth -= 1
 
     def branch(self) -> Stmt:
-        """An If with one or two conditions."""
+        """Return an If with one or two conditions."""
         branches = []
         for _ in range(1 + (self.chance(30))):
             condition = self.expr(B)
@@ -188,7 +188,7 @@ class Statements(Expressions):
         return If(tuple(branches), orelse)
 
     def looped(self, first: Block = (), goes_on: bool = False) -> tuple[Block, bool]:
-        """A loop's body, and whether a continue may skip some of it."""
+        """Return a loop's body, and whether a continue may skip some of it."""
         self.loops.append(False)
         with self.inside():
             body = first + self.block(goes_on=goes_on)
@@ -207,14 +207,14 @@ class Statements(Expressions):
         )
 
     def while_loop(self) -> Stmt:
-        """A loop that tests first."""
+        """Return a loop that tests first."""
         start, step, room = self.counter()
         condition = Apply(B, "and", (room, self.expr(B))) if not (self.endless and self.chance(50)) else self.expr(B)
         body, _ = self.looped((step,))
         return self.together(start, While(condition, body))
 
     def do_loop(self) -> Stmt:
-        """A loop that tests last."""
+        """Return a loop that tests last."""
         start, step, room = self.counter()
         if self.endless:
             # A break among the first statements would be the loop's test, behind which its iterations are counted.
@@ -225,7 +225,7 @@ class Statements(Expressions):
         return self.together(start, Do(body, until, late=continues or self.chance(30)))
 
     def count_loop(self) -> Stmt:
-        """A counted loop, upwards or downwards."""
+        """Return a counted loop, upwards or downwards."""
         index = self.fresh("i")
         stop: Expr = Const(I, (self.draw(st.integers(0, MAX_ITERATIONS)),))
         if self.chance(40):
@@ -246,11 +246,11 @@ class Statements(Expressions):
 
     @staticmethod
     def together(first: Stmt, second: Stmt) -> Stmt:
-        """A statement of two: in a branch that is always taken names would be hidden."""
+        """Return a statement of two: in a branch that is always taken names would be hidden."""
         return Sequence((first, second))  # type: ignore[return-value]
 
     def call(self) -> Stmt:
-        """A call of a subroutine, with arguments that fit."""
+        """Draw a call of a subroutine, with arguments that fit."""
         function = self.pick(self.functions)
         args: list[Expr] = []
         taken: set[str] = set()
@@ -272,7 +272,7 @@ class Statements(Expressions):
         return Call(function.name, tuple(args), result)
 
     def value_argument(self, type: Type, taken: set[str]) -> Expr:
-        """An argument that is read only: an expression of its own, for a variable would be passed by reference."""
+        """Draw an argument that is only read: an expression, since a variable would be passed by reference."""
         del taken
         value = self.expr(type, 1)
         return (
@@ -290,7 +290,7 @@ class Sequence:
 
 
 def flat(block: Block) -> Block:
-    """The block with its sequences spliced in."""
+    """Return the block with its sequences spliced in."""
     made: list[Stmt] = []
     for s in block:
         match s:

@@ -82,7 +82,7 @@ def _parameters(draw: Any) -> tuple[Variable, ...]:
 
 
 def _function(draw: Any, name: str, earlier: list[Function]) -> Function:
-    """A subroutine, which may call those before it."""
+    """Return a subroutine, which may call those before it."""
     params = _parameters(draw)
     params = params[: draw(st.integers(1, 5))] + params[-1:] * draw(st.booleans())
     stored = frozenset(p.name for p in params if p.length is not None or draw(st.booleans()))
@@ -112,7 +112,7 @@ def _last(array: Variable, types: list[Type]) -> Stmt:
 
 @st.composite
 def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
-    """The syntax of a program over INPUTS; with `endless` its loops may go beyond its `loop_limit`.
+    """Return the syntax of a program over INPUTS; with `endless` its loops may go beyond its `loop_limit`.
 
     With `derives` it computes with numbers that a driver's compiler can derive, and with denormals.
     """
@@ -150,5 +150,5 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
 
 
 def programs(endless: bool = False, derives: bool = False) -> SearchStrategy[Generated]:
-    """Recorded programs over INPUTS; `endless` and `derives` as for `trees`."""
+    """Draw recorded programs over INPUTS; `endless` and `derives` as for `trees`."""
     return trees(endless=endless, derives=derives).map(record)

@@ -22,7 +22,7 @@ _B, _I = vec(Base.B), vec(Base.I)
 
 
 def dead_code(surgeon: Surgeon) -> Function | None:
-    """Computations, a branch and a loop whose results nobody reads."""
+    """Insert computations, a branch and a loop whose results nobody reads."""
     place = surgeon.place(0)
     if place is None:
         return None
@@ -90,7 +90,7 @@ def opaque_true(surgeon: Surgeon) -> Function | None:
 
 
 def truth(b: Builder, value: Value) -> Value:
-    """A condition on a value that always holds."""
+    """Return a condition on a value that always holds."""
     type = value.type
     if type.is_bool:
         holds = b.let("or", value, b.let("not", value))
@@ -103,7 +103,7 @@ def truth(b: Builder, value: Value) -> Value:
 
 
 def split_vector(surgeon: Surgeon) -> Function | None:
-    """An operation on vectors, done component by component; or a store, likewise."""
+    """Return an operation on vectors, done component by component; or a store, likewise."""
     place = _where(surgeon, lambda s: (isinstance(s, Let) and _by_component(s)) or _whole_store(surgeon, s))
     if place is None:
         return None

@@ -105,7 +105,7 @@ class Surgeon:
     # Changes
 
     def replaced(self, place: Place, statements: Region, renamed: dict[int, int] | None = None) -> Function:
-        """The function with other statements there; uses of `renamed` values outside them read others."""
+        """Return the function with other statements there; uses of `renamed` values outside them read others."""
         made = place.region[: place.start] + statements + place.region[place.stop :]
 
         def change(region: Region) -> Region:
@@ -120,7 +120,7 @@ class Surgeon:
         return replace(self.b.finish(), body=change(self.function.body))
 
     def renamed(self, s: Stmt, names: dict[int, int]) -> Stmt:
-        """The statement reading other values."""
+        """Return the statement reading other values."""
         if not names:
             return s
 
@@ -143,7 +143,7 @@ class Surgeon:
         return s
 
     def carried(self, statements: Region) -> tuple[Region, Region, dict[int, int]]:
-        """The statements with stores of what they make, the loads to put behind them, and the new values' ids."""
+        """Return the statements with stores of their results, the loads to put behind them, and the new values' ids."""
         b = self.b
         values = [v for s in statements for v in results(s)]
         slots = [b.variable(v.type) for v in values]

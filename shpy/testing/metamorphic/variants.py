@@ -50,7 +50,7 @@ def variants(program: Program, count: int, seed: int = 0, steps: int = 4) -> Ite
 
 
 def _changed(module: Module, name: str, rng: random.Random) -> Module | None:
-    """The module with one function changed, as often as not the entry; None where there is no place for it."""
+    """Return the module with one function changed, as often as not the entry; None where there is no place for it."""
     places = [n for n, f in enumerate(module.functions) if not f.pure]
     at = places[-1] if rng.random() < 0.5 else rng.choice(places)
     function = CHANGES[name](Surgeon(module.functions[at], {f.name: f for f in module.functions}, rng))

@@ -266,7 +266,7 @@ _OPENING = threading.Lock()
 
 
 def open_context(index: int | None) -> Context:
-    """The context of device `index` (None: the driver's choice), made on first use; BackendUnavailable without one."""
+    """Return the context of device `index` (None: the driver chooses), made on first use; BackendUnavailable without."""
     _DRIVER.use()
     with _OPENING:
         if index not in _OPEN:

@@ -205,7 +205,7 @@ class GlslSpace:
             )
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
-        """A texture for `count` elements, whatever it holds; ShpyError where the device has none so large."""
+        """Return a texture for `count` elements, whatever it holds; ShpyError where the device has none so large."""
         if dtype == np.float64:
             raise ShpyTypeError("GLSL 3.30 has no f64", cure='precision="f32", or another backend')
         limit = self._context.limits.width
@@ -235,7 +235,7 @@ class GlslSpace:
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
-        """A texture of this context, of one, two or four components of 32 bits."""
+        """Return a texture of this context, of one, two or four components of 32 bits."""
         context = self._context
         if getattr(native, "ctx", None) is not context.gl:
             raise ShpyTypeError(
@@ -266,13 +266,13 @@ class GlslSpace:
         return kept
 
     def depth(self, size: tuple[int, int]) -> Any:
-        """The depth buffer of a size. Every run that tests depths writes them first, so all runs share it."""
+        """Return the depth buffer of a size. Every run that tests depths writes them first, so all runs share it."""
         if size not in self._depths:
             self._depths[size] = self._context.gl.depth_renderbuffer(size)
         return self._depths[size]
 
     def folded(self, memory: GlslMemory) -> GlslMemory:
-        """The memory itself, or a copy in rows of FOLD where its rows have another length."""
+        """Return the memory itself, or a copy in rows of FOLD where its rows have another length."""
         if memory.width in (FOLD, memory.count) and memory.width <= FOLD:
             return memory
         made = self.allocate(memory.count, memory.type, memory.dtype)
@@ -374,6 +374,6 @@ class GlslSpace:
 
 
 def own(memory: Any) -> GlslMemory:
-    """The memory, which is one of this backend."""
+    """Return the memory, which is one of this backend."""
     assert isinstance(memory, GlslMemory)
     return memory

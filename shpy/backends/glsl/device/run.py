@@ -58,7 +58,7 @@ class Runtime:
         self._programs: weakref.WeakValueDictionary[tuple[Any, ...], Program] = weakref.WeakValueDictionary()
 
     def build(self, shader: Shader, loc: Loc | None, *, steady: bool = True) -> Program:
-        """The program of this text; CompileError if the device refuses it, or it reads too many textures.
+        """Return the program of this text; CompileError if the device refuses it, or it reads too many textures.
 
         `steady`: no data makes an element take more than a few thousand iterations.
         """
@@ -286,7 +286,7 @@ def row_length(shape: tuple[int, ...], limit: int) -> int:
 
 
 def uniform_bytes(value: Array, type: Type) -> bytes:
-    """A param as GL takes it: floats as binary32, bools as ints."""
+    """Return a param as GL takes it: floats as binary32, bools as ints."""
     dtype: Any = {Base.F: np.float32, Base.U: np.uint32}.get(type.base, np.int32)
     return np.ascontiguousarray(value).astype(dtype).tobytes()
 
@@ -325,7 +325,7 @@ def _collect(
 
 
 def refused(source: str, log: str, loc: Loc | None) -> CompileError:
-    """The driver's log as an error at the user's line, as far as the text's comments tell it."""
+    """Return the driver's log as an error at the user's line, as far as the text's comments tell it."""
     found = _ERROR.search(log)
     if found is None:
         return CompileError(f"the driver refused the shader:\n{log.strip()}", loc=loc)
@@ -341,6 +341,6 @@ def refused(source: str, log: str, loc: Loc | None) -> CompileError:
 
 
 def unsupported(type: Type, loc: Loc | None) -> CompileError:
-    """The error for a base that GLSL 3.30 has not."""
+    """Return the error for a base that GLSL 3.30 has not."""
     name = {Base.D: "64-bit floats (f64)", Base.H: "16-bit floats (f16)"}.get(type.base, repr(type))
     return CompileError(f"GLSL 3.30 has no {name}", loc=loc, cure='compile this program on "numpy" or "opencl"')

@@ -63,7 +63,7 @@ def shown_texture(texture: Any, check_thread: Callable[[], None]) -> Any:
 
 @cache
 def _shown_class(texture: Any) -> Any:
-    """The class: every method of moderngl's asks the texture for its object of GL, `mglo`."""
+    """Return the class: every method of moderngl's asks the texture for its object of GL, `mglo`."""
 
     class Texture(texture):  # type: ignore[misc]
         @property
@@ -79,7 +79,7 @@ def _shown_class(texture: Any) -> Any:
 
 
 def as_texels(array: Array) -> Array:
-    """The array as GL takes it: float16 as float32, bools as bytes; float64 is refused."""
+    """Return the array as GL takes it: float16 as float32, bools as bytes; float64 is refused."""
     if array.dtype == np.float64:
         raise ShpyError("GLSL 3.30 has no f64")
     if array.dtype == np.float16:
@@ -104,7 +104,7 @@ class Store:
         self._kept = 0
 
     def table(self, data: TableData, type: Type) -> Any:
-        """The texture that holds the table's elements in C order, folded."""
+        """Return the texture that holds the table's elements in C order, folded."""
         known = self.tables.get(data)
         if known is not None and known[1] == data.version:
             return known[0]
@@ -135,7 +135,7 @@ class Store:
 
     @contextmanager
     def lent(self) -> Iterator[Lent]:
-        """What is borrowed through the result comes back at the end."""
+        """Lend what is borrowed through the result until the block ends."""
         lent = Lent(self)
         try:
             yield lent
@@ -145,7 +145,7 @@ class Store:
                 self.give_back(key, thing, size)
 
     def take(self, key: tuple[Any, ...], size: int) -> Any | None:
-        """A free thing of this kind, or None."""
+        """Return a free thing of this kind, or None."""
         free = self._free.get(key)
         if not free:
             return None
@@ -153,7 +153,7 @@ class Store:
         return free.pop()
 
     def make_target(self, size: tuple[int, int], kinds: tuple[tuple[int, str], ...], cells: int) -> Target:
-        """A framebuffer of this size with a texture of each kind, (components, format), `cells` bytes a cell."""
+        """Return a framebuffer of this size with a texture of each kind, (components, format), `cells` bytes a cell."""
         gl = self.context.gl
         textures = []
         for components, dtype in kinds:
@@ -185,7 +185,7 @@ class Lent:
         return thing
 
     def filled(self, array: Array, width: int) -> Any:
-        """A texture with the elements of `array`, (n, components) or (n,), in rows of `width`."""
+        """Return a texture with the elements of `array`, (n, components) or (n,), in rows of `width`."""
         texels = as_texels(array).reshape(len(array), -1)
         limit = self.store.context.limits.width
         size = (rounded(width, limit), rounded(-(-len(texels) // width), limit))
@@ -201,7 +201,7 @@ class Lent:
         return texture
 
     def target(self, types: list[Type], width: int, height: int) -> Target:
-        """A framebuffer of at least `width` x `height` with an output of each type."""
+        """Return a framebuffer of at least `width` x `height` with an output of each type."""
         limit = self.store.context.limits.width
         size = (rounded(width, limit), rounded(height, limit))
         # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).

@@ -63,7 +63,7 @@ class NumpyBackend:
         np.empty(_KEPT_MEMORY, np.uint8)
 
     def devices(self) -> list[Device]:
-        """The processor, by numpy."""
+        """Return the processor, by numpy."""
         return [Device("numpy", np.__version__, ("f64",))]
 
     def compile(self, module: Module, options: Options, tile: int | None = None) -> NumpyExecutable:
@@ -83,12 +83,12 @@ class NumpyBackend:
         return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module), rejection)
 
     def space(self, device: int | None) -> NumpySpace:
-        """The host's memory."""
+        """Return the host's memory."""
         return SPACE
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
-    """The entry of the text, which is our own: names were made by `naming`, all else is numbers."""
+    """Return the entry of the text, which is our own: names were made by `naming`, all else is numbers."""
     scope: dict[str, Any] = {"__name__": module.name}
     try:
         exec(compile(printed.text, f"<{printed.entry}, as numpy>", "exec"), scope)
@@ -113,7 +113,7 @@ class NumpyExecutable:
     outs: tuple[tuple[int, np.dtype[Any]], ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        """The types of the inputs; the number and dtype of each output that the text writes where it is told."""
+        """Derive the types of the inputs, and the number and dtype of each output that the text writes in place."""
         self.ports = tuple(port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
         outputs = self.layout.vector.module.entry.outputs
         self.outs = tuple((at, np.dtype(DTYPES[outputs[at].type.base])) for at in self.printed.outs)
@@ -156,7 +156,7 @@ class NumpyExecutable:
         return over_arrays(self.run, call)
 
     def _live(self, call: Call) -> Array | None:
-        """The numbers of the elements that are not discarded at the start, if they are few; None: all of them run."""
+        """Return the indices of the elements that are not discarded at the start, if they are few; None: all run."""
         if self.rejection is None or call.count < _WORTH_A_LIST:
             return None
         rejected = np.empty(call.count, np.bool_)
@@ -243,7 +243,7 @@ def _uniform(value: Array, type: Type) -> Any:
 
 
 def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> Array:
-    """The tile of an input: (lanes,) or (size, lanes), not in memory that will be written."""
+    """Return the tile of an input: (lanes,) or (size, lanes), not in memory that will be written."""
     lanes = part.stop - part.start
     rows = given[part] if given.shape[0] != 1 else np.broadcast_to(given, (lanes, *given.shape[1:]))
     tile = (
@@ -253,7 +253,7 @@ def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> 
 
 
 def _whole(out: Array, dtype: np.dtype[Any], extents: tuple[int, ...]) -> Array | None:
-    """The memory of an output as what may be written directly: None if numbers lie apart or are converted."""
+    """Return the memory of an output as what may be written directly: None if numbers lie apart or are converted."""
     return out.reshape(extents) if out.dtype == dtype and out.flags.c_contiguous else None
 
 

@@ -17,7 +17,7 @@ _POCL = "Portable Computing Language"
 
 
 def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
-    """The error for a system where these platforms offer no device."""
+    """Return the error for a system where these platforms offer no device."""
     if not platforms:
         return BackendUnavailable(
             "opencl needs an OpenCL driver, and there is none",
@@ -30,7 +30,7 @@ def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
 
 
 def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
-    """The error where PoCL is among the platforms and cannot write its cache, without which it compiles nothing."""
+    """Return the error for PoCL among the platforms that cannot write its cache: it compiles nothing without it."""
     if _POCL not in platforms:
         return None
     folder = _cache_of_pocl()

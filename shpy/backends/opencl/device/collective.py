@@ -285,7 +285,7 @@ class _OpenCLCollectives:
         self._run(text, "sum_before", 1, counts, chunks << self._digit)
 
     def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
-        """The text that sorts such keys, and the bits of a key."""
+        """Return the text that sorts such keys, and the bits of a key."""
         kept = held(keys.type, keys.dtype)
         word = WORDS[kept.itemsize]
         key = _KEYS[kept.str[1:]]

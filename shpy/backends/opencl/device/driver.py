@@ -149,7 +149,7 @@ def _rounds_correctly(device: Any) -> bool:
 
 
 def machine_of(index: int | None) -> Machine:
-    """The device of this index in `devices()`, opened once a process; None: the first."""
+    """Return the device of this index in `devices()`, opened once a process; None: the first."""
     found = _found()
     index = index or 0
     if not 0 <= index < len(found):
@@ -204,12 +204,12 @@ class Machine:
         return self._lock
 
     def options(self, math: Math) -> list[str]:
-        """What a program of this mode is built with."""
+        """Return the options with which a program of this mode is built."""
         plain = [*self._options, _PLAIN] if "optimiser" in self.wrong else self._options
         return [*plain, "-cl-fast-relaxed-math"] if math == "fast" else plain
 
     def build(self, text: str, math: Math = "strict") -> Any:
-        """The program of this text, from memory if it was built before; pyopencl's error if the driver refuses it."""
+        """Return the program of this text, built once; raises pyopencl's error if the driver refuses it."""
         program = self._programs.get((text, math))
         if program is None:
             program = self._kept(text, math) or _built_silently(self.cl.Program(self.context, text), self.options(math))
@@ -226,7 +226,7 @@ class Machine:
         return self._key(f"{ANY_SIZE} work items: {text}", self.options(math))
 
     def _kept(self, text: str, math: Math) -> Any:
-        """The program from an earlier process's binary; None where there is none that the driver takes."""
+        """Return the program from an earlier process's binary; None where there is none that the driver takes."""
         binary = store.load(self._binary_key(text, math))
         try:
             return None if binary is None else self.load(text, math, binary)
@@ -251,13 +251,13 @@ class Machine:
             store.save(self._binary_key(text, math), bytes(binary))
 
     def pace(self, *, bounded: bool) -> Pace:
-        """The pace of a new kernel. What stops long dispatches does so on anything but a CPU."""
+        """Return the pace of a new kernel. What stops long dispatches does so on anything but a CPU."""
         if self.device.type & self.cl.device_type.CPU:
             return Pace(_CPU_SECONDS, bounded=bounded)
         return Pace(bounded=bounded)
 
     def take(self, size: int) -> Any:
-        """A buffer of at least `size` bytes, to be given back."""
+        """Return a buffer of at least `size` bytes, to be given back."""
         while self.dropped:
             self._keep_buffer(self.dropped.pop())
         size = 1 << max(6, (size - 1).bit_length())
@@ -283,7 +283,7 @@ class Machine:
         return bool(self.device.type & self.cl.device_type.CPU and self.device.host_unified_memory)
 
     def lend(self, array: Array, size: int, *, write: bool = False) -> Any:
-        """A buffer that is the array's own memory; None if it has to be copied.
+        """Return a buffer that is the array's own memory; None if it has to be copied.
 
         `size`: the components of an element, to whose size a kernel may expect memory to be aligned.
         """
@@ -309,7 +309,7 @@ class Machine:
         self._uploads = []
 
     def upload(self, array: Array) -> Any:
-        """A buffer that holds the array."""
+        """Return a buffer that holds the array."""
         buffer = self.take(array.nbytes)
         self._uploads.append(self.cl.enqueue_copy(self.queue, buffer, array, is_blocking=False))
         return buffer
@@ -319,7 +319,7 @@ class Machine:
         self.cl.enqueue_copy(self.queue, array, buffer, src_offset=offset)
 
     def table(self, data: TableData, dtype: Any, size: int = 1, *, padded: bool = False) -> Any:
-        """A table on the device: its own memory, or a copy, made when there is none or the data has changed since.
+        """Return a table on the device: its own memory, or a copy, which is made anew where the data has changed.
 
         `size`: the components of an element; `padded`: each vector is followed by a number that nobody reads.
         """
@@ -345,7 +345,7 @@ class Machine:
         return max((w for w in widths if w in WIDTHS), default=1)
 
     def width_key(self, program: str) -> str:
-        """The name under which the width of a program's packets on this device is kept."""
+        """Return the name under which the width of a program's packets on this device is kept."""
         return self._key(f"width of {program}", self.options("strict"))
 
     @cached_property
@@ -436,6 +436,6 @@ class Machine:
         return (*(n for n in WIDTHS if f"floats{n}" in known), *halves)
 
     def _place(self) -> tuple[int, int]:
-        """The indices of the platform and of its device, as the driver lists them."""
+        """Return the indices of the platform and of its device, as the driver lists them."""
         platform = self.device.platform
         return self.cl.get_platforms().index(platform), platform.get_devices().index(self.device)

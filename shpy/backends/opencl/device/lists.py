@@ -121,7 +121,7 @@ class Lists:
             self._moving = (run - begin + end - back) / live.count
 
     def _now(self, live: Any) -> float:
-        """The time when what was started has ended; 0 where it need not be known."""
+        """Return the time when what was started has ended; 0 where it need not be known."""
         if live.count <= _SIMILAR * self._known:
             return 0.0
         self._space.finish()

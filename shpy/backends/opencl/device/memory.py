@@ -144,7 +144,7 @@ class OpenCLMemory:
 
 @cache
 def _status_text(word: str) -> str:
-    """The kernels that read statuses, for elements whose components are such words."""
+    """Return the kernels that read statuses, for elements whose components are such words."""
     names = {name: getattr(Status, name) for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED")}
     text = _STATUS.replace("WORD", word)
     for name, number in {**names, "STRIDE": _STRIDE}.items():
@@ -176,7 +176,7 @@ class OpenCLSpace:
         return collectives(self, self._machine)
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
-        """A buffer for `count` elements, whatever it holds; ShpyError where there is not so much."""
+        """Return a buffer for `count` elements, whatever it holds; ShpyError where there is not so much."""
         machine = self._machine
         # A kernel may read a vector of three as four, and whole packets.
         size = count * type.size * held(type, dtype).itemsize
@@ -193,7 +193,7 @@ class OpenCLSpace:
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
-        """The memory of a contiguous pyopencl.array.Array of this device's context."""
+        """Return the memory of a contiguous pyopencl.array.Array of this device's context."""
         machine = self._machine
         wanted = held(type, dtype)
         if getattr(native, "context", None) != machine.context:

@@ -97,7 +97,7 @@ class OpenCLBackend:
             return replace(single, remarks=(*single.remarks, remark))
 
     def space(self, device: int | None) -> OpenCLSpace:
-        """The memory of a device."""
+        """Return the memory of a device."""
         return machine_of(device).space
 
 
@@ -179,7 +179,7 @@ def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Ke
 
 
 def _refusal(log: str, kernel: Kernel) -> CompileError:
-    """The driver's complaints, each at the user's line that the text's line comes from."""
+    """Return the driver's complaints, each at the user's line that the text's line comes from."""
     found: list[tuple[Loc | None, str]] = []
     for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
         upto = kernel.lines[: int(line)]
@@ -373,7 +373,7 @@ class OpenCLExecutable:
             return self.machine.cl.Kernel(self.program, self.kernel.name)
 
     def _table(self, data: TableData | TableMemory, table: Table) -> tuple[Any, Any, Callable[[], None] | None]:
-        """The buffer and the shape of a table, and what brings it up to date before each run if that is needed."""
+        """Return a table's buffer and shape, and a function that updates it before each run, or None."""
         machine = self.machine
         padded = self.kernel.lanes > 1 and table.type.size == 3
         if isinstance(data, TableMemory):
@@ -392,7 +392,7 @@ class OpenCLExecutable:
         return [_argument(np.asarray(params[name], _held(types[name])), types[name]) for name in self.kernel.params]
 
     def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool]]:
-        """A buffer for each output, and whether it is the caller's array; that of the status comes last."""
+        """Return a buffer for each output, and whether it is the caller's array; that of the status comes last."""
         found = []
         for k, output in enumerate(self.prepared.module.entry.outputs):
             dtype, size = np.dtype(MEMORY[output.type.base]), output.type.size
@@ -480,7 +480,7 @@ def _own(memory: Any) -> OpenCLMemory:
 
 
 def _held(type: Type) -> Any:
-    """What a component of a param is as an argument: no argument may be a bool."""
+    """Return the dtype of a param's component as an argument: no argument may be a bool."""
     return np.int32 if type.is_bool else DTYPES[type.base]
 
 

@@ -54,7 +54,7 @@ class Stages:
         self._known: OrderedDict[tuple[Any, ...], Staged] = OrderedDict()
 
     def get(self, call: Call, make: Callable[[Call], Staged]) -> Staged:
-        """The staged run for a call of this shape, made if there is none."""
+        """Return the staged run for a call of this shape, made if there is none."""
         key = (call.shape, *map(len, call.inputs))
         found = self._known.get(key)
         if found is None:
@@ -67,7 +67,7 @@ class Stages:
 
 
 def staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]:
-    """An array for `count` elements of a type, and the buffer whose memory it is."""
+    """Return an array for `count` elements of a type, and the buffer whose memory it is."""
     dtype = np.dtype(MEMORY[type.base])
     shape = (count, type.size) if type.size > 1 else (count,)
     size = count * type.size * dtype.itemsize

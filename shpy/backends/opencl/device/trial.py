@@ -33,7 +33,7 @@ class Trial:
     wanted: tuple[float, ...]
 
     def text(self, name: str) -> str:
-        """The kernel."""
+        """Return the kernel."""
         return f"__kernel void try_{name}(__global {self.type} *a) {{\n    {self.statements}\n}}\n"
 
 
@@ -46,7 +46,7 @@ class Unfinished(Exception):
 
 
 def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial]) -> frozenset[str]:
-    """The names of the trials that succeed on this device of this platform, in a process of their own.
+    """Return the names of the trials that succeed on this device of this platform, in a process of their own.
 
     A trial that ends the process, or does not end, has failed, and the others go on in another one. Raises Unfinished
     where there is no such process, or it comes to no trial.
@@ -56,7 +56,7 @@ def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial
 
 
 def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial], folder: str) -> frozenset[str]:
-    """The same. pyopencl may leave the text of a build that fails among the temporary files: in `folder`."""
+    """Run the trials. pyopencl may leave the text of a failing build among the temporary files: in `folder`."""
     left = dict(trials)
     found: set[str] = set()
     environment = {**os.environ, "TMPDIR": folder, "TEMP": folder, "TMP": folder}
