@@ -266,7 +266,7 @@ _OPENING = threading.Lock()
 
 
 def open_context(index: int | None) -> Context:
-    """Return the context of device `index` (None: the driver chooses), made on first use; BackendUnavailable without."""
+    """Return the context of a device (None: the driver chooses), made on first use; BackendUnavailable without one."""
     _DRIVER.use()
     with _OPENING:
         if index not in _OPEN:
