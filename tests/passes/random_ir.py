@@ -32,7 +32,21 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
+from shpy.ir.ops import OPS
 from shpy.ir.types import Base, Type, vec
+from shpy.testing.generated.operations import (
+    COMPARE,
+    FLOAT_BINARY,
+    FLOAT_TERNARY,
+    FLOAT_UNARY,
+    GEOMETRY,
+    INT_BINARY,
+    INT_TERNARY,
+    INT_UNARY,
+    LOGIC,
+    REDUCING,
+    TESTS,
+)
 
 F, F2, F3, I, U, B, B3 = vec("f"), vec("f", 2), vec("f", 3), vec("i"), vec("u"), vec("b"), vec("b", 3)  # noqa: E741
 F4, I2, I3, U2, B2 = vec("f", 4), vec("i", 2), vec("i", 3), vec("u", 2), vec("b", 2)
@@ -43,12 +57,12 @@ INTS = {Base.I: (0, 1, 2, 3, 31, 33, -1, -7, 2**31 - 1, -(2**31)), Base.U: (0, 1
 FLOATS = (0.0, -0.0, 1.0, 2.0, -1.5, 0.1, 3.0, 1e-3, 1e30, float("inf"), float("nan"))
 LOOP_LIMIT = 6
 
-UNARY = ("neg", "abs", "sign", "floor", "ceil", "round", "trunc", "fract", "sqrt", "rsqrt", "normalize")
-BINARY = ("add", "sub", "mul", "div", "min", "max", "mod", "step", "reflect", "add", "mul", "sub")
-TERNARY = ("mad", "fma", "clamp", "mix", "smoothstep", "faceforward")
-INT_UNARY = ("neg", "abs", "not", "popcount")
-INT_BINARY = ("add", "sub", "mul", "and", "or", "xor", "floordiv", "floormod", "shl", "shr", "min", "max")
-COMPARE = ("eq", "ne", "lt", "le", "gt", "ge")
+BINARY = (*FLOAT_BINARY, "add", "mul", "sub")
+OF_VECTORS = {
+    size: [op for op in GEOMETRY if OPS[op].gives == "T" or (OPS[op].gives == "V3" and size == 3)] for size in (2, 3, 4)
+}
+"""Operations that give a vector of a size."""
+MEASURES = [op for op in GEOMETRY if OPS[op].gives == "S"]
 
 
 @dataclass(frozen=True)
@@ -311,16 +325,15 @@ class Generator:
         if dice < 4:
             return let(pick(BINARY), self.simple(type), self.simple(type))
         if dice < 6:
-            return let(pick(UNARY), self.simple(type))
+            return let(pick(FLOAT_UNARY), self.simple(type))
         if dice == 6:
-            return let(pick(TERNARY), self.simple(type), self.simple(type), self.simple(type))
+            return let(pick(FLOAT_TERNARY), self.simple(type), self.simple(type), self.simple(type))
         if dice == 7:
             return self.choose(type)
         if type.size > 1:
             return self.make_vector(type)
         if dice == 8:
-            of = pick((F2, F3, F4))
-            return let(pick(("dot", "distance")), self.simple(of), self.simple(of))
+            return self.whole(pick(MEASURES), pick((F2, F3, F4)))
         if dice == 9:
             return let("convert", self.simple(pick((I, U))), type=F)
         return self.make_scalar()
@@ -352,19 +365,22 @@ class Generator:
     def make_vector(self, type: Type) -> Value:
         size = type.size
         match self.random.randrange(5):
-            case 3 if self.random.random() < 0.4:
-                eta = self.simple(F)
-                return self.b.let("refract", self.simple(type), self.simple(type), eta)
-            case 0 if size == 3:
-                return self.b.let("cross", self.simple(type), self.simple(type))
+            case 0 | 3 if self.random.random() < 0.6:
+                return self.whole(self.random.choice(OF_VECTORS[size]), type)
             case 3 if size == 3 and not self.in_pure:
                 helpers = [c for c in self.callees if c.pure]
                 if helpers:
                     return self.b.call(helpers[0], self.simple(F), self.simple(F3))[0]
         return self.assemble(type)
 
+    def whole(self, op: str, vector: Type) -> Value:
+        """An operation on whole vectors; some take a scalar beside them."""
+        return self.b.let(op, *(self.simple(F if letter == "S" else vector) for letter in OPS[op].takes))
+
     def make_int(self, type: Type) -> Value:
         let = self.b.let
+        if self.random.random() < 0.08:
+            return let(self.random.choice(INT_TERNARY), *(self.simple(type) for _ in range(3)))
         match self.random.randrange(6):
             case 0:
                 return let(self.random.choice(INT_UNARY), self.simple(type))
@@ -383,15 +399,17 @@ class Generator:
         let = self.b.let
         match self.random.randrange(6):
             case 0:
-                return let(self.random.choice(("and", "or", "xor", "eq", "ne")), self.simple(type), self.simple(type))
+                return let(self.random.choice(LOGIC), self.simple(type), self.simple(type))
             case 1:
                 return let("not", self.simple(type))
             case 2 if type is B:
-                return let(self.random.choice(("any", "all")), self.simple(self.random.choice((B2, B3))))
+                return let(self.random.choice(REDUCING), self.simple(self.random.choice((B2, B3))))
             case 3 if type is B and self.lanes and not self.in_pure:
                 return let(self.random.choice(("any_lane", "all_lanes")), self.simple(B), type=B)
             case 4 if self.random.random() < 0.3:
                 return let("convert", self.simple(type.based(self.random.choice((Base.F, Base.I)))), type=type)
+            case 5 if self.random.random() < 0.3:
+                return let(self.random.choice(TESTS), self.simple(type.based(Base.F)))
         of = type.based(self.random.choice((Base.F, Base.F, Base.I, Base.U)))
         return let(self.random.choice(COMPARE), self.simple(of), self.simple(of))
 

@@ -15,8 +15,10 @@ from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from hypothesis.strategies import integers
 from property.agreement import WITHOUT_PRECISE, Precision, check
 
+from shpy.ir.ops import OPS
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.inputs import elements
+from shpy.testing.generated.operations import drawn
 from shpy.testing.generated.source import source
 from shpy.testing.generated.strategy import trees
 from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
@@ -134,6 +136,10 @@ def test_many_programs_agree_in_wide_packets(shard: int) -> None:
 @pytest.mark.parametrize("shard", range(1000, 1010))
 def test_many_programs_agree_at_other_precisions(shard: int, precision: Precision) -> None:
     agree(shard, narrowed(precision, tuple(LANES)), precision=precision)
+
+
+def test_every_row_of_the_table_is_drawn() -> None:
+    assert drawn() == set(OPS)
 
 
 def forms(block: Block, inside: tuple[str, ...] = ()) -> set[tuple[str, ...]]:

@@ -12,9 +12,24 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from shpy.ir.ops import OPS, TRANSCENDENTALS
+from shpy.ir.ops import OPS
 from shpy.ir.types import Base, Type, vec
 from shpy.testing.generated.inputs import NUMBERS
+from shpy.testing.generated.operations import (
+    COMPARE,
+    FLOAT_BINARY,
+    FLOAT_TERNARY,
+    FLOAT_UNARY,
+    FUNCTIONS,
+    GEOMETRY,
+    INT_BINARY,
+    INT_TERNARY,
+    INT_UNARY,
+    LOGIC,
+    REDUCING,
+    SHIFTS,
+    TESTS,
+)
 from shpy.testing.generated.syntax import (
     F2,
     FIELDS,
@@ -46,18 +61,10 @@ CORE = (F, I, vec("f", 3), B)
 OTHERS = tuple(vec(base, size) for size in (2, 4, 3, 1) for base in "fibu" if vec(base, size) not in CORE)
 """And of some of these."""
 
-FLOAT_UNARY = ("neg", "abs", "floor", "sqrt", "sign", "ceil", "round", "trunc", "fract", "rsqrt")
-FLOAT_BINARY = ("add", "sub", "mul", "div", "min", "max", "floormod", "step", "floordiv")
-FLOAT_TERNARY = ("clamp", "mix", "mad", "smoothstep", "fma")
-INT_UNARY = ("neg", "not", "abs", "popcount", "sign")
-INT_BINARY = ("add", "sub", "mul", "and", "or", "xor", "floordiv", "floormod", "min", "max", "shl", "shr")
+FLOAT_OPERATORS = (*FLOAT_BINARY, "floordiv", "floormod")
+"""The language has the last two for floats as well."""
 SIGNED = ("min", "max", "floormod", "floordiv", "shr", "mul")
 """Operations that tell a negative int from a large unsigned one."""
-LOGIC = ("and", "or", "xor", "eq", "ne")
-TO_SCALAR = ("dot", "distance", "length")
-TO_VECTOR = ("normalize", "reflect", "faceforward")
-FUNCTIONS = tuple(sorted(TRANSCENDENTALS))
-COMPARE = ("lt", "eq", "ge", "ne", "gt", "le")
 EDGES = {Base.F: (1e-40, -1e-45, 1.2e-38, 3e38), Base.I: (), Base.U: (), Base.B: ()}
 """Constants beside NUMBERS: denormals and their neighbours."""
 PARTS = {1: ((1,),), 2: ((1, 1),), 3: ((1, 1, 1), (1, 2), (2, 1)), 4: ((1, 1, 1, 1), (2, 2), (1, 3), (3, 1), (1, 1, 2))}
@@ -134,7 +141,7 @@ class Expressions:
 
     def edged(self, type: Type) -> Expr:
         """Return an int at the ends of its range for some elements, where C has another type than the language."""
-        op = self.pick(("abs", "abs", "neg", "sign", "popcount"))
+        op = self.pick(("abs", "abs", *INT_UNARY))
         return Apply(type, op, (self.leaf(type),))
 
     def row(self, type: Type, op: str, of: tuple[Type, ...], depth: int, first: Expr | None = None) -> Apply:
@@ -173,12 +180,12 @@ class Expressions:
         """Return an expression of floats."""
         if self.chance(4):
             op = self.pick(FUNCTIONS)
-            return Apply(type, op, tuple(self.assembled(type, depth) for _ in range(OPS[op].signature.count("T") - 1)))
+            return Apply(type, op, tuple(self.assembled(type, depth) for _ in OPS[op].takes))
         if self.derives and self.chance(25):
             return self.derived(type, depth)
         kind = self.draw(st.integers(0, 10))
         if kind < 5:
-            return self.same(type, self.pick(FLOAT_BINARY), 2, depth)
+            return self.same(type, self.pick(FLOAT_OPERATORS), 2, depth)
         if kind < 7:
             return self.same(type, self.pick(FLOAT_UNARY), 1, depth)
         if kind == 7:
@@ -199,13 +206,12 @@ class Expressions:
 
     def geometry(self, type: Type, depth: int) -> Expr:
         """Draw an operation on whole vectors."""
-        if type.size > 1:
-            op = self.pick(TO_VECTOR)
-            count = OPS[op].signature.count("T") - 1
-            return Apply(type, op, tuple(self.assembled(type, depth) for _ in range(count)))
-        vector = vec("f", self.draw(st.integers(2, 4)))
-        op = self.pick(TO_SCALAR)
-        return Apply(type, op, tuple(self.assembled(vector, depth) for _ in range(1 if op == "length" else 2)))
+        fitting = [op for op in GEOMETRY if (OPS[op].gives == "S") == (type.size == 1)]
+        op = self.pick([op for op in fitting if OPS[op].gives != "V3" or type.size == 3])
+        vector = type if type.size > 1 else vec("f", self.draw(st.integers(2, 4)))
+        return Apply(
+            type, op, tuple(self.expr(F, depth) if t == "S" else self.assembled(vector, depth) for t in OPS[op].takes)
+        )
 
     def derived(self, type: Type, depth: int) -> Expr:
         """Draw an operation with a number that a driver's compiler can derive, and this package does not."""
@@ -242,7 +248,7 @@ class Expressions:
         kind = self.draw(st.integers(0, 9))
         if kind < 6:
             op = self.pick(INT_BINARY)
-            shifts = op in ("shl", "shr")
+            shifts = op in SHIFTS
             of = (type, type.based(self.pick((Base.I, Base.U))) if shifts else type)
             return (
                 Apply(type, op, (self.expr(type, depth), self.expr(of[1], depth)))
@@ -251,7 +257,7 @@ class Expressions:
             )
         if kind < 8:
             return self.same(type, self.pick(INT_UNARY), 1, depth)
-        return self.choice(type, depth)
+        return self.same(type, self.pick(INT_TERNARY), 3, depth) if self.chance(20) else self.choice(type, depth)
 
     def moved(self, type: Type, depth: int) -> Expr:
         """Conversions, parts of vectors, vectors of parts, and what is read from arrays and tables."""
@@ -262,6 +268,8 @@ class Expressions:
         """Return a conversion from another base."""
         if type.base is Base.U and self.chance(30):
             return Apply(type, "bits_from_float", (self.expr(type.based(Base.F), depth),))
+        if type.base is Base.F and self.chance(20):
+            return Apply(type, "float_from_bits", (self.expr(type.based(Base.U), depth),))
         others = {"f": "iub", "i": "fub", "u": "fib", "b": "ifu"}[type.base.value]
         return Convert(type, self.expr(type.based(Base(self.pick(others))), depth))
 
@@ -341,7 +349,7 @@ class Expressions:
         if kind == 7:
             return self.choice(type, depth)
         if kind == 8 and type.size == 1:
-            return Apply(B, self.pick(("any", "all")), (self.expr(self.vector(Base.B), depth),))
+            return Apply(B, self.pick(REDUCING), (self.expr(self.vector(Base.B), depth),))
         if kind == 9:
-            return Apply(type, self.pick(("isnan", "isinf")), (self.expr(type.based(Base.F), depth),))
+            return Apply(type, self.pick(TESTS), (self.expr(type.based(Base.F), depth),))
         return Apply(type, "not", (self.expr(type, depth),))
