@@ -48,7 +48,7 @@ def hits(mesh: Mesh, quick: bool) -> Table:
 
 
 def embree(mesh: Mesh, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """The triangle that each ray meets first, -1 for none."""
+    """Return the triangle that each ray meets first, -1 for none."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -62,7 +62,7 @@ def embree(mesh: Mesh, origins: np.ndarray, directions: np.ndarray) -> np.ndarra
 def compared(
     mesh: Mesh, origins: np.ndarray, directions: np.ndarray, ours: np.ndarray, theirs: np.ndarray
 ) -> list[str]:
-    """The last columns of a row of `hits`."""
+    """Return the last columns of a row of `hits`."""
     differ = np.flatnonzero(ours != theirs)
     corners = mesh.corners
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
@@ -78,7 +78,7 @@ def compared(
 
 
 def nearest(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> int:
-    """The triangle that a ray meets first, in binary64, -1 for none."""
+    """Return the triangle that a ray meets first, in binary64, -1 for none."""
     least, found = np.inf, -1
     for start in range(0, len(corners), _AT_ONCE):
         inside, _, t = passed(corners[start : start + _AT_ONCE], origin, direction)

@@ -53,7 +53,7 @@ def _marble(compiled: Compiled) -> Run:
 
 
 def _gray_scott(compiled: Compiled) -> Run:
-    """A chain over streams: each frame goes on where the one before ended."""
+    """Return a chain over streams: each frame goes on where the one before ended."""
     start = gray_scott.concentrations(512)[0]
     chain = sh.repeat(compiled(gray_scott.react), _STEPS)
     fields = {name: sh.Stream(start[..., k].copy(), sh.Attrib1f, "opencl") for k, name in enumerate("uv")}

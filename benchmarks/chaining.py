@@ -52,7 +52,7 @@ def drift(u: sh.Attrib1f) -> sh.Attrib1f:
 
 @sh.program
 def escape(c: sh.Point2f) -> sh.Attrib1f:
-    """A computation that is worth leaving out: 60 sines, without a branch."""
+    """Return a computation that is worth leaving out: 60 sines, without a branch."""
     z = sh.Attrib1f(c.x)
     for _ in range(60):
         z = sh.sin(z) * 0.25 + c.y
@@ -60,7 +60,7 @@ def escape(c: sh.Point2f) -> sh.Attrib1f:
 
 
 def available() -> list[str]:
-    """The backends of this machine."""
+    """Return the backends of this machine."""
     return [b.name for b in sh.backends() if b.available]
 
 
@@ -70,7 +70,7 @@ def finished(stream: sh.Stream) -> None:
 
 
 def chaining(mesh: Mesh, quick: bool) -> Table:
-    """A kernel within a chain over few elements; three kernels against the fused one; 500 steps of Jacobi."""
+    """Return a kernel within a chain over few elements; three kernels against the fused one; 500 steps of Jacobi."""
     del mesh
     count, steps, side, repeats = (1 << 10, 20, 16, 20) if quick else (1 << 20, 500, 1024, 2000)
     note = (
@@ -86,7 +86,7 @@ def chaining(mesh: Mesh, quick: bool) -> Table:
 
 
 def _times_on(backend: str, count: int, steps: int, side: int, repeats: int) -> tuple[float, ...]:
-    """The seconds of each column; the first in milliseconds."""
+    """Return the seconds of each column; the first in milliseconds."""
     x, y = (np.random.default_rng(k).normal(size=count).astype(np.float32) for k in (1, 2))
     apart = sh.sequence(polar, twist, cartesian)
     fused = (cartesian << twist << polar).compile(backend)
@@ -102,7 +102,7 @@ def _times_on(backend: str, count: int, steps: int, side: int, repeats: int) -> 
 
 
 def early(mesh: Mesh, quick: bool) -> Table:
-    """Runs of which a share of the elements are alive: scattered at random, and all at the beginning."""
+    """Measure runs of which a share of the elements are alive: scattered at random, and all at the beginning."""
     del mesh
     count = 1 << 12 if quick else 1 << 20
     rng = np.random.default_rng(3)

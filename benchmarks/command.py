@@ -83,20 +83,20 @@ STUDIES = (
 
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
-    """The works of these names; those with triangles have the mesh's."""
+    """Return the works of these names; those with triangles have the mesh's."""
     known = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh), *paths.works())}
     return [known[name] for name in names]
 
 
 def mesh_of(path: Path | None, quick: bool) -> Mesh:
-    """The mesh in a file; a knot of 70,400 triangles if there is none, of 1,440 if it is to be quick."""
+    """Return the mesh in a file; a knot of 70,400 triangles if there is none, of 1,440 if it is to be quick."""
     if path is not None:
         return Mesh.load(path)
     return knot(segments=60, sides=12) if quick else knot(segments=880, sides=40)
 
 
 def chosen(text: str | None, known: Any, what: str) -> list[str]:
-    """The names in a list with commas; all where there is none. Exits where a name is not known."""
+    """Return the names in a list with commas; all where there is none. Exits where a name is not known."""
     names = text.split(",") if text else list(known)
     unknown = [name for name in names if name not in known]
     if unknown:

@@ -51,7 +51,7 @@ def layered(mesh: Mesh, quick: bool) -> Table:
 
 
 def _work(makers: Sequence[Callable[[], Any]]) -> list[str]:
-    """The CPU seconds of each build, in times of the first one's in the same round: median and quartiles."""
+    """Return the CPU seconds of each build, in times of the first one's in the same round: median and quartiles."""
     rounds = []
     for _ in range(BUILDS):
         busy = [time.process_time()]
@@ -92,13 +92,13 @@ def _rows(mesh: Mesh, resolution: int, size: int, with_mitsuba: bool) -> list[li
 
 
 def _others(found: np.ndarray, exact: np.ndarray) -> float:
-    """The share of the hits of both whose triangles differ."""
+    """Return the share of the hits of both whose triangles differ."""
     both = (found >= 0) & (exact >= 0)
     return float(np.mean(found[both] != exact[both]))
 
 
 def _wrong(found: np.ndarray, exact: np.ndarray, mesh: Mesh) -> float:
-    """The share of distances that differ from the exact ones."""
+    """Return the share of distances that differ from the exact ones."""
     side = float(np.ptp(mesh.corners.reshape(-1, 3), axis=0).max())
     with np.errstate(invalid="ignore"):
         return float(np.mean((found != exact) & ~(np.abs(found - exact) <= WRONG * side)))

@@ -40,7 +40,7 @@ LAMP = Material((0, 0, 0), diffuse=0.0, specular=0.0, emission=(9.0, 8.6, 8.0))
 
 
 def ridged(segments: int = 1250, sides: int = 40) -> Mesh:
-    """A knot of 2 * segments * sides triangles, flat ones, with ridges along and around the tube."""
+    """Return a knot of 2 * segments * sides triangles, flat ones, with ridges along and around the tube."""
     smooth = knot(segments=segments, sides=sides)
     along, around = np.divmod(np.arange(len(smooth.vertices)), sides)
     wave = np.sin(2 * np.pi * 7 * around / sides) * np.sin(2 * np.pi * 90 * along / segments)
@@ -51,7 +51,7 @@ def ridged(segments: int = 1250, sides: int = 40) -> Mesh:
 
 
 def mesh_scene(quick: bool = False) -> Scene:
-    """A ridged knot of 100,000 triangles on a floor before a wall, under a lamp."""
+    """Return a ridged knot of 100,000 triangles on a floor before a wall, under a lamp."""
     body = ridged(60, 12) if quick else ridged()
     # All lies below the lamp, whose upper side shines in one of the two and not in the other.
     ground = floor(10.0, STONE)
@@ -167,7 +167,7 @@ def _mitsuba(scene: Callable[[], Scene], size: int, samples: int) -> Any:
 
 
 def glass(body: Mesh, quick: bool) -> Table:
-    """The time of a picture with glass beside that of the plain one, in turns, and how many rays it takes."""
+    """Return the time of a picture with glass beside that of the plain one, in turns, and how many rays it takes."""
     known = features.cases(body)
     size, rounds = (32, 2) if quick else (256, 15)
     cases = {name: known[name] for name in ("plain", "glass, 4 bounces")}

@@ -42,12 +42,12 @@ class Case:
     samples: int = 1
 
     def renderer(self, backend: str) -> Renderer:
-        """The compiled scene."""
+        """Return the compiled scene."""
         return Renderer(self.scene, backend=backend, bounces=self.bounces, **dict(self.options))
 
 
 def plain(mesh: Mesh) -> Scene:
-    """A mesh on a floor, with nothing that costs anything."""
+    """Return a mesh on a floor, with nothing that costs anything."""
     low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
     middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     x, _, z = middle.tolist()
@@ -59,7 +59,7 @@ def plain(mesh: Mesh) -> Scene:
 
 
 def cases(mesh: Mesh) -> dict[str, Case]:
-    """The features by name, the plain scene first."""
+    """Return the features by name, the plain scene first."""
     scene = plain(mesh)
     body, ground = scene.meshes
     (light,) = scene.lights
@@ -71,7 +71,7 @@ def cases(mesh: Mesh) -> dict[str, Case]:
     span = 2 * float(np.linalg.norm(np.subtract(camera.position, camera.target)) * np.tan(np.radians(camera.fov) / 2))
 
     def of(unused: Material | None = None, bounces: int = 0, mesh: Mesh = body, **changes: Any) -> Case:
-        """The mesh of another material; `unused` has numbers of a feature whose coefficient is 0."""
+        """Return the mesh of another material; `unused` has numbers of a feature whose coefficient is 0."""
         neutral = None if unused is None else replace(scene, meshes=[body.with_material(unused), ground])
         used = replace(scene, meshes=[mesh.with_material(replace(MATT, **changes)), ground])
         return Case(used, neutral, bounces)
@@ -155,5 +155,5 @@ def unused_costs_nothing(case: Case, known: dict[str, Case], backends: Sequence[
 
 @cache
 def text(case: Case, backend: str) -> str:
-    """The kernel's text without the lines of Python that its comments name."""
+    """Return the kernel's text without the lines of Python that its comments name."""
     return re.sub(r"\S+\.py:\d+", "", TEXTS[backend](case.renderer(backend).program.ir))

@@ -32,7 +32,7 @@ SQUARE = 8
 
 
 def works(mesh: Mesh) -> list[Work]:
-    """The two works of a mesh."""
+    """Return the two works of a mesh."""
     return [_work(mesh, size) for size in (256, 1024)]
 
 
@@ -58,7 +58,7 @@ def _work(mesh: Mesh, size: int) -> Work:
 
 @cache
 def scene_of(mesh: Mesh, lights: int = 1) -> Scene:
-    """The mesh on its mirror, as ours."""
+    """Return the mesh on its mirror, as ours."""
     low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
     middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     ground = floor(40 * radius, MIRROR).moved((float(middle[0]), float(low[1]) - 1e-3 * radius, float(middle[2])))
@@ -71,7 +71,7 @@ def scene_of(mesh: Mesh, lights: int = 1) -> Scene:
 
 
 def squares(pixels: np.ndarray) -> np.ndarray:
-    """The means (h, w, 3) of squares of pixels."""
+    """Return the means (h, w, 3) of squares of pixels."""
     n = len(pixels) // SQUARE
     return pixels.reshape(n, SQUARE, n, SQUARE, 3).mean(axis=(1, 3))
 
@@ -132,7 +132,7 @@ def _mitsuba_path(size: int, mesh: Mesh) -> Any:
 
 
 def mitsuba_whitted(size: int, mesh: Mesh) -> Any:
-    """What is timed: a tracer in Mitsuba that does exactly what ours does; the picture is (size, size, 3).
+    """Render with a tracer in Mitsuba that computes the same as ours; the picture is (size, size, 3).
 
     Its rays start a millionth of the mesh's size off a surface. Those of Mitsuba's own `spawn_ray` start 9e-5 off, and
     farther where coordinates are large, which moves shadows and mirror images of small meshes by more than a pixel.

@@ -30,7 +30,7 @@ BINARY = ("pow", "atan2")
 
 
 def repeated(function: Callable[..., Any], arguments: int) -> sh.Program:
-    """The program that adds up a function of eight numbers near its input."""
+    """Return the program that adds up a function of eight numbers near its input."""
     if arguments == 2:
 
         def of_two(x: sh.Attrib1f) -> sh.Attrib1f:
@@ -51,7 +51,7 @@ def repeated(function: Callable[..., Any], arguments: int) -> sh.Program:
 
 
 def named(name: str) -> sh.Program:
-    """The program of one of shpy's functions."""
+    """Return the program of one of shpy's functions."""
     return repeated(getattr(sh, name), 1 + (name in BINARY))
 
 
@@ -113,7 +113,7 @@ def _program(function: Callable[..., Any], others: int) -> sh.Program:
 
 
 def functions(mesh: Mesh, quick: bool) -> Table:
-    """A row for each function: its bound, the greatest error found, and what it costs in each mode."""
+    """Return a row for each function: its bound, the greatest error found, and what it costs in each mode."""
     available = [b.name for b in sh.backends() if b.available and b.name != "glsl"]
     stride, count = (65_521, 1 << 16) if quick else (1_021, 1 << 19)
     rows = []
@@ -148,7 +148,7 @@ def of_kernel(work: Work, target: str, size: int) -> list[float]:
 
 
 def modes(mesh: Mesh, quick: bool) -> Table:
-    """A row for each kernel: how many times relaxed mode's time strict mode takes."""
+    """Return a row for each kernel: how many times relaxed mode's time strict mode takes."""
     available = [b.name for b in sh.backends() if b.available]
     rows = []
     for work in (module.WORK for module in KERNELS):

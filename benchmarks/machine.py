@@ -19,7 +19,7 @@ from benchmarks.peers import PEERS
 
 
 def processor() -> str:
-    """The processor's name and its widest vectors, as Linux tells them; the architecture elsewhere."""
+    """Return the processor's name and its widest vectors, as Linux tells them; the architecture elsewhere."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
@@ -33,7 +33,7 @@ _VECTORS = (("AVX-512", "avx512f"), ("AVX2", "avx2"), ("SSE 4.2", "sse4_2"))
 
 
 def opencl_version() -> str:
-    """The version of the first OpenCL platform."""
+    """Return the version of the first OpenCL platform."""
     import pyopencl
 
     whole = pyopencl.get_platforms()[0].version.strip()

@@ -30,7 +30,7 @@ RUNS = 16
 
 
 def works() -> list[Work]:
-    """The one work."""
+    """Return the one work."""
     work = Work(
         "path",
         f"Cornell box, path traced, {SAMPLES} samples, {BOUNCES} scatterings, {{size}} x {{size}} pixels",
@@ -59,12 +59,12 @@ def _mitsuba(size: int) -> Any:
 
 @cache
 def mitsuba_cornell() -> Any:
-    """The Cornell box as Mitsuba's."""
+    """Return the Cornell box as Mitsuba's."""
     return mitsuba_scene(Scene.builtin("cornell"))
 
 
 def mitsuba_scene(scene: Scene) -> Any:
-    """A scene of matt surfaces and of lamps as Mitsuba's."""
+    """Return a scene of matt surfaces and of lamps as Mitsuba's."""
     import mitsuba as mi
 
     made: dict[str, Any] = {"type": "scene"}
@@ -119,7 +119,7 @@ def z_test(quick: bool) -> Table:
 
 
 def scores(size: int, samples: int) -> list[str]:
-    """The numbers of `z_test`'s row."""
+    """Return the numbers of `z_test`'s row."""
     scene = Scene.builtin("cornell")
     ours = [
         Renderer(scene, backend=backend(), integrator="path", seed=seed).render((size, size), samples=samples).pixels

@@ -60,7 +60,7 @@ PEERS = {
 
 
 def libllvm() -> str | None:
-    """The LLVM library that Dr.Jit can load, whose path is put where it looks for it; None if there is none.
+    """Return the LLVM library that Dr.Jit can load, whose path is put where it looks for it; None if there is none.
 
     It aborts the process with LLVM 15 and older, so the newest that is installed is chosen.
     """
@@ -74,7 +74,7 @@ def libllvm() -> str | None:
 
 
 def _major(path: str) -> int:
-    """The version in the name of a library: 19 for libLLVM-19.so and libLLVM.so.19.1."""
+    """Return the version in the name of a library: 19 for libLLVM-19.so and libLLVM.so.19.1."""
     rest = os.path.basename(path).removeprefix("libLLVM").lstrip("-.").removeprefix("so.")
     digits = rest.split(".")[0]
     return int(digits) if digits.isdigit() else 0
@@ -105,6 +105,6 @@ def start(name: str) -> None:
 
 
 def available(names: list[str]) -> tuple[list[str], dict[str, str]]:
-    """The peers of these names that are there; and for each that is not, the command that brings it."""
+    """Return the peers of these names that are there; and for each that is not, the command that brings it."""
     cures = {name: PEERS[name].cure for name in names}
     return [n for n in names if cures[n] is None], {n: c for n, c in cures.items() if c is not None}

@@ -30,7 +30,7 @@ EDGES = "Rays that graze an edge may miss it."
 
 
 def works(mesh: Mesh) -> list[Work]:
-    """The four works of a mesh."""
+    """Return the four works of a mesh."""
     return [_work(mesh, name) for name in NAMES]
 
 
@@ -57,7 +57,7 @@ def _work(mesh: Mesh, name: str) -> Work:
 
 
 def view(mesh: Mesh, size: int) -> Any:
-    """The camera's vectors."""
+    """Return the camera's vectors."""
     corners = mesh.corners.reshape(-1, 3)
     return Camera.framing(corners.min(axis=0), corners.max(axis=0)).view(size, size)
 
@@ -104,7 +104,7 @@ def _answer(hit: Any, any_hit: bool) -> Any:
 
 
 def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
-    """What is timed: rays made in the kernel."""
+    """Trace rays that the kernel makes."""
     walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
     eye, corner, across, down = (tuple(v) for v in view(mesh, size))
 
@@ -119,7 +119,7 @@ def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
 
 
 def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh: Mesh, any_hit: bool) -> Any:
-    """What is timed: rays given as arrays, with the walk that `Intersector` chooses for such rays."""
+    """Trace rays given as arrays, with the walk that `Intersector` chooses for such rays."""
     structure, rows = _structure(mesh)
     alone = compiled.keywords == TARGETS["opencl"] and not alike(
         origins.astype(np.float64), directions.astype(np.float64), structure.low[0], structure.high[0]
@@ -135,7 +135,7 @@ def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh:
 
 
 def mitsuba_mesh(mesh: Mesh, properties: Any = None) -> Any:
-    """The mesh as Mitsuba's, with flat faces."""
+    """Return the mesh as Mitsuba's, with flat faces."""
     import mitsuba as mi
 
     made = mi.Mesh(mesh.name, len(mesh.vertices), len(mesh.faces), props=properties or mi.Properties())
@@ -160,7 +160,7 @@ def _traced(scene: Any, ray: Any, coherent: bool, any_hit: bool) -> np.ndarray:
 
 
 def mitsuba_eye_rays(mesh: Mesh, size: int) -> Any:
-    """The rays from the eye, not computed yet."""
+    """Return the rays from the eye, not computed yet."""
     import drjit as dr
     import mitsuba as mi
 

@@ -56,7 +56,7 @@ TEXTS: dict[str, Callable[[Module], str]] = {"numpy": numpy_text, "opencl": open
 
 
 def straight(count: int) -> sh.Program:
-    """A program of `count` lines."""
+    """Return a program of `count` lines."""
 
     @sh.program
     def work(a: sh.Attrib3f, b: sh.Attrib1f) -> sh.Attrib3f:
@@ -76,13 +76,13 @@ def straight(count: int) -> sh.Program:
 
 @cache
 def mixed() -> tuple[Scene, Layout]:
-    """The scene with everything in it, and its tables."""
+    """Return the scene with everything in it, and its tables."""
     scene = Scene.builtin("mixed")
     return scene, Layout.of(scene)
 
 
 def ray_tracer() -> sh.Program:
-    """The kernel of that scene."""
+    """Return the kernel of that scene."""
     scene, layout = mixed()
     made: sh.Program = eye_rays(Tracer(layout, scene.background, scene.ambient, 3, "opencl"), EyeRays())
     return made

@@ -62,12 +62,12 @@ SIDES = "<" + ">" * 11 + "<"
 
 
 def label(name: str) -> str:
-    """What a contender is called in a report."""
+    """Return a contender's name in a report."""
     return OURS.get(name) or PEERS[name].label
 
 
 def base_of(measured: Measured) -> str:
-    """The contender that others are compared with: the first of ours that ran, or else the first of all."""
+    """Return the contender that others are compared with: the first of ours that ran, or else the first of all."""
     return next((t for t in TARGETS if t in measured.seconds), next(iter(measured.seconds), ""))
 
 
@@ -78,7 +78,7 @@ def spread(values: Any) -> tuple[float, float, float]:
 
 
 def rows(measured: Measured) -> list[tuple[str, ...]]:
-    """A row for each contender: milliseconds, and how many times as long as the first of ours it took.
+    """Return a row for each contender: milliseconds, and how many times as long as the first of ours it took.
 
     Of both the median, the first and the third quartile; the best call; and the CPU time of all threads.
     """
@@ -94,12 +94,12 @@ def rows(measured: Measured) -> list[tuple[str, ...]]:
 
 
 def title(measured: Measured) -> str:
-    """What was measured, at which size."""
+    """Return the title of a measurement, with its size."""
     return measured.work.title.format(size=measured.size)
 
 
 def table(measured: Measured) -> str:
-    """The rows for the terminal, with who failed."""
+    """Return the rows for the terminal, with who failed."""
     lines = [HEAD, *rows(measured)]
     widths = [max(len(row[i]) for row in lines) for i in range(len(HEAD))]
     text = [
@@ -110,7 +110,7 @@ def table(measured: Measured) -> str:
 
 
 def markdown(measured: Measured) -> str:
-    """The rows as Markdown."""
+    """Return the rows as Markdown."""
     head = ("", "ms", "quartiles", "best", "CPU", "ratio", "quartiles", "of bests", "of CPU", "difference")
     body = [
         (r[0], r[1], f"{r[2]} to {r[3]}", r[4], r[5], r[6], f"{r[7]} to {r[8]}", *r[9:11], r[12])
@@ -139,7 +139,7 @@ def geometric_means(results: Iterable[Measured], base: str) -> dict[str, tuple[f
 
 
 def means(results: Sequence[Measured], bases: Sequence[str] = ("opencl", "opencl-relaxed", "numpy")) -> str:
-    """The geometric means over each group of works, as Markdown that a terminal shows well too."""
+    """Return the geometric means over each group of works, as Markdown that a terminal shows well too."""
     lines = []
     for group in dict.fromkeys(m.work.group for m in results):
         members = [m for m in results if m.work.group == group]
@@ -167,7 +167,7 @@ def heading(machine: dict[str, Any], missing: dict[str, str]) -> str:
 
 
 def as_json(measured: Measured) -> dict[str, Any]:
-    """A work's measurements, seconds of every round included."""
+    """Return a work's measurements, seconds of every round included."""
     base = base_of(measured)
     return {
         "work": measured.work.name,

@@ -34,7 +34,7 @@ RENDER = ["-c", COMMAND, "render", "boxes", "--size", "256x256", "--backend", "{
 
 
 def branchy(lines: int) -> Any:
-    """A program of nearly 4 statements a line; every fifth line is a condition that differs from lane to lane."""
+    """Record a program of nearly 4 statements a line; every fifth line is a condition that varies."""
 
     @sh.program
     def work(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
@@ -85,7 +85,7 @@ def child(name: str, backend: str, lanes: str) -> None:
 
 
 def _run(command: Sequence[str], cache: str, places: Mapping[str, str] | None = None) -> tuple[str, float]:
-    """What a new Python prints, and its seconds. `places` are further variables of its environment."""
+    """Run a new Python; return its output and its seconds. `places` are further variables of its environment."""
     paths = [p for p in (os.getcwd(), os.environ.get("PYTHONPATH")) if p]
     environment = {**os.environ, "SHPY_CACHE_DIR": cache, "POCL_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(paths)}
     environment |= places or {}
@@ -99,7 +99,7 @@ def _backends() -> list[str]:
 
 
 def compiling(mesh: Mesh, quick: bool) -> Table:
-    """Recording, emitting and compiling programs, each in a new process, cold and then warm."""
+    """Measure recording, emission and compilation of programs, each in a new process, cold and then warm."""
     del mesh
     rows = []
     cases = [(name, backend, "auto") for name in PROGRAMS for backend in _backends()]

@@ -35,7 +35,7 @@ class Table:
     rows: Sequence[Sequence[str]]
 
     def markdown(self) -> str:
-        """The table as Markdown, which a terminal shows well too."""
+        """Return the table as Markdown, which a terminal shows well too."""
         lines = [self.head, ["---", *["---:"] * (len(self.head) - 1)], *self.rows]
         widths = [max(len(row[i]) for row in lines) for i in range(len(self.head))]
         sides = "<" + ">" * (len(self.head) - 1)
@@ -138,7 +138,7 @@ def bad_rays(mesh: Mesh, quick: bool) -> Table:
 
 
 def queries(mesh: Mesh, quick: bool) -> Table:
-    """Queries from the host beside their kernel over the same rays: what checks, conversions and results cost."""
+    """Measure queries from the host beside their kernel over the same rays: checks, conversions and results."""
     size = 32 if quick else 1024
     compiled = partial(sh.Program.compile, backend=backend())
     shoot = Intersector(mesh, backend=backend())

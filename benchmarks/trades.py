@@ -59,7 +59,7 @@ def wave(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def fresnel(cosine: sh.Attrib1f) -> sh.Attrib1f:
-    """What glass mirrors, averaged over both polarisations."""
+    """Return the share that glass mirrors, averaged over both polarisations."""
     inside = sh.sqrt(1 - (1 - cosine * cosine) / 2.25)
     along = (inside - 1.5 * cosine) / (inside + 1.5 * cosine)
     across = (cosine - 1.5 * inside) / (cosine + 1.5 * inside)
@@ -123,7 +123,7 @@ def _drawn(domain: dict[str, Range], count: int) -> list[np.ndarray]:
 
 
 def _kept(found: Any, exact: Any, budget: Any) -> float:
-    """The share of elements all of whose outputs keep the budget."""
+    """Return the share of elements all of whose outputs keep the budget."""
     measure = {"ulp": sh.accuracy.ulp, "relative": sh.accuracy.relative}[budget.unit]
     pairs = zip(*(a if isinstance(a, tuple) else (a,) for a in (found, exact)), strict=True)
     kept = [measure(np.asarray(f).astype(np.float32), e) <= budget.limit for f, e in pairs]

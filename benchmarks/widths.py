@@ -36,7 +36,7 @@ PATIENCE = 60.0
 
 
 def widths(mesh: Mesh, quick: bool) -> Table:
-    """The best milliseconds of each width, what "auto" chose, and its time over that of the fastest fixed width."""
+    """Measure each width, the choice of "auto", and its time over that of the fastest fixed width."""
     works = [m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)]
     works += [w for w in rays.works(mesh) if w.name in ("primary", "primary-any")]
     rows = []
@@ -108,7 +108,7 @@ def _compiled(kernels: list[sh.Kernel], program: sh.Program, **options: Any) -> 
 
 
 def lanes_of(kernel: sh.Kernel) -> str:
-    """The number of lanes that a kernel's notes tell."""
+    """Return the number of lanes that a kernel's notes tell."""
     return next((note.split()[0] for note in kernel.notes if " lanes" in note), "1")
 
 

@@ -14,7 +14,7 @@ step = sh.Param(sh.Attrib2f, (0, 0), name="step")
 
 
 def gaussian(radius):
-    """A program that weighs 2 * radius + 1 texels along `step`: the loop is Python's, the weights are constants."""
+    """Record a program that weighs 2 * radius + 1 texels along `step` in a loop of Python, with constant weights."""
     offsets = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 * (2 * offsets / radius) ** 2)
     weights /= weights.sum()
@@ -34,7 +34,7 @@ def gaussian(radius):
 
 
 def blurred(picture, radius, backend=None):
-    """The picture (H, W, 3) with every point spread over `radius` pixels; edges are continued."""
+    """Return the picture (H, W, 3) with every point spread over `radius` pixels; edges are continued."""
     kernel = gaussian(radius).compile(backend)
     for direction in ((1, 0), (0, 1)):
         step.value = direction
@@ -43,7 +43,7 @@ def blurred(picture, radius, backend=None):
 
 
 def sample(size):
-    """A picture with edges, points and soft colours: (size, size, 3)."""
+    """Draw a picture with edges, points and soft colours: (size, size, 3)."""
     y, x = np.mgrid[0:size, 0:size] * 6 / size
     hue = 0.25 * (x + y)[..., None] + (0.0, 0.12, 0.3)
     tiles = np.where((np.floor(x) + np.floor(y)) % 2 == 0, 1.0, 0.25)[..., None] * (0.55 + 0.4 * np.cos(2.1 * hue))

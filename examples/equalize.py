@@ -44,18 +44,18 @@ def add(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
 
 @sh.program
 def spread(light: sh.Attrib1f, darker: sh.Table[sh.Attrib1i], count: sh.Attrib1f) -> sh.Attrib1f:
-    """The part of all pixels that are no lighter than this one."""
+    """Return the part of all pixels that are no lighter than this one."""
     return sh.Attrib1f(darker[sh.Attrib1i(BINS * light)]) / count
 
 
 def equalized(picture):
-    """A stream of light from 0 to 1 in which every shade is as frequent as any other."""
+    """Return a stream of light from 0 to 1 in which every shade is as frequent as any other."""
     counts = sh.histogram(picture, BINS, range=(0, 1))
     return spread(picture, sh.Table(sh.scan(add, counts)), picture.size)
 
 
 def photograph(width, height, backend=None):
-    """The mountains as a stream (height, width)."""
+    """Return the mountains as a stream (height, width)."""
     y, x = np.mgrid[height:0:-1, :width] / height
     return mountains(sh.Stream(np.stack([x, y], axis=-1), sh.Attrib2f, backend))
 

@@ -33,7 +33,7 @@ def react(u: sh.Table[sh.Attrib1f, 2], v: sh.Table[sh.Attrib1f, 2]):
 
 
 def drops(size, count=20):
-    """A board of the first chemical with some drops of the second one."""
+    """Return a board of the first chemical with some drops of the second one."""
     u, v = np.ones((size, size), np.float32), np.zeros((size, size), np.float32)
     for row, column in np.random.default_rng(4).integers(0, size - 6, (count, 2)):
         u[row : row + 6, column : column + 6] = 0.5

@@ -15,7 +15,7 @@ TOLERANCE = 2e-5
 
 @sh.program
 def relax(heat: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
-    """The mean of the cells around: an element that would hardly change writes nothing."""
+    """Return the mean of the cells around: an element that would hardly change writes nothing."""
     here = sh.grid_index(2)
     around = heat[here + (0, 1)] + heat[here - (0, 1)] + heat[here + (1, 0)] + heat[here - (1, 0)]
     mean = 0.25 * around
@@ -24,7 +24,7 @@ def relax(heat: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
 
 
 def plate(height, width):
-    """The heat at first, and which cells are free: a hot disc and two cold bars keep theirs, and so does the edge."""
+    """Return the first heat and the free cells: a hot disc, two cold bars and the edge keep their heat."""
     y, x = np.mgrid[:height, :width] / height
     disc = (x - 0.45) ** 2 + (y - 0.5) ** 2 < 0.02
     bars = (abs(x - 1.05) < 0.02) & (abs(y - 0.5) > 0.12)
@@ -34,7 +34,7 @@ def plate(height, width):
 
 
 def steady(heat, free, backend=None):
-    """The heat in the end and the number of rounds: `where` holds the cells that are not free."""
+    """Return the steady heat and the number of rounds: `where` holds the cells that are not free."""
     result = sh.loop(relax, where="free").run(heat=heat, free=free, backend=backend)
     return result.streams["heat"].numpy(), result.executions["relax"]
 

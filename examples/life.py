@@ -22,7 +22,7 @@ rules = sh.Table(
 
 @sh.program
 def generation(cells: sh.Table[sh.Attrib1i, 2]) -> sh.Attrib1i:
-    """The next state of a cell of zeros and ones, on a board that wraps around."""
+    """Return the next state of a cell of zeros and ones, on a board that wraps around."""
     here = sh.grid_index(2)
     neighbours = sh.Attrib1i(0)
     for down in (-1, 0, 1):
@@ -39,7 +39,7 @@ def fade(age: sh.Attrib1f, cells: sh.Attrib1i):
 
 
 def game(board, generations, backend=None):
-    """The streams `cells` and `age` after some generations of a board (H, W) of zeros and ones."""
+    """Return the streams `cells` and `age` after some generations of a board (H, W) of zeros and ones."""
     chain = sh.repeat(sh.sequence(generation, fade), generations)
     return chain.run(cells=board, age=np.zeros(board.shape), backend=backend).streams
 

@@ -37,14 +37,14 @@ def palette(n: sh.Attrib1f) -> sh.Color3f:
 
 
 def points(width, height, center=(-0.6, 0.0), size=2.6):
-    """The middle of each pixel in the complex plane, (height, width, 2)."""
+    """Return the middle of each pixel in the complex plane, (height, width, 2)."""
     x = (np.arange(width) + 0.5 - width / 2) * size / height + center[0]
     y = (np.arange(height) + 0.5 - height / 2) * size / height + center[1]
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
 def draw(width, height, backend=None):
-    """The picture, (height, width, 3): two programs joined into one, run once for every pixel."""
+    """Draw the picture, (height, width, 3): two programs joined into one run once for every pixel."""
     return (palette << mandelbrot).compile(backend)(points(width, height))
 
 

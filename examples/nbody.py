@@ -15,7 +15,7 @@ SOFTENING = 0.05  # added to each distance, so that bodies that meet do not fly 
 
 
 def simulation(position, velocity, mass, step, backend=None):
-    """A function that moves the bodies on by one step (leapfrog) and gives positions and velocities, (n, 3) each."""
+    """Return a function that takes one leapfrog step and gives positions and velocities, (n, 3) each."""
     bodies = sh.Table(np.column_stack([position, mass]), sh.Attrib4f)
 
     @sh.program
@@ -59,7 +59,7 @@ def galaxies(count, seed=1):
 
 
 def picture(position, size=640, reach=2.0):
-    """The bodies as seen from above, one disc in blue, the other in gold: (size, size, 3)."""
+    """Draw the bodies from above, one disc in blue, the other in gold: (size, size, 3)."""
     glow = np.zeros((size, size, 3))
     for half, color in zip(np.split(position, 2), ((0.5, 0.7, 1.4), (1.4, 0.9, 0.4)), strict=True):
         y, x = (half[:, 1::-1].T / reach + 1) * size / 2

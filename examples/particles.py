@@ -25,7 +25,7 @@ class Particle:
 
 @sh.program
 def place(p: Particle, across: sh.Attrib1i) -> sh.Attrib1i:
-    """The number of the square in which a particle is, of across * across squares."""
+    """Return the number of the square in which a particle is, of across * across squares."""
     square = sh.min(sh.Attrib2i(p.at / SIZE * sh.Attrib1f(across)), across - 1)
     return square.y * across + square.x
 
@@ -55,7 +55,7 @@ def move(p: Particle, others: sh.Table[Particle], ends: sh.Table[sh.Attrib1i]) -
 
 @sh.program
 def glow(crowds: sh.Table[sh.Attrib1i, 2]):
-    """The light of the pixels around, in the colour of the crowd that their particles see, as film takes it."""
+    """Return the light of the pixels around, in the colour of their crowd, as film takes it."""
     near = {(y, x): crowds[sh.grid_index(2) + (y - 5, x - 5)] for y, x in np.ndindex(11, 11)}
     light = sum(shades[crowd] * 2 * np.exp(-((y - 5) ** 2 + (x - 5) ** 2) / 5) for (y, x), crowd in near.items())
     return {"light": 1 - sh.exp(-light)}

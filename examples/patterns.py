@@ -70,7 +70,7 @@ def painted(pattern):
 
 
 def draw(size, backend=None):
-    """The sheet, (3 * size, 3 * size, 3)."""
+    """Draw the sheet, (3 * size, 3 * size, 3)."""
     return np.block([[[painted(p).compile(backend)(shape=(size, size))] for p in row] for row in SHEET])
 
 

@@ -23,7 +23,7 @@ def turbulence(p, octaves):
 
 
 def ground(p):
-    """The colour of the planet at p on the unit sphere, and how much it shines like water."""
+    """Return the colour of the planet at p on the unit sphere, and how much it shines like water."""
     height = turbulence(1.6 * p + 11.4, 8)
     color = sh.Color3f(0)
     water = sh.Attrib1f(0)
@@ -67,7 +67,7 @@ def planet() -> sh.Color3f:
 
 
 def draw(width, height, backend=None):
-    """The picture, (height, width, 3)."""
+    """Draw the picture, (height, width, 3)."""
     return planet.compile(backend)(shape=(height, width))
 
 

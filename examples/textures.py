@@ -19,7 +19,7 @@ SUN = (-0.5, 0.6, 0.62)
 
 
 def sky_of(directions):
-    """The light from each direction: blue above, pale beside the horizon, and a sun."""
+    """Return the light from each direction: blue above, pale beside the horizon, and a sun."""
     units = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     air = [0.75, 0.85, 0.95] + np.clip(units[..., 1:2], 0, 1) ** 0.6 * [-0.62, -0.55, -0.25]
     return air + np.clip(units @ SUN, 0, 1)[..., None] ** 300 * [2.5, 2.0, 1.2]
@@ -40,7 +40,7 @@ def ball(origin, direction, center):
 
 
 def seen(origin, direction, uv, level):
-    """The floor, which fades into the sky far away, or the sky."""
+    """Return the floor, which fades into the sky far away, or the sky."""
     far = sh.smoothstep(5, 60, sh.length(1.5 * uv - origin.xz))
     return sh.cond(direction.y < 0, lerp(floor(uv, level), sh.Color3f(0.75, 0.85, 0.95), far), sky(direction))
 

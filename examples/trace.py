@@ -37,7 +37,7 @@ def slow(a: sh.Attrib1f) -> sh.Attrib1i:
 
 
 def jump(steps):
-    """The step with the largest value, and how many steps there are."""
+    """Return the step with the largest value, and the number of steps."""
     return max(steps, key=lambda step: abs(float(step.value))), len(steps)
 
 

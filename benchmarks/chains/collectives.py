@@ -196,7 +196,7 @@ def _by_pyopencl() -> None:
 
 
 def _by_a_launch() -> None:
-    """An empty kernel and the wait for its end; what it gives was computed before."""
+    """Run an empty kernel and wait for its end; its result was computed before."""
 
     def version(of: str) -> Callable[[np.ndarray], Run]:
         def made(x: np.ndarray) -> Run:

@@ -79,7 +79,7 @@ def move(p: Particle, counts: sh.Table[sh.Attrib1i]) -> Particle:
 
 @WORK.ours_on("opencl", "glsl", "numpy")
 def ours(compiled, positions, velocities):
-    """The host starts what runs and reads nothing; the cells are computed once a step, for the sort and the counts."""
+    """Start each step and read nothing; the cells are computed once a step, for the sort and the counts."""
     locate, advance = compiled(cell), compiled(move)
 
     def run():

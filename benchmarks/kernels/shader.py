@@ -46,7 +46,7 @@ def ours(compiled, size):
 
 
 def in_arrays(xp, size):
-    """The picture with numpy or JAX as `xp`."""
+    """Return the picture with numpy or JAX as `xp`."""
     u = xp.uint32
 
     def pcg(x):

@@ -134,7 +134,7 @@ def eye_rays(xp, size):
 
 
 def all_rays(xp, size):
-    """The picture, every ray followed to the end."""
+    """Return the picture, with every ray followed to its end."""
     o, d, weight = eye_rays(xp, size)
     value = xp.zeros_like(weight)
     for _ in range(RAYS):
