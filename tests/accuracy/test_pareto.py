@@ -13,7 +13,7 @@ from matplotlib.text import Annotation, Text
 
 import shpy as sh
 from shpy.accuracy.measure import Variant
-from shpy.accuracy.pareto import choose, rivals, separable
+from shpy.accuracy.pareto import choose, rivals, separable, timed
 from shpy.accuracy.pareto_plot import draw
 from shpy.accuracy.tradeoff import Candidate, Tradeoff
 
@@ -50,6 +50,16 @@ def test_where_times_do_not_decide_errors_do():
     assert t.pick is like
     assert [row["like_fastest"] for row in t.json()["candidates"]] == [True, False, True, True, False]
     assert [row["best"] for row in t.json()["candidates"]] == [False, False, True, False, False]
+
+
+def test_calls_are_timed_in_turn_each_once_more_than_it_counts(monkeypatch):
+    clock = itertools.count()
+    monkeypatch.setattr("shpy.accuracy.pareto.time.perf_counter", lambda: float(next(clock)))
+    ran, told = [], []
+    found = timed([lambda: ran.append("a"), lambda: ran.append("b")], rounds=3, enough=2.5, tell=told.append)
+    assert "".join(ran) == "aaabbb" * 3
+    assert told == [0, 1, 2, 3]
+    assert found == [(0.5, (0.5, 0.5))] * 2
 
 
 def test_the_table_marks_times_that_are_not_separable_and_says_so():

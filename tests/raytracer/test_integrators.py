@@ -1,0 +1,96 @@
+"""Integrators as values: what they hold, what they refuse, and the keywords that name them one by one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from raytracer import LayeredCube, Path, PointLight, Renderer, Scene, SceneError, Staged, Whitted, render
+from raytracer.integrators.integrator import Options, chosen
+from raytracer.meshes.shapes import box, floor
+
+SCENE = Scene([box(), floor(4)], [PointLight((2, 4, 3))], name="box")
+
+
+def same(one, other):
+    for layer in one.layers:
+        np.testing.assert_array_equal(one.layers[layer], other.layers[layer])
+
+
+@pytest.mark.parametrize(
+    ("value", "keywords"),
+    [
+        (Whitted(bounces=1, samples=4, accel="grid", grid=3), {"bounces": 1, "samples": 4, "accel": "grid", "grid": 3}),
+        (Staged(bounces=1, threshold=0.5, grid=4), {"tracer": "staged", "bounces": 1, "threshold": 0.5, "grid": 4}),
+        (Path(bounces=2, samples=3, seed=7), {"integrator": "path", "bounces": 2, "samples": 3, "seed": 7}),
+        (Whitted(precision="f64", math="relaxed"), {"precision": "f64", "math": "relaxed"}),
+    ],
+    ids=lambda v: type(v).__name__,
+)
+def test_a_value_renders_as_the_keywords_do(value, keywords):
+    given = dict(keywords)
+    assert chosen(given.pop("integrator", "whitted"), given) == value
+    by_value = render(SCENE, (6, 5), integrator=value, backend="numpy")
+    assert by_value.samples == value.samples
+    same(by_value, render(SCENE, (6, 5), backend="numpy", **keywords))
+
+
+def test_defaults_are_those_of_each_integrator():
+    assert [(i.bounces, i.samples, i.structure) for i in (Whitted(), Staged(), Path())] == [
+        (3, 1, "bvh"),
+        (3, 1, "grid"),
+        (8, 64, "bvh"),
+    ]
+    assert chosen("whitted", {}) == chosen("whitted", {"bounces": None, "samples": None, "accel": None}) == Whitted()
+    assert Whitted(accel="ldc:64").structure == "bvh"
+
+
+def test_every_keyword_is_a_field_of_an_integrator():
+    fields = {f.name for kind in (Whitted, Staged, Path) for f in dataclasses.fields(kind)}
+    assert set(Options.__annotations__) == fields | {"tracer"}
+
+
+def test_what_an_integrator_does_not_use_may_be_given_by_keyword():
+    assert chosen("whitted", {"threshold": 0.3, "seed": 5}) == Whitted()
+    assert chosen("path", {"threshold": 0.3}) == Path()
+    with pytest.raises(SceneError, match="a share from 0 to 1, not 2"):
+        chosen("path", {"threshold": 2})
+    with pytest.raises(SceneError, match="a seed is a whole number"):
+        chosen("whitted", {"seed": -1})
+
+
+def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
+    renderer = Renderer(SCENE, integrator=Path(samples=2, bounces=1), backend="numpy")
+    assert [renderer.render((4, 3)).samples, renderer.render((4, 3), samples=5).samples] == [2, 5]
+    with pytest.raises(SceneError, match="samples is a number from 1 to 16,777,216, not 0"):
+        renderer.render((4, 3), samples=0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Whitted(bounces=True), "bounces is a number from 0 to 64, not True"),
+        (lambda: Whitted(samples=2), "samples is a square number from 1 to 64, not 2"),
+        (lambda: Whitted(accel="octree"), "the accelerator is one of 'bvh', 'grid', 'brute', 'ldc:1024', not 'octree'"),
+        (lambda: Whitted(secondary=box()), "secondary is a LayeredCube, not Mesh"),
+        (lambda: Whitted(accel="ldc", precision="f64"), "works at precision=\"f32\", not 'f64'"),
+        (lambda: Path(precision="f16"), "works at precision=\"f32\", not 'f16'"),
+        (lambda: Path(seed=2**32), r"a seed is a whole number from 0 to 2\*\*32 - 1"),
+        (lambda: Staged(accel="ldc:64"), 'go through a layered depth cube with tracer="unified" alone'),
+        (lambda: Staged(accel="bvh"), 'accel="grid" or "brute", not "bvh"'),
+        (lambda: chosen(Path(), {"bounces": 2}), r"bounces belongs to the integrator: Path\(bounces=2\)"),
+        (lambda: render(SCENE, (2, 2), integrator=Staged(), max_error=1.0), "leave the choice to it"),
+    ],
+)
+def test_what_makes_no_integrator_is_an_error(make, message):
+    with pytest.raises(SceneError, match=message):
+        make()
+
+
+def test_a_cube_belongs_to_integrators_with_secondary_rays():
+    cube = LayeredCube.of(SCENE, 8, backend="numpy")
+    assert chosen("path", {"secondary": cube}).secondary is cube
+    with pytest.raises(SceneError, match='tracer="unified" alone'):
+        chosen("whitted", {"tracer": "staged", "secondary": cube})
+    with pytest.raises(TypeError, match="secondary"):
+        Staged(secondary=cube)
