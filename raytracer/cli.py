@@ -43,7 +43,7 @@ _PATIENCE = 2.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; gives the exit status: 0 done, 1 an error that is printed, 130 after Ctrl-C."""
+    """Run the command; return the exit status: 0 done, 1 an error that is printed, 130 after Ctrl-C."""
     return int(sh.command.run("raytracer", lambda: _run(arguments), stopped="stopped; nothing was written"))
 
 

@@ -29,7 +29,7 @@ _ENCODED = 1 << 18
 
 
 def encoded(pixels: Array) -> Array:
-    """Linear RGB (..., 3), clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1), in binary64."""
+    """Convert linear RGB (..., 3), clipped to [0, 1], to sRGB in [0, 1] (IEC 61966-2-1), in binary64."""
     linear = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -89,7 +89,7 @@ class Image:
         return found
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); gives the path.
+        """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); return the path.
 
         The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays; a second array
         after it holds `samples` and `origin`, which are attributes of the EXR file's header.

@@ -215,7 +215,7 @@ class Intersector:
         *,
         leaving: bool = False,
     ) -> AllHits:
-        """Every hit of each ray with t in [t_min, t_max), as many as `count` says; arguments and errors as there.
+        """Find every hit of each ray with t in [t_min, t_max), as many as `count` says; arguments and errors as there.
 
         The first walk finds four hits; rays with more go on from their last one.
         """
@@ -297,7 +297,7 @@ class Intersector:
         return self._pose.from_outside(rays)
 
     def _outside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places of the mesh's own where they stand."""
+        """Convert the mesh's own places to those where they stand."""
         return places if self._pose is None else self._pose.outside(places)
 
     def _has_nothing(self, rays: Rays) -> bool:

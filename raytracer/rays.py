@@ -144,11 +144,11 @@ class Pose:
         return Rays(rays.shape, eye, ray, rays.near, rays.limit)
 
     def inside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places (..., 3) in the object's own coordinates."""
+        """Convert places (..., 3) to the object's own coordinates."""
         return np.asarray((places - self.offset) @ self.back.T)
 
     def outside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places (..., 3) of the object's own where they stand."""
+        """Convert the object's own places (..., 3) to those where they stand."""
         return np.asarray(places @ self.turn.T + self.offset)
 
 
@@ -178,7 +178,7 @@ class Frame:
         return eye, rays.ray, rays.near, rays.limit, origin.astype(np.float32), np.float32(self.scale)
 
     def _converted(self, rays: Rays) -> tuple[Floats, Floats, Floats, Floats]:
-        """Rays in the kernel's coordinates, for numbers that f32 does not hold before they are."""
+        """Convert rays to the kernel's coordinates, for numbers that f32 does not hold before."""
         exponent = _exponents(rays.ray)
         with np.errstate(over="ignore"):  # a range's end that leaves f64 is clipped
             eye = (rays.eye - self.origin) * self.scale
@@ -187,7 +187,7 @@ class Frame:
         return eye, np.ldexp(rays.ray.astype(np.float64), -exponent[:, None]), near, limit
 
     def distances(self, t: NDArray[Any], triangle: NDArray[Any], rays: Rays) -> NDArray[Any]:
-        """Distances (N,) or (N, K) in lengths of directions, for rays that were converted here; infinite for no hit."""
+        """Return distances (N,) or (N, K) in lengths of directions, for rays converted here; infinite for no hit."""
         pace = np.ldexp(self.scale, _exponents(rays.ray)).reshape(-1, *[1] * (t.ndim - 1))
         found = np.full_like(t, np.inf)
         with np.errstate(over="ignore", under="ignore"):

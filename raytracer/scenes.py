@@ -214,7 +214,7 @@ def _grazing(hit: Hit) -> sh.Attrib1f:
 
 
 def _planks(hit: Hit) -> Surface:
-    """Varnished planks along x, 1.5 wide, each cut from another part of a trunk."""
+    """Return varnished planks along x, 1.5 wide, each cut from another part of a trunk."""
     place = hit.position
     across = place.z / 1.5 + 0.35
     row = sh.floor(across)

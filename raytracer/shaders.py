@@ -24,7 +24,7 @@ OfLight = Callable[[Surface, sh.Vector3f], sh.Color3f]
 
 
 def checker(one: Triple = (0.75, 0.75, 0.72), other: Triple = (0.08, 0.08, 0.09), squares: float = 8.0) -> OfHit:
-    """Two colours in squares, as many along u and v as `squares`."""
+    """Paint two colours in squares, as many along u and v as `squares`."""
 
     def checker(hit: Hit) -> Surface:
         column, row = (sh.Attrib1i(sh.floor(squares * x)) for x in hit.uv)
@@ -36,7 +36,7 @@ def checker(one: Triple = (0.75, 0.75, 0.72), other: Triple = (0.08, 0.08, 0.09)
 def marble(
     stone: Triple = (0.86, 0.84, 0.80), vein: Triple = (0.10, 0.12, 0.17), size: float = 1.0, octaves: int = 6
 ) -> OfHit:
-    """Stone whose layers, as thick as `size`, are disturbed by turbulence (Perlin 1985)."""
+    """Paint stone whose layers, as thick as `size`, are disturbed by turbulence (Perlin 1985)."""
 
     def marble(hit: Hit) -> Surface:
         place = hit.position / size
@@ -49,7 +49,7 @@ def marble(
 def wood(
     early: Triple = (0.50, 0.27, 0.11), late: Triple = (0.20, 0.08, 0.03), size: float = 0.12, grain: float = 0.35
 ) -> OfHit:
-    """Rings about the y axis, each as wide as `size`, and the grain between them (Peachey 1985)."""
+    """Paint rings about the y axis, each as wide as `size`, and the grain between them (Peachey 1985)."""
 
     def wood(hit: Hit) -> Surface:
         place = hit.position / size
@@ -74,7 +74,7 @@ def spots(color: Triple = (0.70, 0.08, 0.05), size: float = 0.3, shine: float = 
 
 
 def bumps(depth: float = 0.15, size: float = 0.15) -> OfHit:
-    """Bumps of noise, `size` apart: normals are turned, places stay (Blinn 1978)."""
+    """Turn normals by bumps of noise, `size` apart; places stay (Blinn 1978)."""
 
     def bumps(hit: Hit) -> Surface:
         place, step = hit.position / size, 0.02
@@ -113,7 +113,7 @@ def oren_nayar(roughness: float = 0.5) -> OfLight:
 
 
 def cook_torrance(roughness: float = 0.25, base: Triple = (0.95, 0.64, 0.54)) -> OfLight:
-    """Metal: facets with Beckmann's slopes that mirror `base` of the light that falls on them straight.
+    """Shade a metal: facets with Beckmann's slopes that mirror `base` of light at normal incidence.
 
     Cook and Torrance 1982, with Schlick's approximation (1994) of Fresnel's equations. The default is copper.
     """

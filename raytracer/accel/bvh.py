@@ -92,7 +92,7 @@ class _Level:
 
 
 def _cut(lows: Floats, highs: Floats) -> tuple[list[_Level], Ints]:
-    """Cut boxes (N, 3) apart, a level of nodes at a time; gives the levels and the order of the boxes in them."""
+    """Cut boxes (N, 3) apart, a level of nodes at a time; return the levels and the order of the boxes in them."""
     order = np.arange(len(lows))
     levels = []
     start, count = np.zeros(1, np.int64), np.full(1, len(lows))
@@ -138,14 +138,14 @@ def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Int
 
 
 def _members(start: Ints, count: Ints) -> tuple[Ints, Ints, Ints]:
-    """For all boxes of all nodes, one node after the other: its node, its place in the order, the same in the node."""
+    """Return for all boxes of all nodes, node by node: the node, the place in the order, and the place in the node."""
     node = np.repeat(np.arange(len(start)), count)
     within = np.arange(len(node)) - (np.cumsum(count) - count)[node]
     return node, start[node] + within, within
 
 
 def _binned(centers: Floats, node: Ints, begins: Ints) -> Ints:
-    """(3, K): in which bin each center lies along each axis of its node."""
+    """Return the bin of each center along each axis of its node, (3, K)."""
     low = np.minimum.reduceat(centers, begins)
     extent = np.maximum.reduceat(centers, begins) - low
     scale = np.divide(BINS, extent, out=np.zeros_like(extent), where=extent > 0)
@@ -154,7 +154,7 @@ def _binned(centers: Floats, node: Ints, begins: Ints) -> Ints:
 
 
 def _cheapest(low: Floats, high: Floats, bins: Ints, node: Ints, nodes: int) -> tuple[Floats, Ints, Ints]:
-    """For each node the least cost of the boxes below a cut, its axis, and the last bin before it.
+    """Find for each node the least cost of the boxes below a cut, its axis, and the last bin before it.
 
     The cost is infinite where all boxes are in one bin.
     """
@@ -174,7 +174,7 @@ def _cheapest(low: Floats, high: Floats, bins: Ints, node: Ints, nodes: int) -> 
 
 
 def _one_side(bounds: Floats, counts: Ints) -> Floats:
-    """(BINS - 1, nodes): area times count of the bins up to each border; infinite where there is nothing."""
+    """Return area times count of the bins up to each border, (BINS - 1, nodes); infinite for no boxes."""
     reach = bounds[:, :-1].copy()
     for k in range(1, BINS - 1):  # several times as fast as minimum.accumulate
         np.minimum(reach[:, k - 1], reach[:, k], out=reach[:, k])
@@ -185,7 +185,7 @@ def _one_side(bounds: Floats, counts: Ints) -> Floats:
 
 
 def _half_area(extent: Floats) -> Floats:
-    """Half the surface of boxes with these extents (3, ...)."""
+    """Return half the surface of boxes with these extents (3, ...)."""
     x, y, z = extent
     return np.asarray(x * y + y * z + z * x)
 

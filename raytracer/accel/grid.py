@@ -100,7 +100,7 @@ def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
 
 
 def _resolution(size: Floats, count: int, density: float) -> tuple[int, int, int]:
-    """Cells along each axis: nearly cubes, `density * count` of them, within the limits."""
+    """Return the number of cells along each axis: nearly cubes, `density * count` of them, within the limits."""
     wanted = min(max(density * count, 1.0), MAX_CELLS)
     edge = (float(np.prod(size)) / wanted) ** (1 / 3)
     nx, ny, nz = np.clip(np.rint(size / edge), 1, MAX_PER_AXIS).astype(int).tolist()
@@ -110,7 +110,7 @@ def _resolution(size: Floats, count: int, density: float) -> tuple[int, int, int
 
 
 def _touched(triangles: Floats, low: Floats, cell: Floats, shape: tuple[int, int, int]) -> tuple[Ints, Ints]:
-    """All pairs (triangle, cell number) that touch, the triangles in ascending order."""
+    """Find all pairs (triangle, cell number) that touch, the triangles in ascending order."""
     local = (triangles - low) / cell  # in units of cells: every cell is now a unit cube
     # What the walk may be off by: f32 positions on coordinates of this size, and a thousandth of a cell.
     margin = 1e-3 + ROUNDINGS * np.abs(np.stack([low, low + cell * shape]) / cell).max(axis=0)

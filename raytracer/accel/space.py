@@ -66,7 +66,7 @@ def to_kernel(corners: Rows, precision: str) -> tuple[Rows, Rows, float]:
 
 
 def triangle_rows(corners: NDArray[np.float64]) -> Rows:
-    """(3N, 4): row 3k + c holds corner c of triangle k, and in w component c of its unit normal.
+    """Return rows (3N, 4): row 3k + c holds corner c of triangle k, and in w component c of its unit normal.
 
     The normals are those of these corners: hand it rounded ones, so that a kernel sees no other plane than they span.
     """

@@ -149,7 +149,7 @@ def alpha_of(picture: Any) -> Any:
 
 
 def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.float32]:
-    """Linear RGB (H, W, 3)."""
+    """Return linear RGB (H, W, 3)."""
     if pixels.ndim == 2:
         pixels = pixels[..., None]
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3, 4) or not pixels.size:
@@ -172,5 +172,5 @@ def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.fl
 
 
 def decoded(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """SRGB numbers in [0, 1] as linear ones (IEC 61966-2-1)."""
+    """Convert sRGB numbers in [0, 1] to linear ones (IEC 61966-2-1)."""
     return np.where(numbers <= 0.04045, numbers / 12.92, ((numbers + 0.055) / 1.055) ** 2.4)

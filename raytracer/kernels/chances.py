@@ -73,7 +73,7 @@ def alias_table(weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def probabilities_of(thresholds: NDArray[np.int64], aliases: NDArray[np.int64]) -> Floats:
-    """With which probability each choice is made, (n,)."""
+    """Return the probability of each choice, (n,)."""
     count = len(thresholds)
     words = 2**32 // count + (np.arange(count) < 2**32 % count)
     kept = words * (thresholds / ONE)

@@ -64,7 +64,7 @@ def around(axis: Any, cosine: Any, turn: Any) -> Any:
 
 
 def frame(axis: Any) -> tuple[Any, Any]:
-    """Two unit vectors across a unit vector and each other (Duff and others 2017)."""
+    """Return two unit vectors across a unit vector and each other (Duff and others 2017)."""
     sign = sh.cond(axis.z < 0, -1.0, 1.0)
     a = -1 / (sign + axis.z)
     b = axis.x * axis.y * a

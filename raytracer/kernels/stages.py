@@ -174,7 +174,7 @@ def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
 
 @sh.program
 def waiting(state: sh.Attrib1i) -> sh.Attrib1b:
-    """Written for the rays that wait for the intersector."""
+    """Write for the rays that wait for the intersector."""
     SH_DISCARD(state != WAIT)
     return sh.Attrib1b(True)
 

@@ -95,7 +95,7 @@ class SurfaceTables:
         return sh.Param(sh.Point3f, self.layout.origin, name="origin") if self.layout.origin.any() else None
 
     def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Interaction, emission: Any = None) -> Any:
-        """Fill in `surface` for a hit, and `emission` in a scene that glows; gives the reflectivity."""
+        """Fill in `surface` for a hit, and `emission` in a scene that glows; return the reflectivity."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
@@ -172,7 +172,7 @@ class SurfaceTables:
         return self.emissions[self.material_at(hit)]
 
     def paint(self, hit: Hit, surface: Interaction, number: Any) -> Any:
-        """Colour and coefficients of the surface, as the numbers of its material say; gives its reflectivity."""
+        """Set the surface's colour and coefficients to the numbers of its material; return its reflectivity."""
         row = self.materials[2 * number]
         surface.coefficients[:] = self.materials[2 * number + 1].xyz
         surface.color[:] = row.rgb if self.colors is None else self.vertex_color(hit)
@@ -200,7 +200,7 @@ class SurfaceTables:
         return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
 
     def describe(self, hit: Hit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
-        """Colour and coefficients of the surface as textures and programs say; gives its reflectivity."""
+        """Set the surface's colour and coefficients by textures and programs; return its reflectivity."""
         number = self.material_at(hit)
         reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
         diffuse, specular, shininess = (sh.Attrib1f(surface.coefficients[k]) for k in range(3))
@@ -311,7 +311,7 @@ def is_black(layout: Layout) -> bool:
 
 
 def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
-    """(M, 4): the emission of each material, and its mean over the channels: 0 for a material that never shines.
+    """Return the emission of each material and its mean over the channels, (M, 4): 0 for one that never shines.
 
     Where a program decides the emission of a material that says nothing of it, 1 stands for the mean.
     """

@@ -303,10 +303,10 @@ def is_ray(ray: Any, eye: Any) -> Any:
 
 
 def inverse_of(ray: Any) -> Any:
-    """1 / ray by component, and FAR where a component is too small for that: 0 times it is 0."""
+    """Return 1 / ray by component, FAR where a component is too small for that: 0 times it is 0."""
     return sh.clamp(1 / ray, -FAR, FAR)
 
 
 def farther(distance: Any) -> Any:
-    """As far as boxes must be looked into when the nearest hit is at this distance."""
+    """Return the distance up to which boxes must be visited when the nearest hit is at this distance."""
     return distance + REACH * abs(distance)

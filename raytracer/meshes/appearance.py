@@ -96,7 +96,7 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
 
 
 def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
-    """Specular, shininess, reflectivity and transmission by name: numbers, or textures where pictures decide them."""
+    """Return specular, shininess, reflectivity and transmission: numbers, or textures where pictures decide them."""
     factors = {"roughness": look.roughness, "metallic": look.metallic, "transmission": look.transmission}
     places = {"roughness": (look.roughness_picture, 1), "metallic": (look.roughness_picture, 2)}
     places["transmission"] = (look.transmission_picture if look.transmission else None, 0)
@@ -121,7 +121,7 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
 
 
 def _resized(pixels: Any, height: int, width: int) -> Any:
-    """Pixels (h, w) repeated or left out, so that there are (height, width)."""
+    """Repeat or leave out pixels (h, w), so that there are (height, width)."""
     rows, columns = (np.arange(n) * old // n for n, old in zip((height, width), pixels.shape, strict=True))
     return pixels[rows][:, columns]
 
@@ -129,7 +129,7 @@ def _resized(pixels: Any, height: int, width: int) -> Any:
 def _lobe(
     look: MetallicRoughness, shared: float, *, roughness: Any, metallic: Any, transmission: Any
 ) -> dict[str, Any]:
-    """Specular, shininess, reflectivity and transmission of numbers or of pictures (H, W)."""
+    """Compute specular, shininess, reflectivity and transmission from numbers or from pictures (H, W)."""
     given = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
     roughness, metallic, clear = np.broadcast_arrays(*given)
     alpha = np.maximum(roughness, 1e-3) ** 2

@@ -78,7 +78,7 @@ def ply(data: bytes) -> bytes:
 
 
 def _elements(head: str) -> Iterator[tuple[str, int, int]]:
-    """Name, number and least size in bytes of the elements that a header declares."""
+    """Yield name, number and least size in bytes of the elements that a header declares."""
     name, count, size = "", 0, 0
     for words in map(str.split, head.splitlines()):
         if words[:1] == ["element"]:

@@ -87,7 +87,7 @@ def _mesh(part: Any, material: Material | None, name: str, pictures: Pictures, n
 
 
 def _colors(visual: Any) -> NDArray[np.float64] | None:
-    """Linear colours, (V, 3) or (F, 3, 3)."""
+    """Return linear colours, (V, 3) or (F, 3, 3)."""
     if visual.kind == "vertex":
         return _linear(visual.vertex_colors)
     if visual.kind == "face":
@@ -97,7 +97,7 @@ def _colors(visual: Any) -> NDArray[np.float64] | None:
 
 
 def _linear(colors: Any) -> NDArray[np.float64]:
-    """SRGB bytes or numbers (V, 3 or 4) as linear RGB (V, 3)."""
+    """Convert sRGB bytes or numbers (V, 3 or 4) to linear RGB (V, 3)."""
     colors = np.asarray(colors)[:, :3]
     return decoded(colors.astype(np.float64) / (255 if colors.dtype.kind in "iu" else 1))
 

@@ -144,7 +144,7 @@ class Document:
         return rows
 
     def _rows(self, view: Any, start: Any, kind: np.dtype[Any], count: int, width: int) -> NDArray[Any]:
-        """Rows (count, width) in a buffer view; numpy refuses what does not lie in it."""
+        """Return rows (count, width) of a buffer view; numpy refuses rows that do not lie in it."""
         stride = self.one("bufferViews", view).get("byteStride", width * kind.itemsize)
         if stride < width * kind.itemsize:
             raise SceneError(f"elements of {width * kind.itemsize} bytes lie only {stride} apart")

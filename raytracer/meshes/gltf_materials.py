@@ -157,7 +157,7 @@ def _ior(entry: dict[str, Any]) -> float:
 
 
 def _absorption(volume: dict[str, Any]) -> Triple:
-    """Light that is lost by length: with the colour c after the distance d it is -ln(c) / d (KHR_materials_volume)."""
+    """Return the absorption per length: -ln(c) / d for the colour c after the distance d (KHR_materials_volume)."""
     distance = float(volume.get("attenuationDistance", math.inf))
     if not distance > 0:
         return BLACK

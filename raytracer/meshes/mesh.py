@@ -137,7 +137,7 @@ class Mesh:
         return dataclasses.replace(self, material=material)
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
-        """Scaled, tilted about x and turned about y (degrees), then moved by `offset`."""
+        """Scale, tilt about x and turn about y (degrees), then move by `offset`."""
         a, b = np.radians(turn), np.radians(tilt)
         about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
@@ -166,7 +166,7 @@ class Mesh:
         return dataclasses.replace(self, vertices=vertices, faces=faces, normals=normals, colors=colors, uv=uv)
 
     def smoothed(self, below: float = SMOOTH_BELOW) -> Mesh:
-        """With a normal at each corner: the mean of the faces that meet there at less than `below` degrees.
+        """Give each corner a normal: the mean of the faces that meet there at less than `below` degrees.
 
         Faces are weighed by their area; vertices at the same place count as one. Where more than 64 faces meet, the
         angles are taken between groups of faces whose normals differ by a few degrees.
@@ -205,7 +205,7 @@ LOADERS: dict[str, Callable[..., Mesh]] = {}
 
 
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
-    """Several meshes as one, of the first one's material; normals, colours or uv that one of them lacks are made up."""
+    """Join meshes to one of the first one's material; make up normals, colours or uv that one of them lacks."""
     starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
     normals: Floats | None = None
     colors: Floats | None = None
@@ -271,13 +271,13 @@ def _grouped(place: Ints, units: Floats) -> tuple[Ints, Ints]:
 
 
 def _added(vectors: Floats, number: Ints, count: int) -> Floats:
-    """(count, 3): the sums of the vectors (N, 3) that have each number."""
+    """Add the vectors (N, 3) of each number, (count, 3)."""
     columns = [np.bincount(number, weights=vectors[:, axis], minlength=count) for axis in range(3)]
     return np.stack(columns, axis=1)
 
 
 def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints]]:
-    """All ordered pairs of what is at the same place, each with itself too; about as many at once as fit in memory."""
+    """Yield all ordered pairs at the same place, each with itself too; about as many at once as fit in memory."""
     order = np.argsort(place, kind="stable")
     counts = np.bincount(place)
     starts = np.cumsum(counts) - counts

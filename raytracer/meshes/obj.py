@@ -134,7 +134,7 @@ def _floats(words: list[str], line: int) -> list[float]:
 
 
 def _corners(words: list[str], line: int, numbers: tuple[Rows, ...]) -> list[tuple[int, int, int]]:
-    """Places from 0 of a face's corners; -1 where there is no texture vertex or normal."""
+    """Return places from 0 of a face's corners; -1 where there is no texture vertex or normal."""
     if len(words) < 3:
         raise SceneError(f"line {line}: a face has at least three vertices, not {len(words)}")
     found = []
@@ -169,7 +169,7 @@ def _beyond(line: int, kind: str, number: int, count: int) -> SceneError:
 
 
 def _split(vertices: Rows) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Places (V, 3), and linear colours (V, 3): sRGB numbers that follow a place, as MeshLab and ZBrush write them."""
+    """Return places (V, 3) and linear colours (V, 3): sRGB numbers after a place, as MeshLab and ZBrush write them."""
     places = np.array([v[:3] for v in vertices], dtype=np.float64).reshape(-1, 3)
     if not any(len(v) >= 6 for v in vertices):
         return places, None

@@ -120,7 +120,7 @@ def channel(pixels: Pixels, number: int) -> NDArray[np.float32]:
 
 
 def _linear(pixels: Pixels) -> NDArray[np.float32]:
-    """SRGB pixels as linear ones."""
+    """Convert sRGB pixels to linear ones."""
     if pixels.dtype == np.uint8:
         return decoded(np.arange(256) / 255).astype(np.float32)[pixels]
     return decoded(pixels.astype(np.float64)).astype(np.float32)

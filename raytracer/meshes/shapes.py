@@ -115,7 +115,7 @@ def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAI
 
 
 def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
-    """Twenty flat triangles."""
+    """Make twenty flat triangles."""
     g = (1 + 5**0.5) / 2
     points = [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
               [0, -1, -g], [0, 1, -g], [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]]  # fmt: skip
@@ -153,7 +153,7 @@ def _tube(
 
 
 def unwrapped(uv: Floats, axes: Sequence[int]) -> Floats:
-    """Coordinates (F, 3, 2) at corners; a triangle that goes round the end along one of these axes ends at 1, not 0."""
+    """Return coordinates (F, 3, 2) of corners; a triangle that wraps around along one of the axes ends at 1, not 0."""
     for axis in axes:
         there = uv[..., axis]
         ends = np.ptp(there, axis=1, keepdims=True) > 0.5
@@ -162,7 +162,7 @@ def unwrapped(uv: Floats, axes: Sequence[int]) -> Floats:
 
 
 def lattice(rows: int, columns: int, *, closed: bool) -> tuple[Floats, NDArray[np.int64]]:
-    """Parameters (V, 2) in [0, 1] and two triangles for each cell; columns wrap round, rows too where `closed`."""
+    """Return parameters (V, 2) in [0, 1] and two triangles a cell; columns wrap around, rows too where `closed`."""
     count = rows if closed else rows + 1
     i, j = np.mgrid[:count, :columns]
     parameters = np.stack([i.reshape(-1) / rows, j.reshape(-1) / columns], axis=1)

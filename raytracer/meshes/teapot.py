@@ -39,7 +39,7 @@ _KNOB_ARC = 0.5625
 
 
 def teapot(material: Material = PLAIN, *, divisions: int = 31) -> Mesh:
-    """Newell's teapot on the plane y = 0, its spout along x: 64 * divisions**2 - 8 * divisions triangles.
+    """Make Newell's teapot on the plane y = 0, its spout along x: 64 * divisions**2 - 8 * divisions triangles.
 
     The pot is 4 wide and the knob of the lid 3.15 high. Each patch is cut into `divisions` by `divisions` cells; 31
     give 61,256 triangles. Normals are those of the patches. u runs around each of pot, lid, handle and spout, v along
@@ -53,7 +53,7 @@ def teapot(material: Material = PLAIN, *, divisions: int = 31) -> Mesh:
 
 
 def _ring(profile: Sequence[tuple[float, float]], turn: int) -> Floats:
-    """Control points (rows, 12, 3) of a surface of revolution about the z axis; `turn` is 1 or -1, its direction."""
+    """Return control points (rows, 12, 3) of a surface of revolution about z; `turn` is 1 or -1, its direction."""
     quarter = np.array([(1, 0), (1, _ARC), (_ARC, 1)])
     knob = np.array([(1, 0), (1, _KNOB_ARC), (_KNOB_ARC, 1)])
     rows = []
@@ -65,7 +65,7 @@ def _ring(profile: Sequence[tuple[float, float]], turn: int) -> Floats:
 
 
 def _section(profile: Sequence[tuple[float, float, float, float, float]]) -> Floats:
-    """Control points (rows, 6, 3) of a tube that is symmetric to the plane y = 0."""
+    """Return control points (rows, 6, 3) of a tube that is symmetric to the plane y = 0."""
     return np.array(
         [
             [(x0, 0, z0), (x0, -y, z0), (x1, -y, z1), (x1, 0, z1), (x1, y, z1), (x0, y, z0)]
@@ -102,7 +102,7 @@ def _sampled(control: Floats, divisions: int, material: Material) -> Mesh:
 
 
 def _bernstein(patches: int, divisions: int, *, closed: bool) -> tuple[Floats, Floats]:
-    """Weights of the control points of a chain of cubic patches at each sample, and their derivatives.
+    """Return weights of the control points of a chain of cubic patches at each sample, and their derivatives.
 
     Both are (samples, controls): 3 * patches controls and patches * divisions samples for a closed chain, one more of
     both for an open one.

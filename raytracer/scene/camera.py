@@ -32,7 +32,7 @@ class View(NamedTuple):
 
 
 def radius_of(low: Vector, high: Vector) -> float:
-    """Half the diagonal of a box; of a single point, some length that does not vanish beside its coordinates."""
+    """Return half the diagonal of a box; for a single point, a length that does not vanish beside its coordinates."""
     radius = float(np.linalg.norm(np.subtract(high, low))) / 2
     return radius or 1e-6 * max(float(np.abs(low).max()), 1.0)
 
@@ -119,7 +119,7 @@ class Camera:
         return View(np.asarray(self.position, dtype=np.float64), corner, across, down)
 
     def uniforms(self, width: int, height: int, origin: Vector, scale: float) -> dict[str, Any]:
-        """Values of the params of `kernels.eye_rays`, where positions are from `origin`, times `scale`."""
+        """Return the params of `kernels.eye_rays`, where positions are from `origin`, times `scale`."""
         place = (np.asarray(self.position, dtype=np.float64) - origin) * scale
         right, above, forward = self.axes
         if self.projection == "panorama":

@@ -105,7 +105,7 @@ class Layout:
 
 
 def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float) -> Rows:
-    """(2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then its colour.
+    """Return (2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then colour.
 
     The colour is followed by 1 where the light falls off by the square of the distance, by 0 where it does not.
     """
@@ -171,6 +171,6 @@ def _uvs(meshes: Sequence[Mesh]) -> Rows:
 
 
 def _corner_rows(parts: Sequence[NDArray[np.float64]]) -> Rows:
-    """(3N, 4): what the meshes have at their corners, (n, 3, 3) each, and a component of padding."""
+    """Return rows (3N, 4) of the meshes' values at corners, (n, 3, 3) each, and a component of padding."""
     rows = np.concatenate(parts).reshape(-1, 3)
     return np.pad(rows, ((0, 0), (0, 1)))

@@ -154,13 +154,13 @@ class Scene:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names in one line; of many, the first ones."""
+    """Return names in one line; of many, the first ones."""
     more = len(names) - _NAMED
     return (", ".join(map(shown, names[:_NAMED])) or "no meshes") + (f" and {more:,} more" if more > 0 else "")
 
 
 def _key_and_fill(name: str, low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[Light, Light]:
-    """Two lights for what lies in a box; SceneError where it is too large."""
+    """Return two lights for the contents of a box; SceneError where it is too large."""
     radius = radius_of(low, high)
     if radius > _LARGEST:
         raise SceneError(f"{name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")

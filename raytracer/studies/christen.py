@@ -110,7 +110,7 @@ class Study:
         return [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
 
     def markdown(self) -> str:
-        """All numbers as tables of Markdown."""
+        """Return all numbers as tables of Markdown."""
         return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
 
     def _about(self) -> str:
@@ -160,7 +160,7 @@ class Study:
         return [f"{1e3 * found[v]:.0f}" if v in found else "" for v in values]
 
     def json(self) -> dict[str, Any]:
-        """Everything, for `json.dump`."""
+        """Return everything, for `json.dump`."""
         return dataclasses.asdict(self)
 
     def csv(self) -> str:
@@ -229,7 +229,7 @@ def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
 
 
 def cases(backends: Sequence[str]) -> list[Case]:
-    """Every case, each once, those first without which the others mean little. numpy, which is slow, has fewer."""
+    """Return every case once, the most telling ones first. numpy, which is slow, has fewer."""
     fast = [name for name in backends if name != "numpy"]
     counted = counted_on(backends)
     wanted = [Case(*names) for names in _named(backends)]

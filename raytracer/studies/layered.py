@@ -75,7 +75,7 @@ class Study:
     cpu: bool = False
 
     def markdown(self) -> str:
-        """All numbers as tables of Markdown."""
+        """Return all numbers as tables of Markdown."""
         return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
 
     def _about(self) -> str:
@@ -107,7 +107,7 @@ class Study:
         return sorted(found, key=lambda m: (order[m.case.hit], m.case.tolerance or 0, m.case.resolution))
 
     def json(self) -> dict[str, Any]:
-        """Everything but pictures, for `json.dump`."""
+        """Return everything but pictures, for `json.dump`."""
         measured = [{k: v for k, v in dataclasses.asdict(m).items() if k != "pixels"} for m in self.measured]
         return dataclasses.asdict(dataclasses.replace(self, measured=())) | {"measured": measured}
 
@@ -229,7 +229,7 @@ def _error(m: Measured) -> list[str]:
 
 
 def cases(backends: Sequence[str], given: Sequence[Model], plan: Plan) -> list[Case]:
-    """Every case, each once, those first without which the others mean little."""
+    """Return every case once, the most telling ones first."""
     names = [(model.name, backend) for backend in backends for model in given]
     studied = [(plan.studied, backend) for backend in backends]
     wanted = [Case(*name, "bvh") for name in studied]

@@ -142,7 +142,7 @@ def bumpy(mesh: Mesh, height: float, phase: float = 0.0) -> Mesh:
 
 
 def models(quick: bool = False) -> tuple[Model, ...]:
-    """Models of as many triangles as the paper's bunny, car, dragon, head and animation have; or a small one."""
+    """Make models of as many triangles as the paper's bunny, car, dragon, head and animation; or a small one."""
     if quick:
         return (Model("knot", (unit(knot(segments=40, sides=6)),)),)
     still = {

@@ -307,7 +307,7 @@ def turned(camera: Camera | None, angle: float, rise: float = 1.0) -> Camera:
 
 
 def _variants(scene: Scene, bounces: int) -> list[Variant]:
-    """All combinations that may differ: a scene in which nothing mirrors has one number of bounces."""
+    """Return all combinations that may differ: a scene in which nothing mirrors has one number of bounces."""
     mirrors = any(mesh.material.may_mirror for mesh in scene.meshes)
     numbers = range(bounces + 1) if mirrors else (0,)
     accelerators = [a for a in ACCELERATORS if a != "brute" or scene.triangles <= _BRUTE]
