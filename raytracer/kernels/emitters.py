@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import place_of
+from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
-from raytracer.kernels.lobes import around
 from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp
 from raytracer.kernels.triangle import Candidate, Hit

@@ -17,10 +17,10 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
+from raytracer.kernels.bsdf import Bsdf, largest
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
-from raytracer.kernels.lobes import Lobes, largest
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import Hit
@@ -30,7 +30,7 @@ from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 ROULETTE = 4
-"""The scatterings after which a path may end by chance."""
+"""The depth at which Russian roulette starts."""
 EYE, LIGHTS, DIMENSIONS = 4, 7, 13
 """The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
 
@@ -97,7 +97,7 @@ class PathTracer:
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
         self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
-        self.lobes = Lobes(self.surfaces.highlights)
+        self.bsdf = Bsdf(self.surfaces.highlights)
         self.background = sh.Param(sh.Color3f, tuple(map(float, scene.background)), name="background")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         appearance = self.surfaces.appearance
@@ -112,7 +112,7 @@ class PathTracer:
             "bounces": bounces,
             "mirrors": self.mirrors,
             "glass": self.surfaces.clear,
-            "highlights": self.lobes.highlights,
+            "highlights": self.bsdf.highlights,
             "smooth normals": layout.normals is not None,
             "materials": len(layout.materials),
             "surface programs": len(appearance.surfaces),
@@ -206,7 +206,7 @@ class PathTracer:
     ) -> None:
         """Make the ray to a light, with `limit` 0 where the light could not be seen."""
         found = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
-        value, density = self.lobes.shine(surface, found.ray)
+        value, density = self.bsdf.evaluate(surface, found.ray)
         share = sh.cond(found.density > 0, self.aimed_share(found.density, density), 1.0)
         pending[:] = path.throughput * value * found.incoming * share
         ray[:] = found.ray
@@ -280,9 +280,9 @@ class PathTracer:
 
     def diffuse(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""
-        ray[:] = self.lobes.sample(surface, *(path.random(k) for k in (1, 2, 3)))
+        ray[:] = self.bsdf.sample(surface, *(path.random(k) for k in (1, 2, 3)))
         eye[:] = surface.inter
-        value, density = self.lobes.shine(surface, ray)
+        value, density = self.bsdf.evaluate(surface, ray)
         path.finished[:] = ~((largest(value) > 0) & (density > 0))
         path.throughput *= value / sh.max(density, 2.0**-100)
         path.density[:] = density

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer.kernels.lobes import Lobes
+from raytracer.kernels.bsdf import Bsdf
 from raytracer.kernels.phong import highlight
 from raytracer.kernels.surfaces import Interaction
 
@@ -35,16 +35,16 @@ def sphere_of_directions():
 @pytest.mark.parametrize("shininess", [0, 0.5, 1, 40])
 @pytest.mark.parametrize("specular", [1.0, 0.25])
 def test_densities_integrate_to_1_and_are_those_of_the_directions_drawn(specular, shininess):
-    lobes = Lobes(highlights=True)
+    bsdf = Bsdf(highlights=True)
 
     @sh.program
     def density(light: sh.Vector3f) -> sh.Attrib1f:
-        return lobes.shine(seen(specular, shininess), light)[1]
+        return bsdf.evaluate(seen(specular, shininess), light)[1]
 
     @sh.program
     def drawn() -> sh.Vector3f:
         k = sh.grid_index(1)
-        return lobes.sample(seen(specular, shininess), *(sh.unit_float(sh.hash(k, n)) for n in range(3)))
+        return bsdf.sample(seen(specular, shininess), *(sh.unit_float(sh.hash(k, n)) for n in range(3)))
 
     around = sphere_of_directions()
     weights = density.compile("numpy")(around.astype(np.float32)).astype(np.float64) * (4 * math.pi / COUNT)

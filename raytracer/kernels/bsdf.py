@@ -13,13 +13,13 @@ import shpy as sh
 from raytracer.kernels.surfaces import FAINT, Interaction
 
 
-class Lobes:
+class Bsdf:
     """The lobes of a scene's surfaces; without `highlights` there is the matt one alone."""
 
     def __init__(self, highlights: bool) -> None:
         self.highlights = highlights
 
-    def shine(self, surface: Interaction, light: Any) -> tuple[Any, Any]:
+    def evaluate(self, surface: Interaction, light: Any) -> tuple[Any, Any]:
         """Return the radiance toward the viewer for radiance 1 a steradian about `light`, and `sample`'s density there.
 
         The radiance is 0 for a light behind the surface or its triangle.
