@@ -1,326 +1,57 @@
 """The types of the language: one class for each kind, size and base.
 
-Stage: record. `Attrib` is data of any meaning; the other kinds differ where a matrix or a difference of points is
-concerned. GLSL's vector names are aliases.
+Stage: record. `Attrib` is data of any meaning. The other kinds mean something: they differ from it where a matrix or a
+difference of points is concerned, mix freely elsewhere, and hold floats. GLSL's vector names are aliases.
+
+    Attrib1i   one int            Point3f   a position: three floats            vec3 is Attrib3f
 """
 
-from shpy.lang.values.kinds import (
-    Color1d,
-    Color1f,
-    Color1h,
-    Color2d,
-    Color2f,
-    Color2h,
-    Color3d,
-    Color3f,
-    Color3h,
-    Color4d,
-    Color4f,
-    Color4h,
-    Normal1d,
-    Normal1f,
-    Normal1h,
-    Normal2d,
-    Normal2f,
-    Normal2h,
-    Normal3d,
-    Normal3f,
-    Normal3h,
-    Normal4d,
-    Normal4f,
-    Normal4h,
-    Point1d,
-    Point1f,
-    Point1h,
-    Point2d,
-    Point2f,
-    Point2h,
-    Point3d,
-    Point3f,
-    Point3h,
-    Point4d,
-    Point4f,
-    Point4h,
-    TexCoord1d,
-    TexCoord1f,
-    TexCoord1h,
-    TexCoord2d,
-    TexCoord2f,
-    TexCoord2h,
-    TexCoord3d,
-    TexCoord3f,
-    TexCoord3h,
-    TexCoord4d,
-    TexCoord4f,
-    TexCoord4h,
-    Vector1d,
-    Vector1f,
-    Vector1h,
-    Vector2d,
-    Vector2f,
-    Vector2h,
-    Vector3d,
-    Vector3f,
-    Vector3h,
-    Vector4d,
-    Vector4f,
-    Vector4h,
+from typing import TYPE_CHECKING, Any
+
+from shpy.ir.types import FLOATS, Base, vec
+from shpy.lang.values.value import CLASSES, Value
+
+MEANINGS = {
+    "Attrib": "",
+    "Point": "A position",
+    "Vector": "A direction with a length",
+    "Normal": "A surface normal",
+    "Color": "A colour",
+    "TexCoord": "Texture coordinates",
+}
+_COUNTS = {1: "One", 2: "Two", 3: "Three", 4: "Four"}
+_SPOKEN = {
+    Base.F: "float",
+    Base.D: "binary64",
+    Base.H: "binary16",
+    Base.I: "int",
+    Base.U: "unsigned int",
+    Base.B: "bool",
+}
+_ALIASES = {"vec": "Attrib{}f", "ivec": "Attrib{}i", "uvec": "Attrib{}u", "bvec": "Attrib{}b"}
+
+
+def _made(kind: str, size: int, base: Base) -> type[Value]:
+    """Make the class of a kind, size and base."""
+    plural = "s" if size > 1 and base not in (Base.D, Base.H) else ""
+    number = f"{_COUNTS[size]} {_SPOKEN[base]}{plural}"
+    doc = f"{MEANINGS[kind]}: {number.lower()}." if MEANINGS[kind] else f"{number}."
+    facts = {"kind": kind, "size": size, "base": base, "type": vec(base, size)}
+    return type(f"{kind}{size}{base.value}", (Value,), {"__slots__": (), "__doc__": doc, **facts})
+
+
+CLASSES.update(
+    ((kind, size, base), _made(kind, size, base))
+    for kind in MEANINGS
+    for size in _COUNTS
+    for base in Base
+    if kind == "Attrib" or base in FLOATS
 )
-from shpy.lang.values.value import Value
+TYPES = {cls.__name__: cls for cls in CLASSES.values()}
+TYPES |= {f"{alias}{n}": TYPES[name.format(n)] for alias, name in _ALIASES.items() for n in (2, 3, 4)}
+"""The public names and their classes."""
+globals().update(TYPES)
 
+if TYPE_CHECKING:  # shpy/__init__.pyi has the signatures
 
-class Attrib1f(Value):
-    """One float."""
-
-    __slots__ = ()
-
-
-class Attrib2f(Value):
-    """Two floats."""
-
-    __slots__ = ()
-
-
-class Attrib3f(Value):
-    """Three floats."""
-
-    __slots__ = ()
-
-
-class Attrib4f(Value):
-    """Four floats."""
-
-    __slots__ = ()
-
-
-class Attrib1d(Value):
-    """One binary64."""
-
-    __slots__ = ()
-
-
-class Attrib2d(Value):
-    """Two binary64."""
-
-    __slots__ = ()
-
-
-class Attrib3d(Value):
-    """Three binary64."""
-
-    __slots__ = ()
-
-
-class Attrib4d(Value):
-    """Four binary64."""
-
-    __slots__ = ()
-
-
-class Attrib1h(Value):
-    """One binary16."""
-
-    __slots__ = ()
-
-
-class Attrib2h(Value):
-    """Two binary16."""
-
-    __slots__ = ()
-
-
-class Attrib3h(Value):
-    """Three binary16."""
-
-    __slots__ = ()
-
-
-class Attrib4h(Value):
-    """Four binary16."""
-
-    __slots__ = ()
-
-
-class Attrib1i(Value):
-    """One int."""
-
-    __slots__ = ()
-
-
-class Attrib2i(Value):
-    """Two ints."""
-
-    __slots__ = ()
-
-
-class Attrib3i(Value):
-    """Three ints."""
-
-    __slots__ = ()
-
-
-class Attrib4i(Value):
-    """Four ints."""
-
-    __slots__ = ()
-
-
-class Attrib1u(Value):
-    """One unsigned int."""
-
-    __slots__ = ()
-
-
-class Attrib2u(Value):
-    """Two unsigned ints."""
-
-    __slots__ = ()
-
-
-class Attrib3u(Value):
-    """Three unsigned ints."""
-
-    __slots__ = ()
-
-
-class Attrib4u(Value):
-    """Four unsigned ints."""
-
-    __slots__ = ()
-
-
-class Attrib1b(Value):
-    """One bool."""
-
-    __slots__ = ()
-
-
-class Attrib2b(Value):
-    """Two bools."""
-
-    __slots__ = ()
-
-
-class Attrib3b(Value):
-    """Three bools."""
-
-    __slots__ = ()
-
-
-class Attrib4b(Value):
-    """Four bools."""
-
-    __slots__ = ()
-
-
-vec2 = Attrib2f
-ivec2 = Attrib2i
-uvec2 = Attrib2u
-bvec2 = Attrib2b
-vec3 = Attrib3f
-ivec3 = Attrib3i
-uvec3 = Attrib3u
-bvec3 = Attrib3b
-vec4 = Attrib4f
-ivec4 = Attrib4i
-uvec4 = Attrib4u
-bvec4 = Attrib4b
-
-__all__ = [
-    "Attrib1b",
-    "Attrib1d",
-    "Attrib1f",
-    "Attrib1h",
-    "Attrib1i",
-    "Attrib1u",
-    "Attrib2b",
-    "Attrib2d",
-    "Attrib2f",
-    "Attrib2h",
-    "Attrib2i",
-    "Attrib2u",
-    "Attrib3b",
-    "Attrib3d",
-    "Attrib3f",
-    "Attrib3h",
-    "Attrib3i",
-    "Attrib3u",
-    "Attrib4b",
-    "Attrib4d",
-    "Attrib4f",
-    "Attrib4h",
-    "Attrib4i",
-    "Attrib4u",
-    "Color1d",
-    "Color1f",
-    "Color1h",
-    "Color2d",
-    "Color2f",
-    "Color2h",
-    "Color3d",
-    "Color3f",
-    "Color3h",
-    "Color4d",
-    "Color4f",
-    "Color4h",
-    "Normal1d",
-    "Normal1f",
-    "Normal1h",
-    "Normal2d",
-    "Normal2f",
-    "Normal2h",
-    "Normal3d",
-    "Normal3f",
-    "Normal3h",
-    "Normal4d",
-    "Normal4f",
-    "Normal4h",
-    "Point1d",
-    "Point1f",
-    "Point1h",
-    "Point2d",
-    "Point2f",
-    "Point2h",
-    "Point3d",
-    "Point3f",
-    "Point3h",
-    "Point4d",
-    "Point4f",
-    "Point4h",
-    "TexCoord1d",
-    "TexCoord1f",
-    "TexCoord1h",
-    "TexCoord2d",
-    "TexCoord2f",
-    "TexCoord2h",
-    "TexCoord3d",
-    "TexCoord3f",
-    "TexCoord3h",
-    "TexCoord4d",
-    "TexCoord4f",
-    "TexCoord4h",
-    "Vector1d",
-    "Vector1f",
-    "Vector1h",
-    "Vector2d",
-    "Vector2f",
-    "Vector2h",
-    "Vector3d",
-    "Vector3f",
-    "Vector3h",
-    "Vector4d",
-    "Vector4f",
-    "Vector4h",
-    "bvec2",
-    "bvec3",
-    "bvec4",
-    "ivec2",
-    "ivec3",
-    "ivec4",
-    "uvec2",
-    "uvec3",
-    "uvec4",
-    "vec2",
-    "vec3",
-    "vec4",
-]
+    def __getattr__(name: str) -> Any: ...

@@ -30,10 +30,10 @@ from shpy.lang.values.coerce import Literal
 from shpy.lang.values.dependent import become_dependent
 from shpy.lang.values.operators import Operators
 
-KINDS = ("Attrib", "Point", "Vector", "Normal", "Color", "TexCoord")
 _SETS = ("xyzw", "rgba", "stpq")
 
 CLASSES: dict[tuple[str, int, Base], type[Value]] = {}
+"""The class of each kind, size and base; `types` fills it in."""
 
 
 class Value(Operators):
@@ -56,16 +56,6 @@ class Value(Operators):
     _const: tuple[int, ...]
     _part: str | None
     _loc: Loc | None
-
-    def __init_subclass__(cls) -> None:
-        """Read kind, size and base from the class's name."""
-        name = cls.__name__
-        kind = next((k for k in KINDS if name.startswith(k)), None)
-        rest = name[len(kind) :] if kind else ""
-        if kind is not None and len(rest) == 2 and "kind" not in cls.__dict__ and cls.__bases__ == (Value,):
-            cls.kind, cls.size, cls.base = kind, int(rest[0]), Base(rest[1])
-            cls.type = vec(cls.base, cls.size)
-            CLASSES[kind, cls.size, cls.base] = cls
 
     def __init__(self, *components: Any) -> None:
         if not hasattr(type(self), "kind"):
