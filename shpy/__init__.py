@@ -36,8 +36,7 @@ from shpy.errors import (
 from shpy.lang.data.array import Array
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, Texture2D
-from shpy.lang.library import hash as hash
-from shpy.lang.library import noise, unit_float
+from shpy.lang.library import hash as hash, noise, unit_float
 from shpy.lang.mistakes.foreign import module_cure
 from shpy.lang.programs.control import (
     SH_BREAK,
@@ -56,11 +55,11 @@ from shpy.lang.programs.subroutine import subroutine
 from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import (
     abs as abs,
-)
-from shpy.lang.values.builtins import (
     acos,
     acosh,
+    all as all,
     all_lanes,
+    any as any,
     any_lane,
     asin,
     asinh,
@@ -96,13 +95,17 @@ from shpy.lang.values.builtins import (
     log2,
     log10,
     mad,
+    max as max,
+    min as min,
     mix,
     mod,
     normalize,
     popcount,
+    pow as pow,
     radians,
     reflect,
     refract,
+    round as round,
     rsqrt,
     saturate,
     sign,
@@ -116,24 +119,6 @@ from shpy.lang.values.builtins import (
     tanh,
     trunc,
     uintBitsToFloat,
-)
-from shpy.lang.values.builtins import (
-    all as all,
-)
-from shpy.lang.values.builtins import (
-    any as any,
-)
-from shpy.lang.values.builtins import (
-    max as max,
-)
-from shpy.lang.values.builtins import (
-    min as min,
-)
-from shpy.lang.values.builtins import (
-    pow as pow,
-)
-from shpy.lang.values.builtins import (
-    round as round,
 )
 from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose

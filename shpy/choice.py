@@ -21,8 +21,7 @@ from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.program import Program
-from shpy.program import program as record_program
+from shpy.program import Program, program as record_program
 
 __all__ = ["Choice", "choice", "combinations", "with_picks"]
 

@@ -23,8 +23,7 @@ import numpy as np
 
 from shpy import algebra
 from shpy.backends.base import Math, Options, Precision
-from shpy.backends.registry import NAMES, default_backend
-from shpy.backends.registry import backend as backend_named
+from shpy.backends.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify

@@ -105,8 +105,7 @@ def opened(source: Path | BinaryIO) -> Iterator[Any]:
     Raises SceneError where Pillow is missing, and for a picture with more than 16384 pixels along a side.
     """
     try:
-        from PIL import Image as pillow
-        from PIL import UnidentifiedImageError
+        from PIL import Image as pillow, UnidentifiedImageError
     except ImportError as error:
         raise SceneError(f"reading pictures needs Pillow: {sh.packages.install('pillow')}") from error
     with warnings.catch_warnings():

@@ -26,8 +26,7 @@ from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
-from shpy.lang.values.builtins import clamp, cond
-from shpy.lang.values.builtins import min as least
+from shpy.lang.values.builtins import clamp, cond, min as least
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program

@@ -18,9 +18,7 @@ from shpy.collectives.programs import annotated
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.programs.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
-from shpy.lang.values.builtins import bits_from_float, clamp, cond, grid_index, isnan
-from shpy.lang.values.builtins import max as largest
-from shpy.lang.values.builtins import min as least
+from shpy.lang.values.builtins import bits_from_float, clamp, cond, grid_index, isnan, max as largest, min as least
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program

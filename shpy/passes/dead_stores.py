@@ -17,8 +17,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from shpy.ir.nodes import Break, Call, Continue, Discard, Function, If, Let, Loop, Module, Region, Return, Stmt, Store
-from shpy.ir.nodes import Variable as Slot
+from shpy.ir.nodes import (
+    Break,
+    Call,
+    Continue,
+    Discard,
+    Function,
+    If,
+    Let,
+    Loop,
+    Module,
+    Region,
+    Return,
+    Stmt,
+    Store,
+    Variable as Slot,
+)
 from shpy.ir.traverse import variables_of
 from shpy.passes.rewriter import Functions, each_function
 

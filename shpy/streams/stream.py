@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backends.base import Memory, Precision, Space
-from shpy.backends.registry import NAMES, default_backend
-from shpy.backends.registry import backend as backend_named
+from shpy.backends.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.tabledata import TableData

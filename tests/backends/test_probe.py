@@ -17,8 +17,7 @@ import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.backends.device import probe
 from shpy.backends.glsl.device.context import open_context
-from shpy.backends.opencl.device import driver as device
-from shpy.backends.opencl.device import trial
+from shpy.backends.opencl.device import driver as device, trial
 from shpy.backends.opencl.device.driver import machine_of
 from shpy.backends.registry import backend as backend_named
 from shpy.ir import ops

@@ -1,7 +1,6 @@
 import pytest
 from effort import calls
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from shpy.errors import ParseError
 from shpy.ir.builder import Builder

@@ -4,8 +4,7 @@ import pytest
 
 from shpy.errors import VerifyError
 from shpy.ir import signatures
-from shpy.ir.nodes import Function as Fn
-from shpy.ir.nodes import If, Let, Loc, Loop, Module, Param, Port, Store, Table, Value, Variable
+from shpy.ir.nodes import Function as Fn, If, Let, Loc, Loop, Module, Param, Port, Store, Table, Value, Variable
 from shpy.ir.ops import STRUCTURAL
 from shpy.ir.parser import parse
 from shpy.ir.text import print_module

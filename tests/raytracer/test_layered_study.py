@@ -10,8 +10,7 @@ import pytest
 from raytracer import SceneError
 from raytracer.cli import main
 from raytracer.meshes.shapes import sphere
-from raytracer.studies import layered as studying
-from raytracer.studies import layered_measuring as measuring
+from raytracer.studies import layered as studying, layered_measuring as measuring
 from raytracer.studies.layered_measuring import Model, bumpy, models, unit
 
 

@@ -19,9 +19,9 @@ from raytracer import (
     SceneError,
     Surface,
     Texture,
+    render as rendered,
     shaders,
 )
-from raytracer import render as rendered
 from raytracer.kernels.textures import Atlas
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.meshes.teapot import teapot

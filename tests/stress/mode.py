@@ -27,15 +27,15 @@ from unittest.mock import patch
 import numpy as np
 
 from shpy.backends.device import pace
-from shpy.backends.glsl.device import memory as glsl_memory
-from shpy.backends.glsl.device import run as glsl_runtime
-from shpy.backends.glsl.device import textures as glsl_textures
+from shpy.backends.glsl.device import memory as glsl_memory, run as glsl_runtime, textures as glsl_textures
 from shpy.backends.numpy.device import run as numpy_runtime
-from shpy.backends.opencl.device import driver as opencl_device
-from shpy.backends.opencl.device import lists as opencl_lists
-from shpy.backends.opencl.device import memory as opencl_memory
-from shpy.backends.opencl.device import run as opencl_runtime
-from shpy.backends.opencl.device import staging as opencl_staging
+from shpy.backends.opencl.device import (
+    driver as opencl_device,
+    lists as opencl_lists,
+    memory as opencl_memory,
+    run as opencl_runtime,
+    staging as opencl_staging,
+)
 
 TAKEN = np.uint32(0x7FA0DEAD)
 """A signalling NaN: what memory holds that a pool hands out."""

@@ -14,8 +14,7 @@ from testing.faults import op, with_fault
 
 from shpy import cli
 from shpy.ir.text import print_module
-from shpy.testing.certify import __main__ as maker
-from shpy.testing.certify import command, functions, pictures, sections
+from shpy.testing.certify import __main__ as maker, command, functions, pictures, sections
 from shpy.testing.certify.comparing import Work
 from shpy.testing.certify.findings import Check, Finding, Section, Target
 from shpy.testing.certify.golden import KERNELS, digest, golden

@@ -18,8 +18,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from shpy.errors import RecordError, ShpyTypeError
-from shpy.ir.nodes import Call, Function, Loc, Store, Variable
-from shpy.ir.nodes import Value as IrValue
+from shpy.ir.nodes import Call, Function, Loc, Store, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, walk
 from shpy.lang.data.array import Array
 from shpy.lang.programs.returns import Returns
