@@ -35,7 +35,8 @@ from shpy.errors import (
 )
 from shpy.lang.data.array import Array
 from shpy.lang.data.params import Param
-from shpy.lang.data.tables import Table, Texture2D
+from shpy.lang.data.tables import Table
+from shpy.lang.data.textures import Texture2D
 from shpy.lang.library import hash as hash, noise, unit_float
 from shpy.lang.mistakes.foreign import module_cure
 from shpy.lang.programs.control import (
@@ -114,7 +115,6 @@ from shpy.lang.values.builtins import (
     smoothstep,
     sqrt,
     step,
-    swap,
     tan,
     tanh,
     trunc,
@@ -122,7 +122,7 @@ from shpy.lang.values.builtins import (
 )
 from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
-from shpy.lang.values.structure import struct
+from shpy.lang.values.structure import struct, swap
 from shpy.lang.values.types import TYPES
 from shpy.program import Program, parse, program
 from shpy.run.kernel import Kernel, Result

@@ -17,14 +17,15 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Module, Port
 from shpy.lang.data.params import Param, constants_for, listed
-from shpy.lang.data.tables import Table, TableType, Texture2D, TextureType
+from shpy.lang.data.tables import Table, TableType
+from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.inline import Constants, call_recorded
-from shpy.lang.programs.record import InputType, Recorded, is_value, record_body
+from shpy.lang.programs.record import InputType, Recorded, record_body
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
-from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_values, flatten, leaves, leaves_of
+from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_values, flatten, is_value, leaves, leaves_of
 from shpy.lang.values.value import CLASSES
 
 _Part = tuple[str | None, Layout]

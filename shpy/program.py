@@ -27,8 +27,8 @@ from shpy.backends.registry import NAMES, backend as backend_named, default_back
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
-from shpy.lang.data.compound import listed_tables
 from shpy.lang.data.params import listed
+from shpy.lang.data.tables import listed_tables
 from shpy.lang.programs.claims import checked
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.method import PerInstance, is_method

@@ -20,7 +20,8 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Function, Loc, Loop, Module, Store
 from shpy.ir.traverse import grid_rank, walk
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence

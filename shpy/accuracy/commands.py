@@ -23,7 +23,8 @@ from shpy.choice import Choice, combinations
 from shpy.command import MOST, progress_lines, whole
 from shpy.errors import ShpyError
 from shpy.ir.types import Base
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.values.structure import leaves
 from shpy.outputs import check_output, write_json
 from shpy.program import Program

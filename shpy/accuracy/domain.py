@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, Type
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
 from shpy.program import Program

@@ -17,7 +17,8 @@ from shpy.backends.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard
 from shpy.ir.traverse import walk
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.guarded import MASK, guarded
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here

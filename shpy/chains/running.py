@@ -22,7 +22,8 @@ from shpy.backends.registry import default_backend
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
 from shpy.errors import ShpyTypeError
-from shpy.lang.data.tables import Table, TableType, Texture2D
+from shpy.lang.data.tables import Table, TableType
+from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf, leaves
 from shpy.run import host

@@ -17,7 +17,8 @@ from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data.hostdata import checked_bool
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.types import Attrib1i
 from shpy.program import Program

@@ -19,7 +19,8 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard, Let
 from shpy.ir.traverse import walk
 from shpy.ir.types import vec
-from shpy.lang.data.tables import Table, TableType, TextureType
+from shpy.lang.data.tables import Table, TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, layout_of, leaves
 from shpy.lang.values.types import Attrib1i

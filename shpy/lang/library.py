@@ -3,6 +3,10 @@
 Stage: record. Each is a subroutine, so it stays a function of its own in the emitted text and gives the same bits on
 every target.
 
+    sh.hash(3, 5)         # a u that looks random
+    sh.unit_float(u)      # a float in [0, 1)
+    sh.noise(p)           # a float that changes slowly with the point p
+
 Sources: PCG: O'Neill 2014, in the form of Jarzynski and Olano 2020; gradient noise: Perlin 2002 (its fade curve), with
 gradients taken from the hash.
 """
@@ -11,7 +15,7 @@ from __future__ import annotations
 
 import builtins
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
@@ -21,10 +25,6 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.builtins import clamp, cond, dot, floor, fract, min, mix
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib3f
 from shpy.lang.values.value import CLASSES, Value
-
-if TYPE_CHECKING:
-    from shpy.lang.data.tables import Texture
-
 
 _STEP = 747796405
 
@@ -249,7 +249,7 @@ def filtered(
     return along(axes - 1)
 
 
-def sample(texture: Texture, uv: Any) -> Any:
+def sample(texture: Any, uv: Any) -> Any:
     """The texture's colour at uv, filtered and wrapped as it says."""
 
     def lookup(uv: Any, filter: str, names: Sequence[str]) -> Any:

@@ -25,7 +25,7 @@ def float_base(operands: Sequence[Any], what: str) -> Base:
     return Base.F if base in INTS else base
 
 
-def vector(x: Any, sizes: Sequence[int], what: str) -> Value:
+def vector(x: Any, sizes: Sequence[int], what: str) -> Any:
     """Return `x` as a value of floats. Raises ShpyTypeError for bools and for other numbers of components."""
     operand = arithmetic.operand(x, what)
     if operand.size not in sizes:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
-from shpy.lang.data.tables import Table, Texture, WrapName, checked_pixels
+from shpy.lang.data.tables import Table
+from shpy.lang.data.textures import Texture, WrapName, checked_pixels
 from shpy.lang.library import WRAPS, filtered
 from shpy.lang.programs.subroutine import Subroutine
 from shpy.lang.recording.location import here

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.types import Base
-from shpy.lang.data.compound import fits
 from shpy.lang.data.hostdata import as_base, working
-from shpy.lang.data.tables import Table, TableArgument, TableType, Texture2D, TextureType
+from shpy.lang.data.tables import Table, TableArgument, TableType, fits
+from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence

@@ -26,7 +26,8 @@ from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Status
 from shpy.ir.text import print_module
 from shpy.ir.traverse import grid_rank
-from shpy.lang.data.tables import Table, Texture2D, TextureType
+from shpy.lang.data.tables import Table
+from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.guarded import guarded
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here

@@ -22,8 +22,8 @@ from shpy.backends.registry import NAMES, backend as backend_named, default_back
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.tabledata import TableData
-from shpy.lang.data.compound import CompoundTable, fits_type
-from shpy.lang.data.tables import Table, Texture2D
+from shpy.lang.data.tables import CompoundTable, Table, fits_type
+from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves

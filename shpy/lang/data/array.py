@@ -14,16 +14,18 @@ from typing import Any
 from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
+from shpy.lang.programs.blocks import Counted
 from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic
+from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import Literal
 from shpy.lang.values.structure import Layout, build_values, flatten, layout_of, leaves
 from shpy.lang.values.value import Value
 
 
-class Array:
+class Array(Symbolic):
     """`Array(type, n)`: n elements, zero at first; `Array(type, values)`: these elements.
 
     Elements are values, matrices or structs. `a[i]` reads a copy, `a[i] = v` stores, `len(a)` is n.
@@ -65,21 +67,17 @@ class Array:
 
     def _clear(self) -> None:
         """Zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
-        from shpy.lang.programs.control import SH_FOR
-
-        with SH_FOR(self._length) as i:
+        with Counted(0, self._length, 1) as i:
             index = int(i._read(FrameEmitter(self._frame)))
             for variable, cls in zip(self._variables, self._classes, strict=True):
                 zero = FrameEmitter(self._frame).const(cls.type, (0,) * cls.size)
                 self._frame.store(variable, zero, None, index)
 
     def copy(self) -> Array:
-        """An array with the same elements that is this one's own no longer."""
-        from shpy.lang.programs.control import SH_FOR
-
+        """Return a new array with the same elements."""
         slots = [self._frame.variable(cls.type, self._length) for cls in self._classes]
         made = Array._of(self._frame, self._layout, self._length, slots)
-        with SH_FOR(self._length) as i:
+        with Counted(0, self._length, 1) as i:
             made[i] = self[i]
         return made
 

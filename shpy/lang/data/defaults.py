@@ -13,13 +13,14 @@ from typing import Any
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.lang.data.hostdata import as_base
-from shpy.lang.data.tables import Table, TableType, Texture2D, TextureType
+from shpy.lang.data.tables import Table, TableType
+from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, flatten, leaves
 
 
 def check_default(type_: Layout | TableType | TextureType, default: Any, name: str) -> Any:
-    """The default itself; ShpyTypeError for one that is not one value of the input's type."""
+    """Return the default; ShpyTypeError where it is not one value of the input's type."""
     if isinstance(type_, TableType | TextureType):
         made, cure = (
             (Table, "sh.Table(array, type)") if isinstance(type_, TableType) else (Texture2D, "sh.Texture2D(array)")

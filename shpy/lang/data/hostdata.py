@@ -26,7 +26,7 @@ _SPOKEN = {
 
 
 def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
-    """`data` as an array for `base`: floats keep the width they have, ints and bools get theirs.
+    """Return `data` as an array for `base`: floats keep the width they have, ints and bools get theirs.
 
     Raises ShpyTypeError naming `what` for complex numbers, objects, floats for ints, bools for numbers, ragged lists,
     and integers out of range.

@@ -110,7 +110,7 @@ def _called(name: str | None) -> str:
 
 
 def _layout(type_: Any) -> Layout:
-    """The layout of a Param's type: a scalar, vector, matrix or struct."""
+    """Return the layout of a Param's type: a scalar, vector, matrix or struct."""
     try:
         layout = layout_of(type_, "a Param")
     except ShpyTypeError:
@@ -199,7 +199,7 @@ class _ValueParam(Param):
         object.__setattr__(self, "_const", self._constant(value))
 
     def _constant(self, value: Any) -> tuple[int, ...]:
-        """The value as a constant; ShpyTypeError, naming the Param, where an input would refuse it as well."""
+        """Return the value as a constant; ShpyTypeError, naming the Param, where an input would refuse it as well."""
         cls = CLASSES[self.kind, self.size, self.base]  # type: ignore[attr-defined]
         constant = constant_of(cls, value, _called(self._name))
         low, high = self._about.range or (None, None)
@@ -232,7 +232,7 @@ class _ValueParam(Param):
 
 
 def constant_of(cls: type[Value], value: Any, what: str) -> tuple[int, ...]:
-    """A host value as a constant of `cls`; ShpyTypeError, naming `what`, where an input would refuse it."""
+    """Return a host value as a constant of `cls`; ShpyTypeError, naming `what`, where an input would refuse it."""
     try:
         parts = arithmetic.parts(cls, value)
         if any(isinstance(p, Value) and p._frame is not None for p in parts):
@@ -285,7 +285,7 @@ class _CompoundParam(Param):
 
 
 def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = About()) -> Any:
-    """The Param of a matrix or struct whose leaves are these; a leaf itself."""
+    """Return the Param of a matrix or struct with these leaves, or the leaf itself."""
     if isinstance(layout, Leaf):
         return next(parts)
     fields: dict[str, Any]
@@ -314,7 +314,7 @@ def _reader(name: str) -> Callable[[Any], Any]:
 
 
 def _leaf_entries(layout: Layout, value: Any, what: str) -> list[Any]:
-    """A Param's value taken apart: structs by fields, matrices by rows."""
+    """Take a Param's value apart: structs by fields, matrices by rows."""
     match layout:
         case Leaf():
             return [value]
@@ -326,7 +326,7 @@ def _leaf_entries(layout: Layout, value: Any, what: str) -> list[Any]:
 
 
 def _matrix_rows(cls: Any, value: Any, what: str) -> Sequence[Any]:
-    """The rows of a matrix Param's value: of a matrix, or of an array (N, N)."""
+    """Return the rows of a matrix Param's value: of a matrix, or of an array (N, N)."""
     if isinstance(value, Matrix) and value.size == cls.size:
         return value.rows
     array = as_base(value, Base.F, what)
@@ -343,7 +343,7 @@ def _matrix_rows(cls: Any, value: Any, what: str) -> Sequence[Any]:
 
 
 def listed(params: Mapping[str, Any]) -> dict[str, Any]:
-    """A program's uniforms as the user made them: matrices and structs whole, and what dependent uniforms follow."""
+    """Return a program's uniforms as the user made them: matrices and structs whole, sources of dependent ones."""
     found: dict[str, Any] = {}
 
     def enter(name: str, uniform: Any) -> None:
@@ -368,7 +368,7 @@ def listed(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def constants_for(name: str, uniform: Any, value: Any) -> dict[int, tuple[int, ...]]:
-    """The constants that fix a uniform of a program, by the identity of each leaf."""
+    """Return the constants that fix a uniform of a program, by the identity of each leaf."""
     if isinstance(uniform, _CompoundParam):
         entries = _leaf_entries(uniform._layout, value, name)
         return {id(leaf): leaf._constant(entry) for leaf, entry in zip(uniform._leaves, entries, strict=True)}

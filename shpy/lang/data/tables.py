@@ -1,15 +1,21 @@
-"""Data that programs read: Table (random access), Texture2D (filtered). Uniforms are in `params.py`.
+"""Tables: data that programs read at an index.
 
-Stage: record. Used by closure, or as arguments annotated `sh.Table[sh.Attrib4f, 2]`, `sh.Texture2D[sh.Color3f]`.
+Stage: record. Used by closure, or as arguments annotated `sh.Table[sh.Attrib4f, 2]`.
 
     heights = sh.Table(np.zeros((64, 64)), sh.Attrib1f)
     heights[row, col]      # the nearest element where row or col is out of range
+
+The IR knows tables of scalars and vectors only. One of structs or matrices is a table for each leaf, read at one index:
+
+    balls = sh.Table({"center": centers, "radius": radii}, Ball)      # tables balls.center, balls.radius
+    balls[i].center
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +24,13 @@ from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import as_base, working
-from shpy.lang.data.params import Param
 from shpy.lang.recording.emit import DEFERRED, HOST, FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic, coerce
-from shpy.lang.values.types import Attrib1i
+from shpy.lang.values.structure import Group, Layout, Leaf, build_values, flatten, layout_of, leaves
 from shpy.lang.values.value import CLASSES, Value
-
-WrapName = Literal["clamp", "repeat", "mirror"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +39,6 @@ class TableType:
 
     cls: Any
     rank: int
-
-
-@dataclass(frozen=True, slots=True)
-class TextureType:
-    """What `Texture2D[type]` is in an annotation."""
-
-    cls: type[Value]
 
 
 class Table:
@@ -62,16 +58,14 @@ class Table:
     _owner: Table | None = None
 
     def __new__(cls, array: Any = None, type: Any = None, name: str | None = None) -> Table:
-        """A Table of structs or matrices is one of another class, and so is one over the memory of a stream."""
-        from shpy.lang.data.compound import CompoundTable, is_compound
-
+        """Choose the class: a table of structs or matrices has its own, and so has one over the memory of a stream."""
         if hasattr(array, "_table_class"):
             made: Table = object.__new__(array._table_class())
             return made
         return object.__new__(CompoundTable if cls is Table and is_compound(type) else cls)
 
     def __init__(self, array: Any, type: Any = None, name: str | None = None) -> None:
-        self.type = _element_class(type)
+        self.type = element_class(type)
         self.named = name is not None
         self.name = name if name is not None else assigned_name()
         self._array = self._checked(array)
@@ -81,7 +75,7 @@ class Table:
 
     @classmethod
     def __class_getitem__(cls, key: Any) -> TableType:
-        """The annotation of a table argument: its element type, and its rank if that is not 1.
+        """Return the annotation of a table argument: its element type, and its rank if that is not 1.
 
         A type checker takes no plain number there (PEP 586): `sh.Table[sh.Attrib4f, Literal[2]]` means the same.
         """
@@ -89,9 +83,7 @@ class Table:
         (rank,) = get_args(rank) or (rank,)  # Literal[2], or 2
         if rank not in (1, 2, 3):
             raise ShpyTypeError(f"a Table has 1 to 3 axes, not {rank}", loc=here(), cure="sh.Table[sh.Attrib4f, 2]")
-        from shpy.lang.data.compound import is_compound
-
-        return TableType(type_ if is_compound(type_) else _element_class(type_), rank)
+        return TableType(type_ if is_compound(type_) else element_class(type_), rank)
 
     def _checked(self, array: Any) -> NDArray[Any]:
         what = f"the Table {self.name}" if self.name else "a Table"
@@ -138,7 +130,7 @@ class Table:
         self._version += 1
 
     def data(self, dtype: Any) -> TableData:
-        """The data for a runtime, floats as `dtype`; the same object until the next update, which counts `version`."""
+        """Return the data for a runtime, floats as `dtype`: one object until an update, which counts `version`."""
         key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
         held = self._data.get(key)
         if held is None:
@@ -157,7 +149,7 @@ class Table:
         return frozen
 
     def leaves(self, name: str) -> dict[str, Table]:
-        """The tables that this one is in a module where it is called `name`: itself, as it holds scalars or vectors."""
+        """Return the tables that stand for this one in a module, where it is called `name`: itself."""
         return {name: self}
 
     def _declared(self, frame: Frame) -> str:
@@ -210,7 +202,7 @@ class Table:
     def _extent(self, axis: int) -> int | None:
         return int(self._array.shape[axis])
 
-    def _at_once(self, operands: list[Any]) -> Value:
+    def _at_once(self, operands: list[Any]) -> Any:
         index = [
             int(c)
             for o in operands
@@ -221,7 +213,7 @@ class Table:
         return CLASSES[self.type.kind, self.type.size, self.type.base](array[clamped])
 
     def _host_array(self) -> NDArray[Any]:
-        """The elements on the host."""
+        """Return the elements on the host."""
         return self._array
 
     def __setitem__(self, key: Any, value: Any) -> None:
@@ -233,7 +225,8 @@ class Table:
         return int(self.shape[0])
 
 
-def _element_class(type_: Any) -> type[Value]:
+def element_class(type_: Any) -> type[Value]:
+    """Return the class of elements; ShpyTypeError for anything but a scalar or vector type of the language."""
     if not (isinstance(type_, type) and issubclass(type_, Value) and hasattr(type_, "kind")):
         raise ShpyTypeError(f"a Table holds values of the language, not {type_!r}", loc=here(), cure="sh.Attrib4f")
     return type_
@@ -259,141 +252,108 @@ class TableArgument(Table):
     def _extent(self, axis: int) -> int | None:
         return None
 
-    def _at_once(self, operands: list[Any]) -> Value:
+    def _at_once(self, operands: list[Any]) -> Any:
         raise RecordError(f"{self.name} has data only when the program runs", loc=here())
 
 
-class Texture:
-    """An image of `AXES` axes, (*shape) or (*shape, c), with c channels; `texture(uv)` reads it.
+class CompoundTable(Table):
+    """A Table of structs or matrices. Made by `sh.Table`."""
 
-    The first coordinate goes along the image's last axis. Raises ShpyTypeError for other arrays or names.
-    """
+    def __init__(self, array: Any, type: Any, name: str | None = None) -> None:
+        known = name if name is not None else assigned_name()
+        layout = layout_of(type, "an element")
+        what = f"the Table {known}" if known else "a Table"
+        entries = flatten(layout, array, what)
+        parts = [
+            Table(entry, cls, path)
+            for (path, _, cls), entry in zip(leaves(layout, known or "table"), entries, strict=True)
+        ]
+        for part in parts:
+            part.named = name is not None
+        shapes = {part.name: part.shape for part in parts}
+        if len(set(shapes.values())) > 1:
+            listed = ", ".join(f"{path} {shape}" for path, shape in shapes.items())
+            raise ShpyTypeError(
+                f"{what} has fields of several shapes: {listed}", loc=here(), cure="one element of each field a place"
+            )
+        self._hold(type, layout, known or "table", parts)
 
-    AXES: ClassVar[int]
-    FILTERS: ClassVar = ("nearest", "linear", "cubic")
-    known: ClassVar[bool] = True
-    """Whether the filter and the wraps are known while recording."""
-
-    def __init__(self, array: Any, filter: str = "linear", wrap: Any = "clamp", name: str | None = None) -> None:
-        from shpy.lang.library import WRAPS
-
-        self.wraps = tuple(wrap) if isinstance(wrap, tuple | list) else (wrap,) * self.AXES
-        self.wrap, self.filter = wrap, filter
-        checks = [(filter, self.FILTERS, "filter"), *((w, tuple(WRAPS), "wrap") for w in self.wraps)]
-        for given, known, what in checks:
-            if given not in known:
-                raise ShpyTypeError(f"{what}={given!r}", loc=here(), cure=" or ".join(f'{what}="{k}"' for k in known))
-        if len(self.wraps) != self.AXES:
-            cure = f"wrap={('repeat', 'clamp', 'mirror')[: self.AXES]}, one for each coordinate"
-            raise ShpyTypeError(f"wrap={wrap!r}", loc=here(), cure=cure)
-        self.name = name if name is not None else assigned_name()
-        if hasattr(array, "_table_class"):
-            self.table = _stream_pixels(array, self.name, self.AXES)
-            self.type = CLASSES["Color", self.table.type.size, Base.F]
-        else:
-            pixels, channels = checked_pixels(array, self.AXES)
-            self.type = CLASSES["Color", channels, Base.F]
-            self.table = Table(pixels, self.type, self.name)
-        self.table.named = name is not None
+    def _hold(self, type: Any, layout: Layout, name: str, parts: Sequence[Table]) -> None:
+        self.type = type
+        self.name, self.named = name, parts[0].named
+        self.rank = parts[0].rank
+        self._layout = layout
+        self._parts = tuple(parts)
+        for part in parts:
+            part._owner = self
 
     @property
     def shape(self) -> tuple[Any, ...]:
-        """The extents along numpy's axes: height and width."""
-        return self.table.shape
-
-    @property
-    def mode(self) -> Any:
-        """Filter and wrap as a number for an argument: 1 for linear, plus 2 for repeat.
-
-        Raises ShpyTypeError for a filter or wrap that arguments do not have.
-        """
-        if self.filter not in ("nearest", "linear") or self.wraps not in (("clamp", "clamp"), ("repeat", "repeat")):
-            raise ShpyTypeError(
-                f'a texture that is an argument is filtered "nearest" or "linear" and wrapped "clamp" or "repeat" on '
-                f"both axes, not {self.filter!r} and {self.wrap!r}",
-                loc=here(),
-                cure="a Texture2D that the program uses by closure",
-            )
-        return self.FILTERS.index(self.filter) + 2 * ("repeat" in self.wraps)
+        """The number of elements on each axis, in the order of numpy's."""
+        return self._parts[0].shape
 
     def update(self, array: Any) -> None:
-        """Replace the image; the shape stays."""
-        self.table.update(checked_pixels(array, self.AXES)[0])
+        """Replace the data, of all fields at once; the shape stays."""
+        entries = flatten(self._layout, array, f"the Table {self.name}")
+        checked = [part._for_update(entry) for part, entry in zip(self._parts, entries, strict=True)]
+        for part, data in zip(self._parts, checked, strict=True):  # only when all of them fit
+            part._replace(data)
 
-    def __call__(self, uv: Any) -> Any:
-        """The colour at `uv`, a float for each axis, in [0, 1] over the image."""
-        from shpy.lang.library import sample
+    def leaves(self, name: str) -> dict[str, Table]:
+        """Return the tables of the leaves by their names in a module, where this one is called `name`."""
+        paths = [path for path, _, _ in leaves(self._layout, name)]
+        return dict(zip(paths, self._parts, strict=True))
 
-        return sample(self, uv if isinstance(uv, Value) else CLASSES["Attrib", self.AXES, Base.F](*uv))
-
-
-class Texture2D(Texture):
-    """`Texture2D(array, filter="linear", wrap="clamp")`: an image (h, w[, c]), read by `texture(uv)`.
-
-    Row 0 is v = 0: `texture(((c + .5)/w, (r + .5)/h))` is `array[r, c]`; nothing is flipped; uint8 is divided by 255.
-    The filter is "nearest", "linear" or "cubic" (Catmull-Rom: through the pixels, and beyond their range beside edges),
-    the wrap "clamp", "repeat" or "mirror", or two of them, for u and v. Filtering is the same arithmetic on every
-    target. Gives Color{c}f. Raises ShpyTypeError for other arrays or names.
-    """
-
-    AXES = 2
-
-    def __init__(
-        self,
-        array: Any,
-        filter: Literal["linear", "nearest", "cubic"] = "linear",
-        wrap: WrapName | tuple[WrapName, WrapName] = "clamp",
-        name: str | None = None,
-    ) -> None:
-        super().__init__(array, filter, wrap, name)
-
-    @classmethod
-    def __class_getitem__(cls, key: Any) -> TextureType:
-        """The annotation of a texture argument: the type of its pixels."""
-        return TextureType(_element_class(key))
+    def __getitem__(self, key: Any) -> Any:
+        return build_values(self._layout, iter([part[key] for part in self._parts]))
 
 
-class TextureArgument(Texture2D):
-    """A texture that a run is given: its filter and wrap are known only then."""
+class CompoundArgument(CompoundTable):
+    """A table of structs or matrices that a run is given."""
 
-    known = False
-
-    def __init__(self, name: str, type_: TextureType) -> None:
-        self.name = name
-        self.filter = "linear"
-        self.type = type_.cls
-        self.table = TableArgument(name, TableType(type_.cls, 2))
-        self._mode = Param(Attrib1i, 0, name=f"{name}.mode")
-
-    @property
-    def mode(self) -> Any:
-        """Filter and wrap as a uniform."""
-        return self._mode
+    def __init__(self, name: str, type_: TableType) -> None:
+        layout = layout_of(type_.cls, "an element")
+        parts = [TableArgument(path, TableType(cls, type_.rank)) for path, _, cls in leaves(layout, name)]
+        self._hold(type_.cls, layout, name, parts)
 
 
-def _stream_pixels(stream: Any, name: str | None, axes: int) -> Table:
-    """The table over an image's stream."""
-    table = Table(stream, name=name)
-    if table.rank != axes or not issubclass(table.type, Value) or table.type.base is not Base.F:
-        raise ShpyTypeError(
-            f"a texture of a stream takes colours in {axes} axes, not {stream!r}",
-            loc=here(),
-            cure='sh.Stream(image, sh.Color3f, backend="opencl"), where image is (h, w, 3)',
-        )
-    return table
+def is_compound(type_: Any) -> bool:
+    """Return whether elements are structs or matrices; ShpyTypeError for what is no type of the language."""
+    try:
+        layout = layout_of(type_, "an element")
+    except ShpyTypeError:
+        return False
+    return not isinstance(layout, Leaf) and not (isinstance(layout, Group) and layout.form != "struct")
 
 
-def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
-    """Return an image as numbers and its channels; uint8 is divided by 255, and one channel has no axis of its own."""
-    data = np.asarray(array)
-    if data.ndim not in (axes, axes + 1) or (data.ndim == axes + 1 and not 1 <= data.shape[-1] <= 4):
-        shape = ", ".join("dhw"[-axes:])
-        raise ShpyTypeError(
-            f"a texture is an array ({shape}) or ({shape}, c) with c up to 4, not {data.shape}",
-            loc=here(),
-            cure="array[..., :3]",
-        )
-    if data.dtype == np.uint8:
-        data = data.astype(np.float32) / np.float32(255)
-    channels = 1 if data.ndim == axes else data.shape[-1]
-    return (data.reshape(data.shape[:axes]) if channels == 1 else data), channels
+def argument(name: str, type_: TableType) -> Table:
+    """Make the table that stands for an argument while its program is recorded."""
+    return CompoundArgument(name, type_) if is_compound(type_.cls) else TableArgument(name, type_)
+
+
+def fits(table: Table, type_: TableType) -> bool:
+    """Return whether a table can be an argument of this type: kinds aside, the same elements and rank."""
+    return table.rank == type_.rank and fits_type(table.type, type_.cls)
+
+
+def fits_type(given: Any, wanted: Any) -> bool:
+    """Return whether elements of one type can stand for those of another one: kinds aside, the same leaves."""
+    return _types(given) == _types(wanted)
+
+
+def _types(cls: Any) -> list[Any]:
+    found: Iterator[Any] = leaves(layout_of(cls, ""), "")
+    return [(path, leaf.type) for path, _, leaf in found]
+
+
+def listed_tables(tables: dict[str, Table]) -> dict[str, Table]:
+    """Return a program's tables as the user made them: one for all fields of a struct and all rows of a matrix."""
+    found: dict[str, Table] = {}
+    for name, table in tables.items():
+        owner = table._owner
+        if owner is None:
+            found[name] = table
+        elif all(owner is not other for other in found.values()):
+            path = (table.name or "").removeprefix(owner.name or "")
+            found[name.removesuffix(path)] = owner
+    return found

@@ -26,11 +26,10 @@ import numpy as np
 
 from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
-from shpy.lang.data.array import Array
 from shpy.lang.recording.location import called_frames, loc_in
 from shpy.lang.recording.tree import definition
-from shpy.lang.values.matrix import Matrix
-from shpy.lang.values.structure import leaves_of
+from shpy.lang.values.abstract import Symbolic
+from shpy.lang.values.structure import is_value, leaves_of
 from shpy.lang.values.value import Value
 
 _ENDS = frozenset({"RETURN_VALUE", "RETURN_CONST", "RERAISE", "RAISE_VARARGS"})
@@ -63,7 +62,7 @@ class Entry:
 
 
 def entered() -> list[Entry]:
-    """The frames of the user's functions that have no text, innermost first, as a block opens."""
+    """Return the frames of the user's functions that have no text, innermost first, as a block opens."""
     frames = [f for f in called_frames() if not _has_text(f.f_code, f.f_code.co_filename)]
     return [Entry(f, f.f_lasti, {p: x for p, x in _places(f) if _matters(x)}) for f in frames]
 
@@ -138,13 +137,9 @@ def _places(frame: FrameType) -> Iterator[tuple[Place, Any]]:
             yield from ((Place(name, (k, len(thing))), x) for k, x in enumerate(thing))
         elif type(thing) is dict:
             yield from ((Place(name, (k, None)), x) for k, x in thing.items())
-        elif hasattr(thing, "__dict__") and not _is_value(thing):
+        elif hasattr(thing, "__dict__") and not isinstance(thing, Symbolic):
             if not isinstance(thing, ModuleType | FunctionType | type):
                 yield from ((Place(name, None, k), x) for k, x in vars(thing).items())
-
-
-def _is_value(x: Any) -> bool:
-    return isinstance(x, Value | Matrix | Array) or hasattr(type(x), "_shpy_fields")
 
 
 def _matters(x: Any) -> bool:
@@ -152,17 +147,15 @@ def _matters(x: Any) -> bool:
 
     A value of a block that is closed cannot: to use it is an error in any case.
     """
-    if isinstance(x, Array):
-        return True
-    if _is_value(x):
-        return all(v._frame is None or not v._frame.homes[v._variable].closed for v in leaves_of(x))
+    if isinstance(x, Symbolic):
+        return not is_value(x) or all(v._frame is None or not v._frame.homes[v._variable].closed for v in leaves_of(x))
     return x is None or isinstance(x, _NUMBERS)
 
 
 def _rebound(old: Any, new: Any) -> bool:
     if new is old or new is _GONE:
         return False
-    if _is_value(old) or _is_value(new):
+    if isinstance(old, Symbolic) or isinstance(new, Symbolic):
         return True
     return old is not None and isinstance(new, _NUMBERS) and bool(new != old)
 
@@ -243,7 +236,7 @@ def _line(instruction: dis.Instruction, code: CodeType) -> int:
 
 
 def _line_of_store(code: CodeType, start: int, end: int, place: Place) -> int:
-    """The line on which a block, from offset to offset, binds the place; of an item, the first that stores one."""
+    """Return the line on which a block, from offset to offset, binds the place; for an item, the first that stores."""
     inside = [i for i in _instructions(code) if start < i.offset <= end]
     if place.key is not None:
         stores = [i for i in inside if i.opname == "STORE_SUBSCR"]

@@ -103,7 +103,7 @@ class _Spelling:
         return cls(file, prefix, frozenset(imported))
 
     def quoted(self, node: ast.AST) -> str:
-        """The code as it stands in the file."""
+        """Return the code as it stands in the file."""
         return quoted(self.file, node)
 
     def control(self, name: str) -> str:
@@ -116,7 +116,7 @@ class _Spelling:
 
 
 def _statements(loc: Loc) -> list[ast.stmt]:
-    """The statements on the line; of a compound one, the line must be in its head."""
+    """Return the statements on the line; of a compound one, the line must be in its head."""
     tree = parsed(loc.file)
     found: list[ast.stmt] = []
     for node in ast.walk(tree) if tree is not None else ():
@@ -128,12 +128,12 @@ def _statements(loc: Loc) -> list[ast.stmt]:
 
 
 def _head(node: ast.stmt) -> ast.AST:
-    """The statement without those under it."""
+    """Return the statement without those under it."""
     return ast.Tuple([part for part in _parts(node) if isinstance(part, ast.expr)], ast.Load())
 
 
 def _parts(root: ast.AST) -> Iterator[ast.AST]:
-    """The children that belong to the line itself, not to the statements under it."""
+    """Yield the children that belong to the line itself, not to the statements under it."""
     for child in ast.iter_child_nodes(root):
         if not isinstance(child, ast.stmt | ast.ExceptHandler | ast.match_case):
             yield child
@@ -147,7 +147,7 @@ def _in_order(root: ast.AST) -> Iterator[ast.AST]:
 
 
 def _tests(root: ast.AST, whole: ast.AST | None = None) -> Iterator[_Site]:
-    """The places where Python asks whether something is true, in the order of evaluation."""
+    """Yield the places where Python asks whether something is true, in the order of evaluation."""
     match root:
         case ast.If() | ast.While() | ast.Assert():
             yield from _tests(root.test, root)
@@ -184,7 +184,7 @@ def _tests(root: ast.AST, whole: ast.AST | None = None) -> Iterator[_Site]:
 
 
 def _of_the_host(node: ast.expr) -> bool:
-    """Whether the test is certainly Python's own."""
+    """Return whether the test is certainly Python's own."""
     if isinstance(node, ast.Compare):
         if all(isinstance(o, ast.Is | ast.IsNot) for o in node.ops):
             return True
@@ -195,7 +195,7 @@ def _of_the_host(node: ast.expr) -> bool:
 
 
 def _asks(node: ast.expr, kind: str) -> bool:
-    """Whether the expression may ask a value for this kind of number."""
+    """Return whether the expression may ask a value for this kind of number."""
     match node:
         case ast.Call(func=ast.Name(id=name)):
             return kind == {"range": "index", "complex": "float"}.get(name, name)
@@ -215,7 +215,7 @@ def _span(node: ast.AST) -> _Span | None:
 
 
 def _running(loc: Loc, frame: FrameType | None) -> _Span | None:
-    """What exactly the frame is computing."""
+    """Return the span of the expression that the frame is computing."""
     frame = frame or user_frame()
     if frame is None or frame.f_code.co_filename != loc.file or frame.f_lineno != loc.line:
         return None
@@ -226,7 +226,7 @@ def _running(loc: Loc, frame: FrameType | None) -> _Span | None:
 
 
 def _chosen(sites: list[_Site], loc: Loc, frame: FrameType | None) -> _Site | None:
-    """The place that is meant: the one whose text the frame is at, else the first on the line."""
+    """Return the place whose text the frame is computing, else the first on the line."""
     running = _running(loc, frame)
     if running is not None:
         for site in sites:
@@ -240,7 +240,7 @@ def _chosen(sites: list[_Site], loc: Loc, frame: FrameType | None) -> _Site | No
 
 
 def _in_a_call(roots: list[ast.stmt], loc: Loc, frame: FrameType | None) -> _Site | None:
-    """The call, of `list.index` say, from which Python's own code asks."""
+    """Return the call, of `list.index` say, from which Python's own code asks."""
     running = _running(loc, frame)
     for node in (n for root in roots for n in _in_order(root)):
         if isinstance(node, ast.Call) and _span(node) == running:
@@ -264,7 +264,7 @@ def _bool_hint(site: _Site, spelling: _Spelling) -> Hint:
 
 
 def _word(node: ast.AST) -> str | None:
-    """The word of Python that asks; None for a call."""
+    """Return the word of Python that asks; None for a call."""
     match node:
         case ast.While():
             return "while"
@@ -284,7 +284,7 @@ def _word(node: ast.AST) -> str | None:
 
 
 def _test_cure(site: _Site, spelling: _Spelling) -> str:
-    """The whole construct as it should be."""
+    """Return the whole construct as it should be written."""
     whole, prefix = site.whole, spelling.prefix
     match whole:
         case ast.If(test=test):
@@ -311,7 +311,7 @@ def _each(left: str) -> str:
 
 
 def _is_elif(node: ast.If) -> bool:
-    """An `elif` starts its test five characters after itself; an `if` three."""
+    """Return whether an `if` is an `elif`: its test starts five characters after it, not three."""
     return node.test.lineno == node.lineno and node.test.col_offset - node.col_offset >= 5
 
 
@@ -342,7 +342,7 @@ def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
 
 
 def conversion_of(node: ast.expr, file: str) -> Hint:
-    """The sentence and the cure for an expression that needs a number of Python."""
+    """Return the sentence and the cure for an expression that needs a number of Python."""
     return _conversion_hint(node, _Spelling.of(file))
 
 

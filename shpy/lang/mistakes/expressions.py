@@ -39,17 +39,17 @@ class Expressions:
     # The clock and the state.
 
     def tick(self) -> int:
-        """The next moment in the order of the text."""
+        """Return the next moment in the order of the text."""
         self._clock += 1
         return self._clock
 
     def new_object(self) -> int:
-        """An object that no name has yet."""
+        """Return an object that no name has yet."""
         self._objects += 1
         return self._objects
 
     def single(self, place: Place) -> Fact | None:
-        """The assignment that a place comes from, if there is just one."""
+        """Return the assignment that a place comes from, if there is just one."""
         facts = self.state.get(place, ())
         return facts[0] if len(facts) == 1 else None
 
@@ -67,7 +67,7 @@ class Expressions:
     def bind_name(
         self, name: str, node: ast.AST, known: Known, *, value: ast.expr | None = None, index: bool = False
     ) -> Fact:
-        """A name is assigned; what was known of its items and attributes is forgotten."""
+        """Bind a name; what was known of its items and attributes is forgotten."""
         for place in [p for p in self.state if p.startswith((f"{name}.", f"{name}["))]:
             del self.state[place]
         return self.bind_path(name, node, known, value=value, index=index)
@@ -82,7 +82,7 @@ class Expressions:
         existed: bool = False,
         index: bool = False,
     ) -> Fact:
-        """A place is assigned: from here on this is what it comes from."""
+        """Bind a place: from here on it comes from this assignment."""
         before = self.state.get(place, ())
         existed = existed or any(f.escaped is None for f in before)
         fact = Fact(place, node, self.tick(), known, self.new_object(), before, existed, value, index=index)
@@ -90,7 +90,7 @@ class Expressions:
         return fact
 
     def change(self, place: Place, node: ast.stmt) -> None:
-        """The value of a name is stored into."""
+        """Note a store into the value of a name."""
         fact = self.single(place)
         if fact is not None and fact.object != NO_OBJECT:
             self.changes.setdefault(fact.object, []).append(Change(place, node, self.tick(), fact))
@@ -98,7 +98,7 @@ class Expressions:
     # Uses.
 
     def use(self, place: Place, node: ast.AST, *, reads: bool = True) -> None:
-        """A place is used: for what it holds (`reads`), or only to store into it."""
+        """Note the use of a place: for what it holds (`reads`), or only to store into it."""
         if any(place in hidden for hidden in self._hidden):
             return
         facts = self.state.get(place, ())
@@ -117,11 +117,11 @@ class Expressions:
                 block.exposed.append(use)
 
     def rebound(self, fact: Fact, block: Block, node: ast.AST, *, next_turn: bool) -> RecordError:
-        """The error for a place that a block rebinds."""
+        """Return the error for a place that a block rebinds."""
         return findings.rebound(self.scope.file, self.scope.prefix, fact, block, node, next_turn=next_turn)
 
     def check_alias(self, fact: Fact, node: ast.AST, *, since: int = 0, next_turn: bool = False) -> None:
-        """The value that is read here must not have been changed through another of its names since it got this one."""
+        """Raise the error for a value read here that was changed through another of its names since it got this one."""
         if fact.object == NO_OBJECT:
             return
         for change in self.changes.get(fact.object, ()):
@@ -168,7 +168,7 @@ class Expressions:
             self.expression(node.slice)
 
     def store_operands(self, target: ast.Attribute | ast.Subscript) -> None:
-        """The base and the index of a store: the base is used, but not read."""
+        """Visit the base and the index of a store: the base is used, but not read."""
         base = target.value
         if isinstance(base, ast.Name):
             self.use(base.id, base, reads=False)

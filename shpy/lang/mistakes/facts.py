@@ -30,7 +30,7 @@ class Block:
 
     @property
     def is_loop(self) -> bool:
-        """Whether the body is meant to run many times."""
+        """Return whether the body is meant to run many times."""
         return self.control in (None, "SH_WHILE", "SH_DO", "SH_FOR")
 
 
@@ -51,7 +51,7 @@ class Fact:
     escaped: Block | None = None
 
     def suspicious(self, *others: Fact) -> bool:
-        """Whether it matters that the block may not have run, or runs again: not for strings, lists and the like.
+        """Return whether it matters that the block may not run, or runs again: not for strings, lists and the like.
 
         `others` are further assignments that the place may have had before.
         """
@@ -88,7 +88,7 @@ State: TypeAlias = "dict[Place, tuple[Fact, ...]]"  # the assignments that reach
 
 
 def joined(start: State, ends: list[State], when: int) -> State:
-    """The state where Python's branches, or a loop's ways out, meet.
+    """Return the state where Python's branches, or a loop's exits, join.
 
     A place that any branch assigned has the assignments of those branches only, as if the others were never taken:
     Python's `if` is decided once, while recording, and correlated conditions must not look like mistakes. Aliases

@@ -23,7 +23,7 @@ def _line(node: ast.AST) -> int:
 
 
 def rebound(file: str, prefix: str, fact: Fact, block: Block, use: ast.AST, *, next_turn: bool) -> RecordError:
-    """A name that a block rebinds is used after the block, or in its loop's next iteration."""
+    """Return the error for a name that a block rebinds and that is used after it, or in its loop's next iteration."""
     when = "in its next iteration" if next_turn else "after it"
     if fact.index:
         return RecordError(
@@ -46,7 +46,7 @@ def rebound(file: str, prefix: str, fact: Fact, block: Block, use: ast.AST, *, n
 
 
 def _store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
-    """The store that the user meant; where there is nothing to store into, how to make it."""
+    """Return the store that the user meant; where there is nothing to store into, how to make it."""
     inside = f"{place}[:] = {quoted(file, fact.value)}" if fact.value is not None else f"{place}[:] = …"
     if isinstance(fact.node, ast.AugAssign):
         inside = quoted(file, fact.node)
@@ -66,7 +66,7 @@ def _store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
 
 
 def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:
-    """The type that a host number must get, to become a variable of the program."""
+    """Return the type that a host number must get, to become a variable of the program."""
     if fact.known.type:
         return fact.known.type
     numbers = [n.value for n in ast.walk(start) if isinstance(n, ast.Constant)]
@@ -79,7 +79,7 @@ def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:
 
 
 def aliased(file: str, fact: Fact, change: Change, reader: str, use: ast.AST, *, next_turn: bool) -> RecordError:
-    """Two names have one value, a store through one changes what the other reads."""
+    """Return the error for two names of one value: a store through one changes what the other reads."""
     statement = fact.alias
     assert statement is not None
     when = f"read in the next iteration (line {_line(use)})" if next_turn else f"read after it (line {_line(use)})"
@@ -103,7 +103,7 @@ def aliased(file: str, fact: Fact, change: Change, reader: str, use: ast.AST, *,
 def crossed(
     file: str, statement: ast.Assign, name: str, later: ast.expr, swap: tuple[str, str] | None, prefix: str
 ) -> RecordError:
-    """`x[:], y[:] = y, x` stores one side before it is read for the other."""
+    """Return the error for `x[:], y[:] = y, x`, which stores one side before it is read for the other."""
     cure = (
         f"copy first, or `{prefix}swap({swap[0]}, {swap[1]})`"
         if swap
@@ -117,7 +117,7 @@ def crossed(
 
 
 def leaves(file: str, node: ast.AST, block: Block, cure: str) -> RecordError:
-    """Python's own jumps inside a block happen while recording."""
+    """Return the error for one of Python's own jumps inside a block: it happens while recording."""
     word = {ast.Return: "return", ast.Break: "break", ast.Continue: "continue"}.get(type(node), "yield")
     return RecordError(
         f"Python's `{word}` inside `with {block.written}` happens while recording, whatever the block's condition is",
@@ -127,7 +127,7 @@ def leaves(file: str, node: ast.AST, block: Block, cure: str) -> RecordError:
 
 
 def without_with(file: str, node: ast.expr, control: str) -> RecordError:
-    """A block that is called, not entered."""
+    """Return the error for a block that is called, not entered."""
     return RecordError(
         f"`{quoted(file, node)}` alone does nothing: {control} opens a block",
         loc=_loc(file, node),
@@ -136,7 +136,7 @@ def without_with(file: str, node: ast.expr, control: str) -> RecordError:
 
 
 def without_call(file: str, node: ast.expr, block: bool) -> RecordError:
-    """`SH_BREAK`, or `with SH_DO:`, without parentheses."""
+    """Return the error for `SH_BREAK`, or `with SH_DO:`, without parentheses."""
     name = quoted(file, node)
     return RecordError(
         f"`{name}` is not called",
@@ -146,7 +146,7 @@ def without_call(file: str, node: ast.expr, block: bool) -> RecordError:
 
 
 def until_not_last(file: str, node: ast.stmt, following: ast.stmt) -> RecordError:
-    """A test that is not the last statement of its loop."""
+    """Return the error for a test that is not the last statement of its loop."""
     return RecordError(
         f"`{quoted(file, node)}` is not the last statement of its SH_DO: line {_line(following)} follows it",
         loc=_loc(file, node),
@@ -155,7 +155,7 @@ def until_not_last(file: str, node: ast.stmt, following: ast.stmt) -> RecordErro
 
 
 def none_compared(file: str, node: ast.Compare) -> RecordError:
-    """`x == None` on a value."""
+    """Return the error for `x == None` on a value."""
     verb = "is" if isinstance(node.ops[0], ast.Eq) else "is not"
     return RecordError(
         f"`{quoted(file, node)}` compares a value with None, component by component",

@@ -213,7 +213,7 @@ class Flow(Expressions):
                 raise findings.crossed(self.scope.file, node, name, targets[later], swap, self.scope.prefix)
 
     def _stored_name(self, target: ast.expr) -> str | None:
-        """The `x` of `x[:] = …`, or of any store into a plain name's value."""
+        """Return the `x` of `x[:] = …`, or of any store into a plain name's value."""
         if not isinstance(target, ast.Subscript | ast.Attribute) or not isinstance(target.value, ast.Name):
             return None
         kind = self.judge.kind(target.value).kind
@@ -261,7 +261,7 @@ class Flow(Expressions):
 
     @contextmanager
     def inside(self, block: Block) -> Iterator[None]:
-        """A block or loop is open; at its end, its next iteration is considered."""
+        """Open a block or loop; at its end, consider its next iteration."""
         block.start = self.tick()
         self.open.append(block)
         yield
@@ -270,7 +270,7 @@ class Flow(Expressions):
             self._next_turn(block)
 
     def _next_turn(self, block: Block) -> None:
-        """The next iteration reads the names as the body left them."""
+        """Check what the next iteration reads: the names as the body left them."""
         # `x is None` asks Python: metaprogramming that starts with nothing.
         asked = {use.place for use in block.exposed if use.asks_none}
         for use in block.exposed:
@@ -330,7 +330,7 @@ class Flow(Expressions):
         self._body(node.orelse)
 
     def _element(self, iterated: ast.expr) -> Known:
-        """What a `for` loop's variable is."""
+        """Return what is known of a `for` loop's variable."""
         if isinstance(iterated, ast.Call) and self.scope.resolve(iterated.func) is range:
             return NUMBER
         if isinstance(iterated, ast.Tuple | ast.List):
@@ -399,7 +399,7 @@ class Flow(Expressions):
 
 
 def _root(node: ast.expr) -> str | None:
-    """The name whose value a store changes: `ray` for `ray.o.x`."""
+    """Return the name whose value a store changes: `ray` for `ray.o.x`."""
     while isinstance(node, ast.Attribute | ast.Subscript):
         node = node.value
     return node.id if isinstance(node, ast.Name) else None

@@ -24,7 +24,7 @@ _PLAIN = re.compile(r"(Attrib|Point|Vector|Normal|Color|TexCoord)[1-4][fdhiub]$"
 _COMPOUND = re.compile(r"(Matrix[234]f|Array)$")
 _LANGUAGE = (
     "shpy.lang.values.builtins",
-    "shpy.lang.data.tables",
+    "shpy.lang.data.textures",
     "shpy.lang.values.derivatives",
     "shpy.lang.library",
     "shpy.lang.values.matrix",
@@ -62,7 +62,7 @@ class Judge:
     look: Callable[[str], Known | None]
 
     def kind(self, node: ast.expr) -> Known:
-        """What the expression gives."""
+        """Return what is known of an expression's result."""
         match node:
             case ast.Constant(value=value):
                 return NUMBER if isinstance(value, int | float | complex) else HOST
@@ -94,7 +94,7 @@ class Judge:
                 return HOST
 
     def thing(self, thing: object) -> Known:
-        """What an object is that the text names."""
+        """Return what is known of an object that the text names."""
         if thing is UNRESOLVED:
             return UNKNOWN
         if self.scope.is_value(thing):
@@ -104,7 +104,7 @@ class Judge:
         return UNKNOWN if from_shpy(type(thing)) else HOST  # an Array's items are stored, not rebound
 
     def made_by(self, thing: object, written: str) -> Known:
-        """What a call of this class gives, or an argument annotated with it is."""
+        """Return what is known of an instance of this class: a call's result, or an argument annotated with it."""
         if not isinstance(thing, type) or thing is object or thing.__module__ == "typing":
             return UNKNOWN
         if thing in (int, float, bool):
@@ -168,7 +168,7 @@ def _of(known: Known) -> Known:
 
 
 def _combined(parts: list[Known]) -> Known:
-    """An operator's result: a value if any operand is one; its type is left open."""
+    """Return what is known of an operator's result: a value if any operand is one, of a type that is left open."""
     kinds = {p.kind for p in parts}
     if Kind.VALUE in kinds:
         return VALUE

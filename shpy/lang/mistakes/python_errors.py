@@ -18,7 +18,8 @@ from typing import Any
 from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeError
 from shpy.ir.nodes import Loc
 from shpy.lang.data.array import Array
-from shpy.lang.data.tables import Table, Texture2D
+from shpy.lang.data.tables import Table
+from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import is_users
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.value import Value
@@ -51,7 +52,7 @@ _STACK = "a loop, with an sh.Array as the stack; or a depth that Python counts, 
 def explain_python_error(
     error: TypeError | AttributeError | NameError | RecursionError, recorded: str
 ) -> ShpyError | None:
-    """The error of shpy that says what is wrong at the user's line; None for an error that is the user's own affair.
+    """Return shpy's error at the user's line; None for an error that is the user's own affair.
 
     `recorded` is the name of the function that is recorded.
     """
@@ -79,7 +80,7 @@ def explain_python_error(
 
 
 def _recursion(error: RecursionError) -> ShpyError | None:
-    """The error for a function of the user's that has called itself until Python's stack was full."""
+    """Return the error for a function of the user's that has called itself until Python's stack was full."""
     stack = ((frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__))
     calls = Counter((code, line) for code, line in stack if is_users(code.co_filename))
     (code, line), count = calls.most_common(1)[0]
@@ -141,13 +142,13 @@ def _attribute(error: AttributeError, loc: Loc) -> ShpyError | None:
 
 
 def _name(attribute: str | None, loc: Loc) -> str:
-    """What the user calls the object whose attribute is missing, as far as the line tells."""
+    """Return the user's name for the object whose attribute is missing, as far as the line tells."""
     found = re.search(rf"([A-Za-z_]\w*)\.{attribute}\b", linecache.getline(loc.file, loc.line))
     return found[1] if found else "a"
 
 
 def _classes(base: type[Any]) -> frozenset[str]:
-    """The names of a class and of all that derive from it."""
+    """Return the names of a class and of all that derive from it."""
     found = {base.__name__}
     for cls in base.__subclasses__():
         found |= _classes(cls)

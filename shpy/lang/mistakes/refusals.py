@@ -5,20 +5,18 @@ Stage: record. The message names the construct that asked, found in the source w
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Never
+from typing import Never
 
 import numpy as np
 
 from shpy.errors import RecordError
 from shpy.lang.mistakes.check import explain_bool, explain_conversion
 from shpy.lang.recording.location import here
-
-if TYPE_CHECKING:
-    from shpy.lang.values.value import Value
+from shpy.lang.values.abstract import AbstractValue
 
 
-def refuse_bool(value: Value) -> bool:
-    """The bool of a constant; RecordError for a symbolic value."""
+def refuse_bool(value: AbstractValue) -> bool:
+    """Return the bool of a constant; RecordError for a symbolic value."""
     if value._frame is None:
         array = np.asarray(value)
         if array.ndim:
@@ -33,7 +31,7 @@ def refuse_bool(value: Value) -> bool:
     raise RecordError(message, loc=loc, cure=cure)
 
 
-def refuse_array(value: Value) -> Never:
+def refuse_array(value: AbstractValue) -> Never:
     """RecordError for a symbolic value that numpy is to take: as an index, or as the argument of a function."""
     loc = here()
     found = explain_conversion(loc, "index") if loc is not None else None
@@ -44,7 +42,7 @@ def refuse_array(value: Value) -> Never:
     raise RecordError(message, loc=loc, cure=cure)
 
 
-def refuse_conversion(value: Value, kind: str, spoken: str) -> Never:
+def refuse_conversion(value: AbstractValue, kind: str, spoken: str) -> Never:
     """RecordError for a symbolic value that is to be an int, a float or an index."""
     loc = here()
     found = explain_conversion(loc, kind) if loc is not None else None

@@ -34,7 +34,7 @@ class _Rewriter(ast.NodeTransformer):
         return ast.UnaryOp(ast.Invert(), node.operand) if isinstance(node.op, ast.Not) else node
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        """A chain is the `&` of its links; `in` a display compares with each item."""
+        """Rewrite a chain as the `&` of its links; `in` a display compares with each item."""
         self.generic_visit(node)
         if joined := _joined(node):
             return joined
@@ -49,7 +49,7 @@ class _Rewriter(ast.NodeTransformer):
         return reduce(lambda a, b: ast.BinOp(a, ast.BitAnd(), b), links)
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
-        """`a if c else b` is `cond(c, a, b)`."""
+        """Rewrite `a if c else b` as `cond(c, a, b)`."""
         self.generic_visit(node)
         function = parse(f"{self.prefix}cond", "eval").body
         return ast.Call(function, [node.test, node.body, node.orelse], [])
@@ -60,7 +60,7 @@ class _Rewriter(ast.NodeTransformer):
 
 
 def _joined(node: ast.Compare) -> ast.expr | None:
-    """`a > 0 & b < 1`, which is a chain around `0 & b`: the two comparisons that were meant, in parentheses."""
+    """Return, for `a > 0 & b < 1`, a chain around `0 & b`, the two comparisons that were meant, in parentheses."""
     for k, middle in enumerate(node.comparators[:-1]):
         if isinstance(middle, ast.BinOp) and isinstance(middle.op, ast.BitAnd | ast.BitOr):
             first = ast.Compare(node.left, node.ops[: k + 1], [*node.comparators[:k], middle.left])
@@ -78,6 +78,6 @@ def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.e
 
 
 def rewritten(node: ast.expr, prefix: str) -> str:
-    """The expression's text with Python's logic replaced; `prefix` stands before shpy's names."""
+    """Return the expression's text with Python's logic replaced; `prefix` stands before shpy's names."""
     text = ast.unparse(ast.fix_missing_locations(_Rewriter(prefix).visit(copy.deepcopy(node))))
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

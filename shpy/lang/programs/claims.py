@@ -35,7 +35,7 @@ _RECORDED = {"lane_mask": "const true", "lane_any": "any_lane", "neighbour": "gr
 
 
 def checked(module: Module) -> Module:
-    """The module with promises that it shows to keep; raises VerifyError for claims that are not so."""
+    """Return the module with the promises that it provably keeps; raises VerifyError for false claims."""
     entry = module.entry
     if len(entry.outputs) != len(module.outputs):
         raise VerifyError(
@@ -56,7 +56,7 @@ def checked(module: Module) -> Module:
 
 
 def _check_kind(what: str, port: Port | Param, type: Type) -> None:
-    """A kind names a type: that of the port, or of a matrix whose row it is."""
+    """Check that a kind names a type: that of the port, or of a matrix whose row it is."""
     kind, _, row = port.kind.partition("[")
     claimed = _KINDS.get(kind)
     if row and kind in MATRICES:
@@ -111,7 +111,7 @@ def _check_group(what: str, head: str, members: list[Port], inside: str) -> None
 
 
 def _honest(function: Function) -> Function:
-    """The function without promises of iterations that its loops do not show to keep."""
+    """Return the function without the promised iterations that its loops do not provably keep."""
     constants = {
         s.value.id: s.attr[0]
         for s in walk(function.body)
@@ -159,7 +159,7 @@ def _kept(loop: Loop, before: Region, constants: dict[int, int]) -> bool:
 
 
 def _stored_last(before: Region, variable: object) -> int:
-    """The value that is stored into a variable before a loop, with nothing but plain statements between; else -1."""
+    """Return the value last stored into a variable before a loop, with only plain statements between; else -1."""
     for s in takewhile(lambda s: isinstance(s, Let | Store), reversed(before)):
         if isinstance(s, Store) and s.variable == variable:
             return s.value
@@ -167,5 +167,5 @@ def _stored_last(before: Region, variable: object) -> int:
 
 
 def _stores(s: Stmt, variable: object) -> bool:
-    """Whether a statement may store into a variable: a call may, into any."""
+    """Return whether a statement may store into a variable: a call may, into any."""
     return isinstance(s, Call) or (isinstance(s, Store) and s.variable == variable)

@@ -11,104 +11,25 @@ Stage: record. Each is a context manager that opens a region of the recording an
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 
-from shpy.errors import RecordError, ShpyTypeError
+from shpy.errors import RecordError
 from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import checked_bool
-from shpy.lang.mistakes import bytecode
+from shpy.lang.library import trip_count
+from shpy.lang.programs.blocks import Block, Counted, LoopBlock, leave, negated
 from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
-from shpy.lang.recording.names import for_name
 from shpy.lang.recording.recorder import Frame, Scope, need_frame
 from shpy.lang.values import arithmetic
-from shpy.lang.values.coerce import Literal
-from shpy.lang.values.types import Attrib1i
 from shpy.lang.values.value import Value
 
 _BOOL = vec(Base.B)
-_INT = vec(Base.I)
 
 # An else-if chain nests a region per link; a longer one goes on behind a flag, so that depth stays small everywhere.
 _CHAIN = 12
-
-
-def condition(c: Any, what: str) -> int:
-    """One bool as the id of a value; errors for anything else."""
-    frame = need_frame(what)
-    if callable(c) and not isinstance(c, Value):
-        c = c()
-    operand = arithmetic.operand(c, what)
-    if isinstance(operand, Literal):
-        if operand.weak != "bool" or operand.size != 1:
-            raise ShpyTypeError(f"{what} takes one bool, not {c!r}", loc=here(), cure=f"{what}(x > 0)")
-    elif operand.base is not Base.B:
-        raise ShpyTypeError(
-            f"{what} takes one bool, not {type(c).__name__}", loc=here(), cure=f"{what}(x > 0), a comparison"
-        )
-    elif operand.size != 1:
-        raise ShpyTypeError(
-            f"{what} takes one bool, not {operand.size}", loc=here(), cure=f"{what}(sh.any(c)) or {what}(sh.all(c))"
-        )
-    return int(arithmetic.read(FrameEmitter(frame), operand, _BOOL))
-
-
-class Block:
-    """A `with SH_…` block: opens a scope on entry, closes it on exit."""
-
-    what = "SH block"
-    loop = False
-
-    def __init__(self) -> None:
-        self.frame = need_frame(self.what)
-        self.loc = here()
-        self.scope: Scope | None = None
-        self.entries: list[bytecode.Entry] = []
-        self.test: Callable[[], Any] | None = None
-
-    def open(self) -> None:
-        """Open the block's region."""
-        frame = need_frame(self.what)
-        if frame is not self.frame:
-            raise RecordError(f"this {self.what} belongs to another function", loc=self.loc, cure="make it here")
-        if self.scope is not None:
-            raise RecordError(f"this {self.what} was opened before", loc=here(), cure="a new one for each block")
-        self.scope = Scope(self.what, self.loc, frame.scope, loop=self.loop)
-        frame.scopes.append(self.scope)
-        frame.blocks.append(self)
-        self.entries = bytecode.entered()
-
-    def close(self) -> Region:
-        """Close the region; gives its statements."""
-        frame = self.frame
-        scope = frame.scopes.pop()
-        frame.blocks.pop()
-        assert scope is self.scope
-        scope.closed = True
-        return tuple(scope.statements)
-
-    def finish(self, region: Region) -> None:
-        """Leave the statement behind."""
-        raise RecordError(f"{self.what} cannot stand alone")
-
-    def __enter__(self) -> Any:
-        self.open()
-        return None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        region, entries = self.close(), self.entries
-        self.entries = []
-        if kind is None:
-            bytecode.check_left(entries, self.what, self.loc, self.loop, self.test)
-            self.finish(region)
-
-    def __bool__(self) -> bool:
-        raise RecordError(f"{self.what} is a block", loc=self.loc, cure=f"with {self.what}(…):")
 
 
 class Branch:
@@ -181,7 +102,7 @@ class SH_IF(Block):
 
     def __init__(self, c: Any) -> None:
         super().__init__()
-        self.condition = condition(c, self.what)
+        self.condition = arithmetic.condition(c, self.what)
 
     def finish(self, region: Region) -> None:
         """Leave an If, to which SH_ELIF and SH_ELSE may add."""
@@ -206,7 +127,7 @@ class _Else(Block):
         self.chain = chain
 
     def between(self) -> Region:
-        """What was recorded since the chain's last block: moved out of the scope, checked to be computation only."""
+        """Move out of the scope what follows the chain's last block; an error where that is more than computation."""
         statements = self.frame.scope.statements
         moved = tuple(statements[self.chain.end :])
         for statement in moved:
@@ -228,7 +149,7 @@ class SH_ELIF(_Else):
 
     def __init__(self, c: Any) -> None:
         super().__init__()
-        self.condition = condition(c, self.what)
+        self.condition = arithmetic.condition(c, self.what)
         self.prelude = self.between()
 
     def finish(self, region: Region) -> None:
@@ -259,35 +180,6 @@ class SH_ELSE(_Else):
         self.frame.scope.chain = None
 
 
-class LoopBlock(Block):
-    """What the loops share."""
-
-    loop = True
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.continuing: Region = ()
-        self.until: int | None = None
-        self.turns: int | None = None
-        self.closed_by: Loc | None = None
-        self.continued: Loc | None = None
-        self.continued_at = 0
-
-    def at_test(self, record: Callable[[], int]) -> None:
-        """Record the loop's continuing part with `record`, which gives the value of `until` or -1."""
-        scope = Scope(self.what, self.loc, self.frame.scope)
-        self.frame.scopes.append(scope)
-        value = record()
-        self.frame.scopes.pop()
-        scope.closed = True
-        self.continuing = tuple(scope.statements)
-        self.until = value if value >= 0 else None
-
-    def finish(self, region: Region) -> None:
-        """Leave the Loop."""
-        self.frame.append(Loop(region, self.continuing, self.until, self.turns, self.loc))
-
-
 class SH_WHILE(LoopBlock):
     """Run the block while `c()`, one bool, holds: a callable, evaluated in every iteration."""
 
@@ -305,8 +197,8 @@ class SH_WHILE(LoopBlock):
 
     def __enter__(self) -> None:
         self.open()
-        holds = condition(self.test, self.what)
-        _leave(self.frame, _not(self.frame, holds), Break(self.loc), self.loc)
+        holds = arithmetic.condition(self.test, self.what)
+        leave(self.frame, negated(self.frame, holds), Break(self.loc), self.loc)
 
 
 class SH_DO(LoopBlock):
@@ -334,14 +226,14 @@ def SH_UNTIL(c: Any) -> None:
     if block.closed_by is not None:
         raise RecordError(f"this SH_DO has an SH_UNTIL at {block.closed_by}", loc=loc, cure="c1 | c2 in one SH_UNTIL")
     block.closed_by = loc
-    block.at_test(lambda: condition(c, "SH_UNTIL"))
+    block.at_test(lambda: arithmetic.condition(c, "SH_UNTIL"))
     _check_skipped(frame, block, loc)
     assert block.scope is not None
     block.scope.sealed = loc
 
 
 def _check_skipped(frame: Frame, block: LoopBlock, loc: Loc | None) -> None:
-    """Error when the test reads what was made in the body after an SH_CONTINUE."""
+    """Raise the error for a test that reads what was made in the body after an SH_CONTINUE."""
     for statement in block.continuing:
         if block.continued is None or not (isinstance(statement, Let) and statement.op == "load"):
             continue
@@ -355,85 +247,20 @@ def _check_skipped(frame: Frame, block: LoopBlock, loc: Loc | None) -> None:
             )
 
 
-class SH_FOR(LoopBlock):
+class SH_FOR(Counted):
     """Count like range: SH_FOR(stop), SH_FOR(start, stop), SH_FOR(start, stop, step), evaluated once.
 
     `with SH_FOR(n) as i`: i is a fresh Attrib1i in each iteration.
     """
 
-    what = "SH_FOR"
-
     def __init__(self, start: Any, stop: Any = None, step: Any = 1) -> None:
-        super().__init__()
-        if stop is None:
-            start, stop = 0, start
-        bounds = [arithmetic.operand(b, "SH_FOR") for b in (start, stop, step)]
-        for b in bounds:
-            if b.size != 1 or (b.weak != "int" if isinstance(b, Literal) else b.base is not Base.I):
-                raise ShpyTypeError("SH_FOR counts with ints of type i", loc=self.loc, cure="SH_FOR(sh.Attrib1i(n))")
-        known = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
-        if known[2] == 0:
-            raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
-        emitter = FrameEmitter(self.frame)
-        name = for_name(self.loc.file, self.loc.line) if self.loc else None
-        self.name = name or "i"
-        first, _, by = known
-        if first is not None and known[1] is not None and by is not None:
-            self.turns = len(range(first, known[1], by))
-        # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
-        simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
-        self.first = arithmetic.read(emitter, bounds[0], _INT)
-        self.last = arithmetic.read(emitter, bounds[1], _INT)
-        self.step = arithmetic.read(emitter, bounds[2], _INT)
-        self.down = known[2] is not None and known[2] < 0
-        self.trips = None if simple else self._trips(emitter)
+        first, last = (0, start) if stop is None else (start, stop)
+        super().__init__(first, last, step)
 
     def _trips(self, emitter: FrameEmitter) -> int:
-        """The number of iterations as a u: ceil((last - first) / step), 0 if that is not positive."""
-        from shpy.lang.library import trip_count
-
-        counted = trip_count(*(arithmetic.made("Attrib", _INT, emitter, h) for h in (self.first, self.last, self.step)))
-        return int(counted._read(emitter))
-
-    def __enter__(self) -> Attrib1i:
-        frame, loc = self.frame, self.loc
-        emitter = FrameEmitter(frame)
-        unsigned = vec(Base.U)
-        kind, begin = (_INT, self.first) if self.trips is None else (unsigned, emitter.const(unsigned, (0,)))
-        counter = frame.variable(kind, name=self.name, loc=loc)
-        frame.store(counter, begin)
-        self.open()
-        now = emitter.let("load", (), kind, counter)
-        compare = "lt" if self.trips is not None else "gt" if self.down else "lt"
-        more = emitter.let(compare, (now, self.last if self.trips is None else self.trips), _BOOL)
-        _leave(frame, _not(frame, more), Break(loc), loc)
-        index = emitter.let("load", (), kind, counter)
-        if self.trips is not None:
-            signed = emitter.let("convert", (index,), _INT)
-            index = emitter.let("add", (self.first, emitter.let("mul", (signed, self.step), _INT)), _INT)
-        i = arithmetic.made("Attrib", _INT, emitter, index)
-        frame.names[i._variable] = self.name
-        self._advance(emitter, counter, kind)
-        assert isinstance(i, Attrib1i)
-        return i
-
-    def _advance(self, emitter: FrameEmitter, counter: int, kind: Any) -> None:
-        def record() -> int:
-            now = emitter.let("load", (), kind, counter)
-            by = self.step if self.trips is None else emitter.const(kind, (1,))
-            self.frame.store(counter, emitter.let("add", (now, by), kind))
-            return -1
-
-        self.at_test(record)
-
-
-def _not(frame: Frame, value: int) -> int:
-    return frame.let("not", (value,), _BOOL)
-
-
-def _leave(frame: Frame, value: int, exit: Stmt, loc: Loc | None) -> None:
-    """Record an exit under a condition."""
-    frame.append(If(value, (exit,), (), loc))
+        """Record ceil((last - first) / step), 0 if that is not positive."""
+        bounds = (arithmetic.made("Attrib", vec(Base.I), emitter, h) for h in (self.first, self.last, self.step))
+        return int(trip_count(*bounds)._read(emitter))
 
 
 def _exit(what: str, exit: Stmt, c: Any) -> None:
@@ -441,7 +268,7 @@ def _exit(what: str, exit: Stmt, c: Any) -> None:
     if c is None:
         frame.append(exit)
     else:
-        _leave(frame, condition(c, what), exit, here())
+        leave(frame, arithmetic.condition(c, what), exit, here())
 
 
 def _loop(what: str) -> LoopBlock:
@@ -480,11 +307,11 @@ def SH_RETURN(value: Any = None, c: Any = None, *, through: bool = False) -> Non
     """
     frame = need_frame("SH_RETURN")
     frame.returned.check_place(through=checked_bool(through, "through"))
-    frame.returned.at_exit(value, None if c is None else condition(c, "SH_RETURN"), Return(here()))
+    frame.returned.at_exit(value, None if c is None else arithmetic.condition(c, "SH_RETURN"), Return(here()))
 
 
 def _can_end(region: Region) -> bool:
-    """Whether a break of this loop, a return or a discard stands in it."""
+    """Return whether a break of this loop, a return or a discard stands in it."""
     for statement in region:
         match statement:
             case Break() | Return() | Discard():

@@ -15,9 +15,9 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value, Variable
 from shpy.ir.traverse import defined, is_straight, rewrite, walk
-from shpy.lang.data.compound import fits
 from shpy.lang.data.params import Param
-from shpy.lang.data.tables import Table, TableArgument, TableType, Texture2D, TextureType
+from shpy.lang.data.tables import Table, TableArgument, TableType, fits
+from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.emit import FrameEmitter, Node, replay
 from shpy.lang.recording.location import here
@@ -91,7 +91,7 @@ class _Names:
                 self.tables[name] = table._declared(self.recording.frame)
 
     def function(self, function: Function) -> Function:
-        """The function under a name that no other has, its names replaced inside; made once for one recording."""
+        """Return the function under a name that no other has, with its names replaced; made once for one recording."""
         modes = tuple((name, Same(mode) if isinstance(mode, Param) else mode) for name, mode in self.modes.items())
         bound = tuple(self.tables.items()), tuple(self.constants.items()), modes
         key = ("inlined", Same(self.recorded), function.name, bound)
@@ -105,7 +105,7 @@ class _Names:
         return result
 
     def body(self, function: Function) -> Function:
-        """The function with the names in its statements replaced."""
+        """Return the function with the names in its statements replaced."""
         self.fresh = count(max((v.id for v in defined(function)), default=-1) + 1)
         return replace(function, body=rewrite(function.body, self._statement))
 
@@ -133,7 +133,7 @@ class _Names:
         return Let(value, "param", (), self.recording.use("param", self.recording.params, uniform))
 
     def _expression(self, value: Value, root: Node) -> list[Stmt]:
-        """The operations of a dependent uniform, some of whose sources are constants."""
+        """Record the operations of a dependent uniform, some of whose sources are constants."""
         made: list[Stmt] = []
 
         def let(node: Node, args: tuple[int, ...]) -> int:

@@ -20,9 +20,9 @@ from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Loc, Module, Port, Store
 from shpy.ir.verifier import verify
-from shpy.lang.data.compound import argument
 from shpy.lang.data.defaults import check_default
-from shpy.lang.data.tables import Table, TableArgument, TableType, TextureArgument, TextureType
+from shpy.lang.data.tables import Table, TableArgument, TableType, argument
+from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.programs.returns import Returns
 from shpy.lang.programs.subroutine import _slot_value
 from shpy.lang.recording.location import at
@@ -30,9 +30,7 @@ from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.scope import unwrapped
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.values.dependent import first_value
-from shpy.lang.values.matrix import Matrix
-from shpy.lang.values.structure import Layout, build_values, layout_of, leaves
-from shpy.lang.values.value import Value
+from shpy.lang.values.structure import Layout, build_values, is_value, layout_of, leaves
 
 InputType = Layout | TableType | TextureType
 
@@ -49,13 +47,8 @@ class Recorded:
     defaults: dict[str, Any] = field(default_factory=dict)
 
 
-def is_value(x: object) -> bool:
-    """Whether `x` is a value, matrix or struct of the language."""
-    return isinstance(x, Value | Matrix) or hasattr(type(x), "_shpy_fields")
-
-
 def input_type(annotation: Any, name: str) -> InputType:
-    """What an input's annotation says."""
+    """Return the type that an input's annotation names."""
     if isinstance(annotation, TableType | TextureType):
         return annotation
     return layout_of(annotation, name)
@@ -87,7 +80,7 @@ def _is_open(annotation: Any) -> bool:
 
 
 def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[str, InputType], dict[str, Any]]:
-    """The type of each input, and what it is where a call leaves it out.
+    """Return the type of each input, and the defaults.
 
     A default without a type of the language, and what a partial fixes, is metaprogramming: known while recording.
     """

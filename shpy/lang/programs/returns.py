@@ -117,7 +117,7 @@ class Returns:
             self.ports.append((name or "0", kind))
 
     def finish(self, value: Any) -> None:
-        """The function's own return; an error where it can fall off the end without a value."""
+        """Record the function's own return; an error where it can fall off the end without a value."""
         self._check_wrappers()
         body = tuple(self.frame.scopes[0].statements)
         if value is not None:
@@ -160,7 +160,7 @@ def _spoken(frame: FrameType) -> tuple[str, str]:
 
 
 def ends(region: Region) -> bool:
-    """Whether nothing runs on past the region's end."""
+    """Return whether nothing runs on past the region's end."""
     if not region:
         return False
     last = region[-1]
@@ -173,5 +173,5 @@ def ends(region: Region) -> bool:
 
 
 def _breaks(region: Region) -> bool:
-    """Whether a Break of the loop with this body stands in it."""
+    """Return whether a Break of the loop with this body stands in it."""
     return any(isinstance(s, Break) or (isinstance(s, If) and (_breaks(s.then) or _breaks(s.orelse))) for s in region)

@@ -30,7 +30,7 @@ from shpy.lang.recording.snapshot import snapshot
 from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.matrix import Matrix
-from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, layout_from, layout_of, leaves
+from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, is_value, layout_from, layout_of, leaves
 from shpy.lang.values.value import Value
 
 __all__ = ["Subroutine", "subroutine"]
@@ -93,7 +93,7 @@ class Subroutine:
         return None if seen is None else (self, kinds, seen)
 
     def _argument(self, name: str, value: Any) -> Any:
-        """A number for an annotated parameter becomes a value of its type; other host objects stay what they are."""
+        """Make a number for an annotated parameter a value of its type; other host objects stay what they are."""
         assert self._hints is not None
         hint = self._hints.get(name)
         plain = literal(value) is not None or sequence(value) is not None
@@ -137,15 +137,11 @@ def _kind(value: Any) -> Hashable | None:
     """Return the type of a value or array of the language; None for a host object."""
     if isinstance(value, Array):
         return value._layout, len(value)
-    return layout_from(value, "argument") if _is_symbolic(value) else None
-
-
-def _is_symbolic(value: Any) -> bool:
-    return isinstance(value, Value | Matrix) or hasattr(type(value), "_shpy_fields")
+    return layout_from(value, "argument") if is_value(value) else None
 
 
 def _parameter(frame: Frame, name: str, value: Any) -> Any:
-    """The object that stands for an argument inside the function: fresh slots."""
+    """Make the object that stands for an argument inside the function: fresh slots."""
     loc = frame.loc
     if isinstance(value, Array):
         slots = [
@@ -153,7 +149,7 @@ def _parameter(frame: Frame, name: str, value: Any) -> Any:
             for suffix, _, cls in leaves(value._layout, "")
         ]
         return Array._of(frame, value._layout, len(value), slots)
-    if not _is_symbolic(value):
+    if not is_value(value):
         return value
     layout = layout_from(value, name)
     made = [_slot_value(frame, cls, part, loc) for part, _, cls in leaves(layout, name)]
@@ -169,10 +165,10 @@ def _slot_value(frame: Frame, cls: type[Value], name: str, loc: Loc | None) -> V
 
 
 def _slots(value: Any) -> list[int]:
-    """The slots of an argument's leaves, in order; none for host objects."""
+    """Return the slots of an argument's leaves, in order; none for host objects."""
     if isinstance(value, Array):
         return list(value._variables)
-    if not _is_symbolic(value):
+    if not is_value(value):
         return []
     return [leaf._variable for leaf in flatten(layout_from(value, ""), value, "")]
 
@@ -286,7 +282,7 @@ class Recorded:
 def _leaves(value: Any) -> list[Any]:
     if isinstance(value, Array):
         return list(value._variables)
-    return flatten(layout_from(value, ""), value, "") if _is_symbolic(value) else []
+    return flatten(layout_from(value, ""), value, "") if is_value(value) else []
 
 
 def _written(frame: Frame) -> set[int]:
@@ -313,5 +309,5 @@ def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = Fals
         raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
     from shpy.lang.mistakes.check import check_source  # here: importing shpy records nothing
 
-    check_source(function, is_value=_is_symbolic)
+    check_source(function, is_value=is_value)
     return Subroutine(function, alone=alone)

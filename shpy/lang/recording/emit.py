@@ -27,25 +27,25 @@ class Emitter(Protocol):
     """Takes operations, gives handles."""
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """A row of the op table on typed handles."""
+        """Apply a row of the op table to typed handles."""
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
-        """A structural operation of a given type."""
+        """Apply a structural operation of a given type."""
 
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """A constant."""
+        """Return the handle of a constant."""
 
 
 class HostEmitter:
     """Evaluates at once, by the meanings in the op table."""
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """The operation's meaning, executed."""
+        """Execute the operation's meaning."""
         with np.errstate(all="ignore"):
             return np.asarray(OPS[name].meaning(*(h for h, _ in args))), result_type(name, tuple(t for _, t in args))
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
-        """A structural operation, executed."""
+        """Execute a structural operation."""
         match op:
             case "splat":
                 return np.broadcast_to(args[0], (type.size,)).copy()
@@ -64,7 +64,7 @@ class HostEmitter:
         raise AssertionError(f"{op} is recorded only")
 
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """The constant as an array."""
+        """Return the constant as an array."""
         return to_array(type, attr)
 
 
@@ -119,7 +119,7 @@ class DeferredEmitter:
 
 
 def nodes_of(root: Node) -> Iterator[Node]:
-    """The nodes of an expression, each once, operands before what takes them."""
+    """Return the nodes of an expression, each once, operands before what takes them."""
     seen: set[int] = set()
     pending = [(root, False)]
     while pending:

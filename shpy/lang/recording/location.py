@@ -46,7 +46,7 @@ _thread = _Recording()
 
 @contextmanager
 def in_library() -> Iterator[None]:
-    """The part of the language that is written in the language is recorded: its own lines and names count."""
+    """Count library lines as the user's: the part of the language that is written in the language is recorded."""
     _thread.library += 1
     try:
         yield
@@ -55,12 +55,12 @@ def in_library() -> Iterator[None]:
 
 
 def is_library(loc: Loc) -> bool:
-    """Whether a line stands in the part of the language that is written in the language."""
+    """Return whether a line stands in the part of the language that is written in the language."""
     return loc.file.startswith(_LIBRARIES_SHOWN)
 
 
 def user_frame() -> FrameType | None:
-    """The innermost frame whose code is not shpy's."""
+    """Return the innermost frame whose code is not shpy's."""
     frame: FrameType | None = sys._getframe(1)
     library = _thread.library > 0
     while frame is not None:
@@ -82,7 +82,7 @@ def _look_inside(file: str) -> bool:
 
 
 def is_users(file: str) -> bool:
-    """Whether the code of a file is neither shpy's nor numpy's."""
+    """Return whether the code of a file is neither shpy's nor numpy's."""
     return not _look_inside(file)
 
 
@@ -90,7 +90,7 @@ _IN_PLACE = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
 
 
 def called_frames() -> list[FrameType]:
-    """The frames of the user's functions, innermost first, up to the call from shpy that led to them.
+    """Return the frames of the user's functions, innermost first, up to the call from shpy that led to them.
 
     Comprehensions count as the functions that they stand in.
     """
@@ -105,14 +105,14 @@ def called_frames() -> list[FrameType]:
 
 @lru_cache(maxsize=1024)
 def loc_in(file: str, line: int) -> Loc:
-    """A line of a file of Python."""
+    """Return a line of a file of Python as a location."""
     ours = file.startswith(_LIBRARIES)
     return Loc("shpy/" + file[len(_HOUSE) :].replace(os.sep, "/") if ours else file, line)
 
 
 @contextmanager
 def at(loc: Loc | None) -> Iterator[None]:
-    """What is recorded meanwhile belongs to `loc`: used where the user's function has returned already."""
+    """Have what is recorded meanwhile belong to `loc`: used where the user's function has returned already."""
     _thread.elsewhere.append(loc)
     try:
         yield
@@ -121,7 +121,7 @@ def at(loc: Loc | None) -> Iterator[None]:
 
 
 def here() -> Loc | None:
-    """The user's line that is running."""
+    """Return the user's line that is running."""
     elsewhere = _thread.elsewhere
     if elsewhere:
         return elsewhere[-1]

@@ -41,13 +41,13 @@ class Naming:
 
 
 def _target(node: ast.Assign | ast.AnnAssign) -> str | None:
-    """The plain name that is assigned: the first of `a = b = …`; None for tuples, items and attributes."""
+    """Return the plain name that is assigned: the first of `a = b = …`; None for tuples, items and attributes."""
     targets = node.targets if isinstance(node, ast.Assign) else [node.target]
     return next((t.id for t in targets if isinstance(t, ast.Name)), None)
 
 
 def _pairs(node: ast.Assign | ast.AnnAssign) -> list[tuple[ast.expr, str]]:
-    """The expressions and names of `a, b = x + 1, y`."""
+    """Return the expressions and names of `a, b = x + 1, y`."""
     target = node.targets[0] if isinstance(node, ast.Assign) else node.target
     if not (isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)):
         return []
@@ -57,7 +57,7 @@ def _pairs(node: ast.Assign | ast.AnnAssign) -> list[tuple[ast.expr, str]]:
 
 
 def _enter(names: dict[int, str | None], node: ast.stmt | ast.expr, name: str | None) -> None:
-    """Every line of the node gets the name; a line that two names share gets none."""
+    """Give every line of the node the name; a line that two names share gets none."""
     for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
         names[line] = name if names.get(line, name) == name else None
 
@@ -76,19 +76,19 @@ def _naming(file: str) -> Naming | None:
 
 
 def name_for(file: str, line: int) -> str | None:
-    """The variable that the assignment on this line (of this file) binds, or None."""
+    """Return the variable that the assignment on this line (of this file) binds, or None."""
     naming = _naming(file)
     return naming.assigned.get(line) if naming is not None else None
 
 
 def assigned_name() -> str | None:
-    """The variable that the user's line which is running binds, or None."""
+    """Return the variable that the user's running line binds, or None."""
     loc = here()
     return name_for(loc.file, loc.line) if loc is not None else None
 
 
 def unpacked_name(frame: FrameType | None) -> str | None:
-    """The name that the expression which `frame` is evaluating gets in an assignment such as `a, b = x + 1, y`."""
+    """Return the name that an assignment such as `a, b = x + 1, y` gives the expression that `frame` is evaluating."""
     naming = _naming(frame.f_code.co_filename) if frame is not None else None
     if frame is None or naming is None or frame.f_lineno not in naming.unpacked:
         return None
@@ -103,6 +103,6 @@ def unpacked_name(frame: FrameType | None) -> str | None:
 
 
 def for_name(file: str, line: int) -> str | None:
-    """The name that `with SH_FOR(…) as name` on this line binds, or None."""
+    """Return the name that `with SH_FOR(…) as name` on this line binds, or None."""
     naming = _naming(file)
     return naming.bound.get(line) if naming is not None else None

@@ -108,7 +108,7 @@ class Frame:
         statements.append(statement)
 
     def new_value(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Value:
-        """A fresh value, not yet recorded."""
+        """Return a fresh value, not yet recorded."""
         self._values += 1
         return Value(self._values - 1, type, name, loc)
 
@@ -122,7 +122,7 @@ class Frame:
     def variable(
         self, type: Type, length: int | None = None, *, name: str | None = None, loc: Loc | None = None
     ) -> int:
-        """A fresh slot, made in the open region; named after what the user assigns on this line, if not by `name`."""
+        """Make a slot in the open region; named after what the user assigns on this line, if not by `name`."""
         loc = loc or here()
         variable = Variable(len(self.variables), type, length, None, loc)
         self.variables.append(variable)
@@ -152,11 +152,11 @@ class Frame:
         self.append(Store(variable, value, components, index, here()))
 
     def named(self, variable: Variable) -> Variable:
-        """The variable with the name it has in the end."""
+        """Return the variable with its final name."""
         return Variable(variable.id, variable.type, variable.length, self.names[variable.id], variable.loc)
 
     def finish(self, inputs: tuple[Value | Variable, ...], outputs: tuple[int, ...], pure: bool = False) -> Function:
-        """The recorded function."""
+        """Return the recorded function."""
         check_reads(self)
         taken = set(outputs) | {v.id for v in inputs if isinstance(v, Variable)}
         slots = tuple(self.named(v) for v in self.variables if v.id not in taken)
@@ -210,12 +210,12 @@ class Recording:
         return free
 
     def referenced(self, call: Call) -> set[int]:
-        """The variables that a call may store."""
+        """Return the variables that a call may store."""
         inputs = next(f.inputs for f in self.functions if f.name == call.function)
         return {a for a, port in zip(call.args, inputs, strict=True) if isinstance(port, Variable)}
 
     def function_name(self, wanted: str) -> str:
-        """A function's name that no other has."""
+        """Return a function's name that no other has."""
         name, count = wanted, 2
         while name in self.function_names:
             name, count = f"{wanted}_{count}", count + 1
@@ -227,12 +227,12 @@ _local = threading.local()
 
 
 def current() -> Recording | None:
-    """The recording under way in this thread, or None."""
+    """Return the recording under way in this thread, or None."""
     return getattr(_local, "recording", None)
 
 
 def current_frame() -> Frame | None:
-    """The function being recorded in this thread, or None."""
+    """Return the function being recorded in this thread, or None."""
     recording = current()
     return recording.frame if recording is not None else None
 
@@ -249,7 +249,7 @@ def recording(name: str, loc: Loc | None) -> Iterator[Recording]:
 
 
 def need_frame(what: str) -> Frame:
-    """The function being recorded; an error naming `what` outside."""
+    """Return the function being recorded; an error naming `what` outside."""
     frame = current_frame()
     if frame is None:
         raise RecordError(
@@ -259,7 +259,7 @@ def need_frame(what: str) -> Frame:
 
 
 def check_reads(frame: Frame) -> None:
-    """Error for a variable made by an empty constructor and read where no store can have reached it."""
+    """Raise the error for a variable made by an empty constructor and read where no store can have reached it."""
     if frame.unset:
         _reach(frame, tuple(frame.scopes[0].statements), set(), set())
 
@@ -295,5 +295,5 @@ def _reach(frame: Frame, region: Region, reached: set[int], declared: set[int]) 
 
 
 def stores_in(region: Region) -> set[int]:
-    """The variables that some statement of the region stores."""
+    """Return the variables that some statement of the region stores."""
     return {s.variable for s in walk(region) if isinstance(s, Store)}

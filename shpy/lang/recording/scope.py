@@ -44,14 +44,14 @@ class Scope:
     given: Mapping[str, object] = field(default_factory=dict)
 
     def nested(self, node: FunctionNode) -> Scope:
-        """The scope of a `def` inside this function: what it shares with this one is known only to the run."""
+        """Return the scope of a `def` inside this function: what it shares with this one is known only to the run."""
         names = {k: v for k, v in self.names.items() if k not in self.local} | dict(self.given)
         inner = frozenset(bound_names(node))
         hidden = {name: UNRESOLVED for name in self.local if name not in self.given}
         return Scope(self.file, names | hidden, self.is_value, inner)
 
     def resolve(self, node: ast.expr) -> object:
-        """The object that a name or a dotted name means."""
+        """Return the object that a name or a dotted name means."""
         if isinstance(node, ast.Name):
             if node.id in self.given:
                 return self.given[node.id]
@@ -70,7 +70,7 @@ class Scope:
         return UNRESOLVED
 
     def control(self, node: ast.expr) -> str | None:
-        """The name of the control block or exit that the expression means (`SH_IF`, `SH_BREAK`, …), if it does."""
+        """Return the name of the control block or exit that the expression means (`SH_IF`, `SH_BREAK`, …), or None."""
         if not isinstance(node, ast.Name | ast.Attribute):
             return None
         name = getattr(self.resolve(node), "__name__", None)
@@ -80,7 +80,7 @@ class Scope:
         return written if written.startswith("SH_") else None
 
     def annotation(self, node: ast.expr | None) -> tuple[object, str] | None:
-        """The object that an annotation means, and how it is written; annotations in strings are looked into."""
+        """Return the object that an annotation means, and how it is written; annotations in strings are parsed."""
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             try:
                 node = parse(node.value, "eval").body
@@ -102,7 +102,7 @@ class Scope:
 def scope_of(
     function: FunctionType, node: FunctionNode, given: Mapping[str, object], is_value: Callable[[object], bool]
 ) -> Scope:
-    """The scope of a function that exists."""
+    """Return the scope of a function that exists."""
     names = dict(function.__globals__)
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
@@ -113,7 +113,7 @@ def scope_of(
 
 
 def unwrapped(function: object) -> tuple[FunctionType, dict[str, object]] | None:
-    """The plain function under methods, partials and wrappers, with the arguments that are fixed already."""
+    """Return the plain function under methods, partials and wrappers, with the arguments that are fixed already."""
     positional: tuple[object, ...] = ()
     keywords: dict[str, object] = {}
     for _ in range(32):  # wrappers may go round in circles
@@ -135,7 +135,7 @@ def unwrapped(function: object) -> tuple[FunctionType, dict[str, object]] | None
 
 
 def uses_shpy(function: FunctionType) -> bool:
-    """Whether the function's module knows anything of the language; others (numpy's, say) are left alone."""
+    """Return whether the function's module knows anything of the language; others (numpy's, say) are left alone."""
     if function.__module__ and function.__module__.partition(".")[0] == "shpy":
         return False
     return any(
@@ -147,7 +147,7 @@ def uses_shpy(function: FunctionType) -> bool:
 
 
 def from_shpy(thing: object) -> bool:
-    """Whether a class or function belongs to the language; classes made by its decorators count."""
+    """Return whether a class or function belongs to the language; classes made by its decorators count."""
     candidates: tuple[Any, ...] = (thing,)
     if isinstance(thing, type):
         candidates = (*thing.__mro__, type(thing))
@@ -155,7 +155,7 @@ def from_shpy(thing: object) -> bool:
 
 
 def bound_names(node: FunctionNode | ast.Lambda) -> set[str]:
-    """The names that a function binds itself: arguments and all that it assigns, less `global` and `nonlocal`."""
+    """Return the names that a function binds: arguments and all that it assigns, less `global` and `nonlocal`."""
     arguments = node.args
     names = {a.arg for a in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)}
     names |= {a.arg for a in (arguments.vararg, arguments.kwarg) if a is not None}
@@ -177,7 +177,7 @@ def bound_names(node: FunctionNode | ast.Lambda) -> set[str]:
 
 
 def _own(node: FunctionNode | ast.Lambda) -> Iterator[ast.AST]:
-    """The nodes of a function's body, without those of functions and classes inside it."""
+    """Yield the nodes of a function's body, without those of functions and classes inside it."""
     waiting: list[ast.AST] = list(node.body) if isinstance(node.body, list) else [node.body]
     while waiting:
         inner = waiting.pop()
@@ -187,7 +187,7 @@ def _own(node: FunctionNode | ast.Lambda) -> Iterator[ast.AST]:
 
 
 def _attribute(base: object, name: str) -> object:
-    """An attribute as it is stored, so that no property or `__getattr__` runs."""
+    """Return an attribute as it is stored, so that no property or `__getattr__` runs."""
     try:
         found: object = inspect.getattr_static(base, name)
     except AttributeError:

@@ -19,7 +19,7 @@ from shpy.lang.recording.tree import definition
 
 
 def plain_function(function: Any) -> Any:
-    """The function inside a partial, a method or a callable object."""
+    """Return the function inside a partial, a method or a callable object."""
     while True:
         if isinstance(function, functools.partial):
             function = function.func
@@ -32,7 +32,7 @@ def plain_function(function: Any) -> Any:
 
 
 def bodies_of(function: Any) -> frozenset[CodeType]:
-    """The code of the function, and of each function that its decorators wrap (`functools.wraps`)."""
+    """Return the code of the function, and of each function that its decorators wrap (`functools.wraps`)."""
     found: set[CodeType] = set()
     for _ in range(32):  # wrappers may go round in circles
         plain = plain_function(function)
@@ -47,7 +47,7 @@ def bodies_of(function: Any) -> frozenset[CodeType]:
 
 
 def _call_method(thing: Any) -> Any:
-    """What runs when an object is called."""
+    """Return the function that runs when an object is called."""
     return vars(type(thing)).get("__call__")
 
 
@@ -58,7 +58,7 @@ def loc_of(function: Any) -> Loc | None:
 
 
 def return_loc(function: Any) -> Loc | None:
-    """The line of the function's last return, or of the function where that is not known."""
+    """Return the line of the function's last return, or of the function where that is not known."""
     loc = loc_of(function)
     if loc is None:
         return None
@@ -70,7 +70,7 @@ def return_loc(function: Any) -> Loc | None:
 
 
 def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """The annotations, strings resolved; ShpyTypeError for one that names nothing."""
+    """Return the annotations, strings resolved; ShpyTypeError for one that names nothing."""
     plain = plain_function(function)
     hints = dict(getattr(plain, "__annotations__", {}))
     if any(isinstance(h, str) for h in hints.values()):

@@ -24,7 +24,7 @@ _files: dict[str, tuple[list[str], ast.Module | None]] = {}
 
 
 def parsed(file: str) -> ast.Module | None:
-    """The file's tree. linecache hands out the same list of lines until the file changes, which keys the cache."""
+    """Return the file's tree. linecache returns the same list of lines until the file changes, which keys the cache."""
     lines = linecache.getlines(file)
     known = _files.get(file)
     if known is not None and known[0] is lines:
@@ -40,7 +40,7 @@ def parsed(file: str) -> ast.Module | None:
 
 
 def definition(code: CodeType) -> FunctionNode | None:
-    """The `def` that the code was compiled from; None for lambdas, and where the text has changed since."""
+    """Return the `def` that the code was compiled from; None for lambdas, and where the text has changed since."""
     tree = parsed(code.co_filename)
     if tree is None:
         return None
@@ -53,7 +53,7 @@ def definition(code: CodeType) -> FunctionNode | None:
 
 
 def quoted(file: str, node: ast.AST) -> str:
-    """The node as the user wrote it, on one line, shortened if it is long."""
+    """Return the node as the user wrote it, on one line, shortened if it is long."""
     text = ""
     if isinstance(node, ast.expr | ast.stmt) and node.lineno == node.end_lineno:
         line = linecache.getline(file, node.lineno).encode()  # columns count bytes

@@ -16,8 +16,8 @@ from shpy.ir.constants import encode
 from shpy.ir.types import FLOATS, Base, Type, vec
 from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, FrameEmitter, Handle
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import Frame, current_frame
-from shpy.lang.values import value as values
+from shpy.lang.recording.recorder import Frame, current_frame, need_frame
+from shpy.lang.values.abstract import CLASSES, AbstractValue
 from shpy.lang.values.coerce import (
     Literal,
     cast_literal,
@@ -34,13 +34,13 @@ Operand = Any  # a Value or a Literal
 
 
 def emitter_of(*operands: Any) -> Emitter:
-    """The recording under way; where there is none, the host, or an expression if an operand is a uniform."""
+    """Return the emitter: the recording under way, else the host, or an expression if an operand is a uniform."""
     frame = current_frame()
     if frame is not None:
         return FrameEmitter(frame)
     emitter: Emitter = HOST
     for x in operands:
-        if isinstance(x, values.Value):
+        if isinstance(x, AbstractValue):
             if x._frame is not None:
                 x._check(None)
             if x._uniform:
@@ -49,8 +49,8 @@ def emitter_of(*operands: Any) -> Emitter:
 
 
 def is_operand(x: Any) -> bool:
-    """Whether `x` may stand beside an operator."""
-    return isinstance(x, values.Value) or literal(x) is not None or sequence(x) is not None
+    """Return whether `x` may stand beside an operator."""
+    return isinstance(x, AbstractValue) or literal(x) is not None or sequence(x) is not None
 
 
 def refuse_operand(x: Any, what: str) -> None:
@@ -65,8 +65,8 @@ def refuse_operand(x: Any, what: str) -> None:
 
 
 def operand(x: Any, what: str) -> Operand:
-    """`x` as a Value or Literal; tuples, lists and 1-D arrays become vectors."""
-    if isinstance(x, values.Value | Literal):
+    """Return `x` as a Value or Literal; tuples, lists and 1-D arrays become vectors."""
+    if isinstance(x, AbstractValue | Literal):
         return x
     single = literal(x)
     if single is not None:
@@ -84,25 +84,25 @@ def operand(x: Any, what: str) -> Operand:
     if len(literals) == len(single_parts):
         return merge(literals)
     base = base_of(single_parts, what)
-    return values.CLASSES["Attrib", len(entries), base](*entries)
+    return CLASSES["Attrib", len(entries), base](*entries)
 
 
 def base_of(operands: Sequence[Operand], what: str) -> Base:
-    """The base in which the operands meet."""
+    """Return the base in which the operands meet."""
     strong = [o.base for o in operands if not isinstance(o, Literal)]
     return common_base(strong, [o.weak for o in operands if isinstance(o, Literal)], what)
 
 
-def made(kind: str, type: Type, emitter: Emitter, handle: Handle) -> values.Value:
-    """A new value of this kind and type that holds the handle."""
-    cls = values.CLASSES[kind if type.is_float else "Attrib", type.size, type.base]
+def made(kind: str, type: Type, emitter: Emitter, handle: Handle) -> Any:
+    """Make a new value of this kind and type that holds the handle."""
+    cls = CLASSES[kind if type.is_float else "Attrib", type.size, type.base]
     value = object.__new__(cls)
     value._become(current_frame() if emitter is not HOST else None, emitter, handle)
     return value
 
 
 def read(emitter: Emitter, x: Operand, type: Type) -> Handle:
-    """The operand as a handle of `type`: converted to its base, splatted to its size."""
+    """Return the operand as a handle of `type`: converted to its base, splatted to its size."""
     if isinstance(x, Literal):
         numbers = cast_literal(x, type.base)
         return emitter.const(type, encode(type, numbers if x.size == type.size else numbers * type.size))
@@ -113,7 +113,7 @@ def read(emitter: Emitter, x: Operand, type: Type) -> Handle:
 
 
 def elementwise(op: str, args: Sequence[Any], what: str, *, floats: bool = False, kind: str | None = None) -> Any:
-    """A component-wise operation on operands that meet in one type; `floats` widens ints to f first."""
+    """Apply a component-wise operation to operands that meet in one type; `floats` widens ints to f first."""
     operands = [operand(a, what) for a in args]
     base = base_of(operands, what)
     if op in ("and", "or", "xor") and base in FLOATS and any(isinstance(o, Literal) for o in operands):
@@ -133,7 +133,7 @@ def elementwise(op: str, args: Sequence[Any], what: str, *, floats: bool = False
 
 
 def emit(emitter: Emitter, op: str, handles: tuple[tuple[Handle, Type], ...], kind: str, what: str) -> Any:
-    """The operation on handles that are typed already; the table's TypeError becomes the user's."""
+    """Apply an operation to handles that are typed already; the table's TypeError becomes the user's."""
     try:
         handle, type = emitter.op(op, handles)
     except TypeError as error:
@@ -155,7 +155,7 @@ def _cure(op: str, handles: tuple[tuple[Handle, Type], ...]) -> str:
 
 
 def binary(op: str, a: Any, b: Any, what: str) -> Any:
-    """A binary operator of Python."""
+    """Apply a binary operator of Python."""
     left, right = operand(a, what), operand(b, what)
     if op == "div":
         return elementwise("div", (left, right), what, floats=True)
@@ -174,7 +174,7 @@ def binary(op: str, a: Any, b: Any, what: str) -> Any:
 
 
 def _floor_quotient(left: Operand, right: Operand, what: str) -> Any:
-    """`floor(x / y)`; -1 where the quotient is negative and so small that it is flushed to zero."""
+    """Return `floor(x / y)`; -1 where the quotient is negative and so small that it is flushed to zero."""
 
     def compare(op: str, a: Any, b: Any) -> Any:
         return elementwise(op, (a, b), what)
@@ -187,7 +187,7 @@ def _floor_quotient(left: Operand, right: Operand, what: str) -> Any:
 
 
 def _power(left: Operand, right: Operand, what: str) -> Any:
-    """`x ** 2` and `x ** 3` are products; other powers are pow."""
+    """Return `x ** 2` and `x ** 3` as products, other powers as pow."""
     if isinstance(right, Literal) and right.weak == "int" and right.size == 1 and right.components[0] in (2, 3):
         square = elementwise("mul", (left, left), what)
         return square if right.components[0] == 2 else elementwise("mul", (square, left), what)
@@ -205,8 +205,8 @@ def _shift(op: str, left: Operand, right: Operand, what: str) -> Any:
     return emit(emitter, op, ((read(emitter, left, type), type), (read(emitter, right, count), count)), "Attrib", what)
 
 
-def index(emitter: Emitter, i: values.Value) -> Handle:
-    """An int value as an index of type i: an unsigned one beyond i's range becomes its largest."""
+def index(emitter: Emitter, i: AbstractValue) -> Handle:
+    """Return an int value as an index of type i: an unsigned one beyond i's range becomes its largest."""
     handle = i._read(emitter)
     if i.base is not Base.U:
         return handle
@@ -216,7 +216,7 @@ def index(emitter: Emitter, i: values.Value) -> Handle:
 
 
 def select(c: Any, a: Any, b: Any) -> Any:
-    """`a` where `c` holds, else `b`, component by component; both are evaluated."""
+    """Return `a` where `c` holds, else `b`, component by component; both are evaluated."""
     chosen = operand(c, "sh.cond")
     if base_of((chosen,), "sh.cond") is not Base.B:
         raise ShpyTypeError("the condition of sh.cond is a bool", loc=here(), cure="sh.cond(x > 0, a, b)")
@@ -229,8 +229,28 @@ def select(c: Any, a: Any, b: Any) -> Any:
     return emit(emitter, "cond", handles, common_kind([getattr(o, "kind", "Attrib") for o in operands]), "sh.cond")
 
 
+def condition(c: Any, what: str) -> int:
+    """Return the id of one bool, or of what a callable gives; errors for anything else."""
+    frame = need_frame(what)
+    if callable(c) and not isinstance(c, AbstractValue):
+        c = c()
+    holds = operand(c, what)
+    if isinstance(holds, Literal):
+        if holds.weak != "bool" or holds.size != 1:
+            raise ShpyTypeError(f"{what} takes one bool, not {c!r}", loc=here(), cure=f"{what}(x > 0)")
+    elif holds.base is not Base.B:
+        raise ShpyTypeError(
+            f"{what} takes one bool, not {type(c).__name__}", loc=here(), cure=f"{what}(x > 0), a comparison"
+        )
+    elif holds.size != 1:
+        raise ShpyTypeError(
+            f"{what} takes one bool, not {holds.size}", loc=here(), cure=f"{what}(sh.any(c)) or {what}(sh.all(c))"
+        )
+    return int(read(FrameEmitter(frame), holds, vec(Base.B)))
+
+
 def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
-    """`x` as a value of `type` for a store: widens and splats, never narrows."""
+    """Return `x` as a value of `type` for a store: widens and splats, never narrows."""
     value = operand(x, what)
     if isinstance(value, Literal):
         narrow = (value.weak == "float" and not type.is_float) or (value.weak == "bool") != type.is_bool
@@ -255,9 +275,9 @@ def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
 # What constructors do
 
 
-def parts(cls: type[values.Value], x: Any) -> list[Operand]:
-    """One argument of a constructor as operands."""
-    if isinstance(x, values.Value):
+def parts(cls: type[AbstractValue], x: Any) -> list[Operand]:
+    """Return one argument of a constructor as operands."""
+    if isinstance(x, AbstractValue):
         return [x]
     single = literal(x)
     if single is not None:
@@ -272,8 +292,8 @@ def parts(cls: type[values.Value], x: Any) -> list[Operand]:
     return [p for e in entries for p in parts(cls, e)]
 
 
-def constant(type_: Type, literals: Sequence[Literal], cls: type[values.Value]) -> tuple[int, ...]:
-    """The constant that a constructor of `cls` makes of host numbers."""
+def constant(type_: Type, literals: Sequence[Literal], cls: type[AbstractValue]) -> tuple[int, ...]:
+    """Return the constant that a constructor of `cls` makes of host numbers."""
     numbers = [c for part in literals for c in part.components]
     if len(numbers) not in (1, type_.size):
         raise count_error(cls, len(numbers))
@@ -283,8 +303,8 @@ def constant(type_: Type, literals: Sequence[Literal], cls: type[values.Value]) 
     return encode(type_, cast if len(cast) == type_.size else cast * type_.size)
 
 
-def count_error(cls: type[values.Value], count: int) -> ShpyTypeError:
-    """A constructor was given too few or too many components."""
+def count_error(cls: type[AbstractValue], count: int) -> ShpyTypeError:
+    """Return the error for a constructor that was given too few or too many components."""
     wanted = f"exactly {cls.size} components or one scalar" if cls.size > 1 else "one component"
     example = {1: "x", 2: "x, y", 3: "p.xy, 0", 4: "p.xyz, 1"}[cls.size]
     return ShpyTypeError(
@@ -292,8 +312,8 @@ def count_error(cls: type[values.Value], count: int) -> ShpyTypeError:
     )
 
 
-def assemble(emitter: Emitter, type: Type, operands: Sequence[Operand], cls: type[values.Value]) -> Handle:
-    """The handle of a vector from any mix of scalars and vectors, converted to its base."""
+def assemble(emitter: Emitter, type: Type, operands: Sequence[Operand], cls: type[AbstractValue]) -> Handle:
+    """Return the handle of a vector from any mix of scalars and vectors, converted to its base."""
     count = sum(o.size for o in operands)
     if len(operands) == 1 and count == 1:
         return read(emitter, operands[0], type)

@@ -270,10 +270,8 @@ uintBitsToFloat = float_from_bits
 
 
 def _lanes(op: str, c: Any) -> Any:
-    from shpy.lang.programs.control import condition
-
     frame = need_frame(f"sh.{op}")
-    value = condition(c, f"sh.{op}")
+    value = arithmetic.condition(c, f"sh.{op}")
     emitter = FrameEmitter(frame)
     return made("Attrib", vec(Base.B), emitter, emitter.let(op, (value,), vec(Base.B)))
 
@@ -305,13 +303,3 @@ def grid_index(n: int) -> Any:
 def grid_shape(n: int) -> Any:
     """The number of elements along numpy's axes, Attrib{n}i; n is the rank of the elements' shape."""
     return _grid("grid_shape", n)
-
-
-def swap(a: Any, b: Any) -> None:
-    """Exchange what two values hold, in place."""
-    from shpy.lang.values.structure import leaves_of
-
-    for x, y in zip(leaves_of(a), leaves_of(b), strict=True):
-        kept = x.copy()
-        x[:] = y
-        y[:] = kept

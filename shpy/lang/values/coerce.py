@@ -40,7 +40,7 @@ class Literal:
 
 
 def literal(x: Any) -> Literal | None:
-    """`x` as a literal if it is a number or bool of Python or numpy, or a 0-D array; else None."""
+    """Return `x` as a literal if it is a number or bool of Python or numpy, or a 0-D array; else None."""
     if isinstance(x, np.ndarray):
         if x.ndim != 0:
             return None
@@ -55,7 +55,7 @@ def literal(x: Any) -> Literal | None:
 
 
 def sequence(x: Any) -> list[Any] | None:
-    """The entries of a tuple, list or 1-D array; else None."""
+    """Return the entries of a tuple, list or 1-D array; else None."""
     if isinstance(x, tuple | list):
         return list(x)
     if isinstance(x, np.ndarray) and x.ndim == 1:
@@ -64,7 +64,7 @@ def sequence(x: Any) -> list[Any] | None:
 
 
 def merge(literals: Sequence[Literal]) -> Literal:
-    """One vector literal from several, of the widest of their kinds."""
+    """Join several literals to a vector, of the widest of their kinds."""
     kinds = {part.weak for part in literals}
     if "bool" in kinds and len(kinds) > 1:
         raise ShpyTypeError(
@@ -75,7 +75,7 @@ def merge(literals: Sequence[Literal]) -> Literal:
 
 
 def common_base(strong: Iterable[Base], weak: Iterable[str], what: str) -> Base:
-    """The base in which operands of these bases, and literals of these kinds, meet."""
+    """Return the base in which operands of these bases, and literals of these kinds, meet."""
     bases, kinds = set(strong), set(weak)
     if not bases:
         if "bool" in kinds and len(kinds) > 1:
@@ -121,7 +121,7 @@ def _mix_error(what: str, one: str, other: str) -> ShpyTypeError:
 
 
 def cast_literal(value: Literal, base: Base) -> tuple[Any, ...]:
-    """The literal's components as numbers of `base`; an error when one is out of range."""
+    """Return the literal's components as numbers of `base`; an error when one is out of range."""
     if base is Base.B:
         return tuple(bool(c) for c in value.components)
     if base in FLOATS:
@@ -161,12 +161,12 @@ _EXAMPLES = {"bools": "True or False; x != 0", "ints": "int(x), which truncates,
 
 
 def _shown(number: Any) -> str:
-    """A number in a message; Python itself refuses to write out ints of thousands of digits."""
+    """Return a number's text for a message; Python itself refuses to write out ints of thousands of digits."""
     return f"an int of {number.bit_length()} bits" if isinstance(number, int) and abs(number) > 10**40 else str(number)
 
 
 def common_size(sizes: Sequence[int], what: str) -> int:
-    """The size that operands broadcast to: a scalar goes with a vector, two sizes do not."""
+    """Return the size that operands broadcast to: a scalar goes with a vector, two sizes do not."""
     size = max(sizes)
     if any(s not in (1, size) for s in sizes):
         spoken = " and ".join(str(s) for s in sizes)
@@ -179,12 +179,12 @@ def common_size(sizes: Sequence[int], what: str) -> int:
 
 
 def common_kind(kinds: Sequence[str]) -> str:
-    """The kind of a result: the first that is not Attrib."""
+    """Return the kind of a result: the first that is not Attrib."""
     return next((k for k in kinds if k != "Attrib"), "Attrib")
 
 
 def sum_kind(op: str, left: str, right: str) -> str:
-    """The kind of left + right or left - right: Point - Point is a Vector, Point and Vector a Point."""
+    """Return the kind of left + right or left - right: Point - Point is a Vector, Point and Vector a Point."""
     if op == "sub" and left == right == "Point":
         return "Vector"
     if "Point" in (left, right) and {left, right} <= {"Point", "Vector", "Attrib"}:

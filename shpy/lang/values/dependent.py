@@ -10,7 +10,7 @@ computed before each run from what the Params are then.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,12 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
 
-if TYPE_CHECKING:
-    from shpy.lang.values.value import Value
-
 
 class Evaluator(Protocol):
     """Computes a dependent uniform from what its sources are now, at a kernel's precision and in its mode."""
 
     def __call__(self, uniform: Dependent, precision: str, math: str) -> NDArray[Any]:
-        """The value, of shape () or (size,)."""
+        """Return the value, of shape () or (size,)."""
 
 
 _evaluators: list[Evaluator] = []
@@ -123,7 +120,7 @@ class Dependent:
 _classes: dict[str, type] = {}
 
 
-def become_dependent(value: Value, root: Node) -> None:
+def become_dependent(value: object, root: Node) -> None:
     """Make a value that is new the uniform that an expression describes."""
     cls = type(value)
     if cls.__name__ not in _classes:

@@ -86,7 +86,7 @@ def _check_place(frame: Frame, what: str) -> None:
         )
 
 
-def _floats(x: Any, what: str) -> Value:
+def _floats(x: Any, what: str) -> Any:
     operand = arithmetic.operand(x, what)
     if not isinstance(operand, Value):
         raise _no_neighbour(f"{what} of a constant")
@@ -154,7 +154,7 @@ class _Slice:
         return made, ranks[0]
 
     def _keeps(self, s: Stmt) -> bool:
-        """Whether the value follows from the statement; what it reads is needed then too."""
+        """Return whether the value follows from the statement; what it reads is needed then too."""
         changed = self._changed(s)
         if not any(v.id in self.values for v in results(s)) and not changed & self.live:
             return False
@@ -170,7 +170,7 @@ class _Slice:
         return True
 
     def _changed(self, s: Stmt) -> set[int]:
-        """The variables that a statement, or one inside it, may store."""
+        """Return the variables that a statement, or one inside it, may store."""
         stored = {inner.variable for inner in walk((s,)) if isinstance(inner, Store)}
         calls = (inner for inner in walk((s,)) if isinstance(inner, Call))
         return stored.union(*(self.frame.recording.referenced(call) for call in calls))
@@ -200,7 +200,7 @@ class _Slice:
                 )
 
     def _asks(self, name: str) -> bool:
-        """Whether a function, or one that it calls, has a grid_index."""
+        """Return whether a function, or one that it calls, has a grid_index."""
         for s in walk(self.callees[name].body):
             called = s.function if isinstance(s, Call) else s.attr if isinstance(s, Let) and s.op == "call" else None
             if (isinstance(s, Let) and s.op == "grid_index") or (called is not None and self._asks(str(called))):

@@ -21,6 +21,7 @@ from shpy.ir.types import Base
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values import builtins
+from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.value import CLASSES, Value
@@ -28,7 +29,7 @@ from shpy.lang.values.value import CLASSES, Value
 _ROWS = "matrices of one size, or a number; m[r] += v changes one row"
 
 
-class Matrix:
+class Matrix(Symbolic):
     """N x N floats, N = 2 to 4. Constructors take rows (or nothing: the identity); `m[r]` is a row, `m[r, c]` an entry.
 
     Raises ShpyTypeError where rows or operands have other sizes.
@@ -69,11 +70,11 @@ class Matrix:
 
     @classmethod
     def _plain(cls) -> type[Matrix]:
-        """The type of results: a Param's class is derived from a matrix type and makes no matrices."""
+        """Return the type of results: a Param's class is derived from a matrix type and makes no matrices."""
         return MATRICES[cls.__name__]
 
     def _rows_of(self, given: Any) -> tuple[Any, ...]:
-        """The rows in one argument: a matrix, or rows; one number is neither."""
+        """Return the rows in one argument: a matrix, or rows; one number is neither."""
         if literal(given) is not None or isinstance(given, Value):
             name = f"sh.{type(self).__name__}"
             raise ShpyTypeError(
@@ -106,18 +107,18 @@ class Matrix:
 
     @classmethod
     def of_rows(cls, rows: Sequence[Value]) -> Any:
-        """The matrix whose rows are these values themselves, not copies."""
+        """Make the matrix whose rows are these values themselves, not copies."""
         made = object.__new__(cls)
         object.__setattr__(made, "rows", tuple(rows))
         return made
 
     @classmethod
     def from_columns(cls, *columns: Any) -> Any:
-        """The matrix with these columns."""
+        """Make the matrix with these columns."""
         return transpose(cls(*columns))
 
     def copy(self) -> Any:
-        """A matrix with the same entries that is this one's own no longer."""
+        """Return a new matrix with the same entries."""
         return self._plain()(*self.rows)
 
     def __getitem__(self, key: Any) -> Any:
@@ -134,7 +135,7 @@ class Matrix:
         return self._row(key).copy()
 
     def _row(self, key: Any) -> Value:
-        """The row of a known index. Raises ShpyIndexError out of range."""
+        """Return the row of a known index. Raises ShpyIndexError out of range."""
         if not isinstance(key, int | np.integer) or isinstance(key, bool):
             raise ShpyTypeError(f"{key!r} is no row of a {type(self).__name__}", loc=here(), cure="m[r], or m[r, c]")
         if not -self.size <= key < self.size:
@@ -309,7 +310,7 @@ MATRICES: dict[str, type[Matrix]] = {c.__name__: c for c in (Matrix2f, Matrix3f,
 
 
 def _combine(v: Value, rows: Sequence[Value]) -> Any:
-    """The row vector v times the matrix with these rows."""
+    """Return the row vector v times the matrix with these rows."""
     total = v[0] * rows[0]
     for i, row in enumerate(rows[1:], 1):
         total = total + v[i] * row
@@ -329,7 +330,7 @@ def transpose(m: Any) -> Any:
 
 
 def determinant(m: Any) -> Any:
-    """The determinant, by cofactors of the first row."""
+    """Return the determinant, by cofactors of the first row."""
     _matrix(m, "determinant")
     return _cofactor_sum([[m[r, c] for c in range(m.size)] for r in range(m.size)])
 
@@ -349,7 +350,7 @@ def _cofactor_sum(entries: list[list[Any]]) -> Any:
 
 
 def inverse(m: Any) -> Any:
-    """The inverse, the adjugate over the determinant; infinite or NaN where that is zero."""
+    """Return the inverse, the adjugate over the determinant; infinite or NaN where that is zero."""
     n = _matrix(m, "inverse").size
     entries = [[m[r, c] for c in range(n)] for r in range(n)]
 

@@ -26,6 +26,7 @@ import numpy as np
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
+from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.matrix import Matrix
@@ -60,7 +61,7 @@ Layout = Leaf | Rows | Group
 
 
 def layout_of(annotation: Any, name: str) -> Layout:
-    """The layout that an annotation names; ShpyTypeError for anything that is no type of the language."""
+    """Return the layout that an annotation names; ShpyTypeError for anything that is no type of the language."""
     if isinstance(annotation, type):
         if issubclass(annotation, Value) and hasattr(annotation, "kind"):
             return Leaf(annotation)
@@ -85,7 +86,7 @@ def layout_of(annotation: Any, name: str) -> Layout:
 
 
 def layout_from(value: Any, what: str) -> Layout:
-    """The layout of a value that a function gives back."""
+    """Return the layout of a value that a function gives back."""
     if isinstance(value, Value):
         return Leaf(CLASSES[value.kind, value.size, value.base])
     if isinstance(value, Matrix):
@@ -123,7 +124,7 @@ def annotation_of(layout: Layout) -> str:
 
 
 def leaves(layout: Layout, prefix: str) -> Iterator[tuple[str, str, type[Value]]]:
-    """The name, kind and class of each leaf: `ray.o`; `m[0]`, of kind `Matrix3f[0]`, for a row of a matrix."""
+    """Yield the name, kind and class of each leaf: `ray.o`; `m[0]`, of kind `Matrix3f[0]`, for a row of a matrix."""
     match layout:
         case Leaf(cls):
             yield prefix, cls.__name__, cls
@@ -202,7 +203,7 @@ def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
 
 
 def entries_of(value: Any, form: str, names: tuple[str, ...], what: str) -> list[Any]:
-    """The parts of a dict, tuple, structured array or object, in the order of `names`; ShpyTypeError for others."""
+    """Return the parts of a dict, tuple, structured array or object, ordered as `names`; ShpyTypeError for others."""
     fields = getattr(getattr(value, "dtype", None), "names", None)
     if fields is not None:
         found = [value[n] for n in names] if set(fields) == set(names) else None
@@ -223,15 +224,28 @@ def entries_of(value: Any, form: str, names: tuple[str, ...], what: str) -> list
     return found
 
 
+def is_value(x: object) -> bool:
+    """Return whether `x` is a value, matrix or struct of the language."""
+    return isinstance(x, Value | Matrix | Struct)
+
+
 def leaves_of(value: Any) -> list[Value]:
-    """The values that a value, matrix or struct is made of."""
+    """Return the values that a value, matrix or struct is made of."""
     return [v for v in flatten(layout_from(value, "this"), value, "this") if isinstance(v, Value)]
+
+
+def swap(a: Any, b: Any) -> None:
+    """Exchange what two values, matrices or structs hold, in place."""
+    for x, y in zip(leaves_of(a), leaves_of(b), strict=True):
+        kept = x.copy()
+        x[:] = y
+        y[:] = kept
 
 
 # Structs
 
 
-class Struct:
+class Struct(Symbolic):
     """Base of what `@sh.struct` makes: attribute assignment stores in place."""
 
     _shpy_fields: ClassVar[dict[str, Any]]
@@ -261,7 +275,7 @@ class Struct:
 
     @classmethod
     def _plain(cls) -> Any:
-        """The class that the user wrote: that of a Param is another."""
+        """Return the class that the user wrote: that of a Param is another."""
         return cls._shpy_class
 
     @classmethod
@@ -286,7 +300,7 @@ class Struct:
             old[:] = new
 
     def copy(self) -> Any:
-        """A struct with the same fields that is this one's own no longer."""
+        """Return a new struct with the same fields."""
         return self._plain()._of({n: getattr(self, n).copy() for n in self._shpy_fields})
 
     def __repr__(self) -> str:

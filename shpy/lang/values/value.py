@@ -18,44 +18,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTypeError
-from shpy.ir.constants import encode, from_array, to_array
-from shpy.ir.nodes import Loc
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.constants import encode, to_array
+from shpy.ir.types import vec
 from shpy.lang.mistakes.foreign import value_cure
-from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
+from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue
 from shpy.lang.values.coerce import Literal
-from shpy.lang.values.dependent import become_dependent
 from shpy.lang.values.operators import Operators
 
 _SETS = ("xyzw", "rgba", "stpq")
 
-CLASSES: dict[tuple[str, int, Base], type[Value]] = {}
-"""The class of each kind, size and base; `types` fills it in."""
 
-
-class Value(Operators):
+class Value(Operators, AbstractValue):
     """A scalar or vector. Made by the constructors `Attrib1f`, `Point3f`, …; see docs for the rules.
 
     Raises ShpyTypeError where components do not add up or types do not mix, RecordError for stores that cannot be.
     """
 
-    __slots__ = ("_const", "_frame", "_loc", "_part", "_variable")
+    __slots__ = ()
     __array_ufunc__: ClassVar[None] = None
-
-    kind: ClassVar[str]
-    size: ClassVar[int]
-    base: ClassVar[Base]
-    type: ClassVar[Type]
-
-    _uniform: ClassVar[bool] = False
-    _frame: Frame | None
-    _variable: int
-    _const: tuple[int, ...]
-    _part: str | None
-    _loc: Loc | None
 
     def __init__(self, *components: Any) -> None:
         if not hasattr(type(self), "kind"):
@@ -76,73 +59,10 @@ class Value(Operators):
             emitter = arithmetic.emitter_of(*parts)
             self._become(frame, emitter, arithmetic.assemble(emitter, self.type, parts, type(self)))
 
-    def _become(
-        self,
-        frame: Frame | None,
-        emitter: Emitter | None = None,
-        handle: Handle = None,
-        const: tuple[int, ...] | None = None,
-    ) -> None:
-        """Be a new slot that holds the handle or constant; outside a recording, be the constant."""
-        set_ = object.__setattr__
-        set_(self, "_frame", frame)
-        set_(self, "_part", None)
-        set_(self, "_loc", None)
-        if frame is None:
-            set_(self, "_variable", -1)
-            if emitter is DEFERRED:
-                become_dependent(self, handle)
-            else:
-                set_(self, "_const", const if const is not None else from_array(self.type, handle))
-            return
-        if emitter is HOST:
-            const = from_array(self.type, handle)
-        loc = here()
-        value = frame.let("const", (), self.type, const, loc) if const is not None else handle
-        variable = frame.variable(self.type, loc=loc)
-        set_(self, "_loc", loc)
-        set_(self, "_variable", variable)
-        set_(self, "_const", ())
-        frame.store(variable, value)
-
     # Reading
 
-    def _read(self, emitter: Emitter) -> Handle:
-        """The value as a handle of the emitter: loads the slot, or embeds the constant."""
-        if self._frame is None:
-            return emitter.const(self.type, self._const)
-        self._check(current_frame())
-        return emitter.let("load", (), self.type, self._variable)
-
-    def _check(self, frame: Frame | None) -> None:
-        """Error for a value that is not this recording's, or of a block that is closed."""
-        own = self._frame
-        assert own is not None
-        if own is not frame:
-            within = frame is not None and own.recording is frame.recording
-            where = f"the subroutine {frame.name!r}" if within and frame else "this program"
-            raise RecordError(
-                f"{self._called()} was made outside of {where}, in {own.name!r} at {self._loc}",
-                loc=here(),
-                cure="pass it as an argument; what all runs share is a sh.Param, or a constant made outside programs",
-            )
-        home = own.homes[self._variable]
-        if home.closed:
-            name = own.names[self._variable] or "x"
-            raise RecordError(
-                f"{self._called()} was made inside the {home.what} block at {home.loc} and is used after it",
-                loc=here(),
-                cure=f"make it before the block, {name} = sh.{type(self).__name__}(), "
-                f"and store inside it, {name}[:] = …",
-            )
-
-    def _called(self) -> str:
-        if self._frame is None:
-            return "this constant"
-        return self._frame.names[self._variable] or "this value"
-
     def copy(self) -> Any:
-        """A value of the same type that is this one's own no longer."""
+        """Return a new value of the same type that holds the same."""
         return CLASSES[self.kind, self.size, self.base](self)
 
     def __getattr__(self, name: str) -> Any:
@@ -152,7 +72,7 @@ class Value(Operators):
         return self._pick(picked, f".{name}")
 
     def _no_attribute(self, name: str) -> AttributeError:
-        """The error for a name that is no component: with what to write for a method of another library."""
+        """Return the error for a name that is no component, with the cure for a method of another library."""
         text = f"{type(self).__name__!r} object has no attribute {name!r}"
         if name.startswith("_"):
             return AttributeError(text, name=name, obj=self)
@@ -167,7 +87,7 @@ class Value(Operators):
         known = " or ".join(letters[: self.size] for letters in _SETS)
         return ShpyAttributeError(text, loc=here(), cure=cure or f"components of {known}, of one set, up to four")
 
-    def _pick(self, picked: tuple[int, ...], spelled: str) -> Value:
+    def _pick(self, picked: tuple[int, ...], spelled: str) -> Any:
         emitter = arithmetic.emitter_of(self)
         type_ = vec(self.base, len(picked))
         read = self._read(emitter)
@@ -247,7 +167,7 @@ class Value(Operators):
         frame.store(self._variable, handle, None if whole else picked)
 
     def _storable(self, spelled: str) -> Frame:
-        """The frame to store in; errors for constants, parts that are copies, and values of other recordings."""
+        """Return the frame to store in; errors for constants, parts that are copies, and values of other recordings."""
         if self._frame is None:
             raise RecordError(
                 f"a constant cannot be stored into: it was made outside of the program as {type(self).__name__}",
@@ -381,7 +301,7 @@ def _swizzle(name: str, size: int) -> tuple[int, ...] | None:
 
 
 def _components(key: Any, size: int) -> tuple[int, ...]:
-    """The components that a constant index, slice or tuple names; IndexError out of range."""
+    """Return the components that a constant index, slice or tuple names; IndexError out of range."""
     if isinstance(key, slice):
         picked = tuple(range(size)[key])
         if not picked:
@@ -408,7 +328,7 @@ def _spell(key: Any) -> str:
 
 
 def _direct(part: str, spelled: str) -> str:
-    """The store that does what a store into a copy was meant to do."""
+    """Return the store that does what a store into a copy was meant to do."""
     owner, dot, letters = part.rpartition(".")
     if dot and spelled[1:-1].isdigit() and int(spelled[1:-1]) < len(letters):
         return f"{owner}.{letters[int(spelled[1:-1])]} = …"

@@ -22,7 +22,8 @@ from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import Tolerance
 from shpy.ir.types import Base
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.record import InputType
 from shpy.lang.values.structure import leaves as leaves_of
 from shpy.run import host

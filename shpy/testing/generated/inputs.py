@@ -12,7 +12,8 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base, Type
-from shpy.lang.data.tables import TableType, TextureType
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, layout_of, leaves
 from shpy.program import Program

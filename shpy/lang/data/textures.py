@@ -1,0 +1,166 @@
+"""Textures: images that are read between their pixels, filtered.
+
+Stage: record. Used by closure, or as arguments annotated `sh.Texture2D[sh.Color3f]`.
+
+    image = sh.Texture2D(array, filter="linear", wrap="repeat")
+    image(uv)              # the colour at uv, in [0, 1] over the image
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.types import Base
+from shpy.lang.data.params import Param
+from shpy.lang.data.tables import Table, TableArgument, TableType, element_class
+from shpy.lang.library import WRAPS, sample
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import assigned_name
+from shpy.lang.values.types import Attrib1i
+from shpy.lang.values.value import CLASSES, Value
+
+WrapName = Literal["clamp", "repeat", "mirror"]
+
+
+@dataclass(frozen=True, slots=True)
+class TextureType:
+    """What `Texture2D[type]` is in an annotation."""
+
+    cls: type[Value]
+
+
+class Texture:
+    """An image of `AXES` axes, (*shape) or (*shape, c), with c channels; `texture(uv)` reads it.
+
+    The first coordinate goes along the image's last axis. Raises ShpyTypeError for other arrays or names.
+    """
+
+    AXES: ClassVar[int]
+    FILTERS: ClassVar = ("nearest", "linear", "cubic")
+    known: ClassVar[bool] = True
+    """True where the filter and the wraps are known while recording."""
+
+    def __init__(self, array: Any, filter: str = "linear", wrap: Any = "clamp", name: str | None = None) -> None:
+        self.wraps = tuple(wrap) if isinstance(wrap, tuple | list) else (wrap,) * self.AXES
+        self.wrap, self.filter = wrap, filter
+        checks = [(filter, self.FILTERS, "filter"), *((w, tuple(WRAPS), "wrap") for w in self.wraps)]
+        for given, known, what in checks:
+            if given not in known:
+                raise ShpyTypeError(f"{what}={given!r}", loc=here(), cure=" or ".join(f'{what}="{k}"' for k in known))
+        if len(self.wraps) != self.AXES:
+            cure = f"wrap={('repeat', 'clamp', 'mirror')[: self.AXES]}, one for each coordinate"
+            raise ShpyTypeError(f"wrap={wrap!r}", loc=here(), cure=cure)
+        self.name = name if name is not None else assigned_name()
+        if hasattr(array, "_table_class"):
+            self.table = _stream_pixels(array, self.name, self.AXES)
+            self.type = CLASSES["Color", self.table.type.size, Base.F]
+        else:
+            pixels, channels = checked_pixels(array, self.AXES)
+            self.type = CLASSES["Color", channels, Base.F]
+            self.table = Table(pixels, self.type, self.name)
+        self.table.named = name is not None
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """The extents along numpy's axes: height and width."""
+        return self.table.shape
+
+    @property
+    def mode(self) -> Any:
+        """Filter and wrap as a number for an argument: 1 for linear, plus 2 for repeat.
+
+        Raises ShpyTypeError for a filter or wrap that arguments do not have.
+        """
+        if self.filter not in ("nearest", "linear") or self.wraps not in (("clamp", "clamp"), ("repeat", "repeat")):
+            raise ShpyTypeError(
+                f'a texture that is an argument is filtered "nearest" or "linear" and wrapped "clamp" or "repeat" on '
+                f"both axes, not {self.filter!r} and {self.wrap!r}",
+                loc=here(),
+                cure="a Texture2D that the program uses by closure",
+            )
+        return self.FILTERS.index(self.filter) + 2 * ("repeat" in self.wraps)
+
+    def update(self, array: Any) -> None:
+        """Replace the image; the shape stays."""
+        self.table.update(checked_pixels(array, self.AXES)[0])
+
+    def __call__(self, uv: Any) -> Any:
+        """Return the colour at `uv`: a float for each axis, in [0, 1] over the image."""
+        return sample(self, uv if isinstance(uv, Value) else CLASSES["Attrib", self.AXES, Base.F](*uv))
+
+
+class Texture2D(Texture):
+    """`Texture2D(array, filter="linear", wrap="clamp")`: an image (h, w[, c]), read by `texture(uv)`.
+
+    Row 0 is v = 0: `texture(((c + .5)/w, (r + .5)/h))` is `array[r, c]`; nothing is flipped; uint8 is divided by 255.
+    The filter is "nearest", "linear" or "cubic" (Catmull-Rom: through the pixels, and beyond their range beside edges),
+    the wrap "clamp", "repeat" or "mirror", or two of them, for u and v. Filtering is the same arithmetic on every
+    target. Gives Color{c}f. Raises ShpyTypeError for other arrays or names.
+    """
+
+    AXES = 2
+
+    def __init__(
+        self,
+        array: Any,
+        filter: Literal["linear", "nearest", "cubic"] = "linear",
+        wrap: WrapName | tuple[WrapName, WrapName] = "clamp",
+        name: str | None = None,
+    ) -> None:
+        super().__init__(array, filter, wrap, name)
+
+    @classmethod
+    def __class_getitem__(cls, key: Any) -> TextureType:
+        """Return the annotation of a texture argument: the type of its pixels."""
+        return TextureType(element_class(key))
+
+
+class TextureArgument(Texture2D):
+    """A texture that a run is given: its filter and wrap are known only then."""
+
+    known = False
+
+    def __init__(self, name: str, type_: TextureType) -> None:
+        self.name = name
+        self.filter = "linear"
+        self.type = type_.cls
+        self.table = TableArgument(name, TableType(type_.cls, 2))
+        self._mode = Param(Attrib1i, 0, name=f"{name}.mode")
+
+    @property
+    def mode(self) -> Any:
+        """Filter and wrap as a uniform."""
+        return self._mode
+
+
+def _stream_pixels(stream: Any, name: str | None, axes: int) -> Table:
+    """Make the table over an image's stream."""
+    table = Table(stream, name=name)
+    if table.rank != axes or not issubclass(table.type, Value) or table.type.base is not Base.F:
+        raise ShpyTypeError(
+            f"a texture of a stream takes colours in {axes} axes, not {stream!r}",
+            loc=here(),
+            cure='sh.Stream(image, sh.Color3f, backend="opencl"), where image is (h, w, 3)',
+        )
+    return table
+
+
+def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
+    """Return an image as numbers and its channels; uint8 is divided by 255, and one channel has no axis of its own."""
+    data = np.asarray(array)
+    if data.ndim not in (axes, axes + 1) or (data.ndim == axes + 1 and not 1 <= data.shape[-1] <= 4):
+        shape = ", ".join("dhw"[-axes:])
+        raise ShpyTypeError(
+            f"a texture is an array ({shape}) or ({shape}, c) with c up to 4, not {data.shape}",
+            loc=here(),
+            cure="array[..., :3]",
+        )
+    if data.dtype == np.uint8:
+        data = data.astype(np.float32) / np.float32(255)
+    channels = 1 if data.ndim == axes else data.shape[-1]
+    return (data.reshape(data.shape[:axes]) if channels == 1 else data), channels

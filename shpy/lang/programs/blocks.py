@@ -1,0 +1,181 @@
+"""The blocks under the constructs of control flow: regions that open and close, loops, and loops that count.
+
+Stage: record. A block is a context manager: it opens a region of the recording, and when it closes, its `finish` leaves
+a statement behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir.nodes import Break, If, Loc, Loop, Region, Stmt
+from shpy.ir.types import Base, vec
+from shpy.lang.mistakes import bytecode
+from shpy.lang.recording.emit import FrameEmitter
+from shpy.lang.recording.location import here
+from shpy.lang.recording.names import for_name
+from shpy.lang.recording.recorder import Frame, Scope, need_frame
+from shpy.lang.values import arithmetic
+from shpy.lang.values.coerce import Literal
+
+_BOOL, _INT = vec(Base.B), vec(Base.I)
+
+
+class Block:
+    """A `with SH_…` block: opens a scope on entry, closes it on exit."""
+
+    what = "SH block"
+    loop = False
+
+    def __init__(self) -> None:
+        self.frame = need_frame(self.what)
+        self.loc = here()
+        self.scope: Scope | None = None
+        self.entries: list[bytecode.Entry] = []
+        self.test: Callable[[], Any] | None = None
+
+    def open(self) -> None:
+        """Open the block's region."""
+        frame = need_frame(self.what)
+        if frame is not self.frame:
+            raise RecordError(f"this {self.what} belongs to another function", loc=self.loc, cure="make it here")
+        if self.scope is not None:
+            raise RecordError(f"this {self.what} was opened before", loc=here(), cure="a new one for each block")
+        self.scope = Scope(self.what, self.loc, frame.scope, loop=self.loop)
+        frame.scopes.append(self.scope)
+        frame.blocks.append(self)
+        self.entries = bytecode.entered()
+
+    def close(self) -> Region:
+        """Close the region; gives its statements."""
+        frame = self.frame
+        scope = frame.scopes.pop()
+        frame.blocks.pop()
+        assert scope is self.scope
+        scope.closed = True
+        return tuple(scope.statements)
+
+    def finish(self, region: Region) -> None:
+        """Leave the statement behind."""
+        raise RecordError(f"{self.what} cannot stand alone")
+
+    def __enter__(self) -> Any:
+        self.open()
+        return None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        region, entries = self.close(), self.entries
+        self.entries = []
+        if kind is None:
+            bytecode.check_left(entries, self.what, self.loc, self.loop, self.test)
+            self.finish(region)
+
+    def __bool__(self) -> bool:
+        raise RecordError(f"{self.what} is a block", loc=self.loc, cure=f"with {self.what}(…):")
+
+
+class LoopBlock(Block):
+    """A loop, whose exits and test are collected while it is open."""
+
+    loop = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.continuing: Region = ()
+        self.until: int | None = None
+        self.turns: int | None = None
+        self.closed_by: Loc | None = None
+        self.continued: Loc | None = None
+        self.continued_at = 0
+
+    def at_test(self, record: Callable[[], int]) -> None:
+        """Record the loop's continuing part with `record`, which gives the value of `until` or -1."""
+        scope = Scope(self.what, self.loc, self.frame.scope)
+        self.frame.scopes.append(scope)
+        value = record()
+        self.frame.scopes.pop()
+        scope.closed = True
+        self.continuing = tuple(scope.statements)
+        self.until = value if value >= 0 else None
+
+    def finish(self, region: Region) -> None:
+        """Leave the Loop."""
+        self.frame.append(Loop(region, self.continuing, self.until, self.turns, self.loc))
+
+
+class Counted(LoopBlock):
+    """A loop over the numbers of a range: SH_FOR, and what an array does with each of its elements."""
+
+    what = "SH_FOR"
+
+    def __init__(self, start: Any, stop: Any, step: Any) -> None:
+        super().__init__()
+        bounds = [arithmetic.operand(b, "SH_FOR") for b in (start, stop, step)]
+        for b in bounds:
+            if b.size != 1 or (b.weak != "int" if isinstance(b, Literal) else b.base is not Base.I):
+                raise ShpyTypeError("SH_FOR counts with ints of type i", loc=self.loc, cure="SH_FOR(sh.Attrib1i(n))")
+        known = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
+        if known[2] == 0:
+            raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
+        emitter = FrameEmitter(self.frame)
+        name = for_name(self.loc.file, self.loc.line) if self.loc else None
+        self.name = name or "i"
+        first, _, by = known
+        if first is not None and known[1] is not None and by is not None:
+            self.turns = len(range(first, known[1], by))
+        # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
+        simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
+        self.first = arithmetic.read(emitter, bounds[0], _INT)
+        self.last = arithmetic.read(emitter, bounds[1], _INT)
+        self.step = arithmetic.read(emitter, bounds[2], _INT)
+        self.down = known[2] is not None and known[2] < 0
+        self.trips = None if simple else self._trips(emitter)
+
+    def _trips(self, emitter: FrameEmitter) -> int:
+        """Record the number of iterations as a u, where counting by `step` could wrap."""
+        raise AssertionError("a range that the language itself counts is known")
+
+    def __enter__(self) -> Any:
+        frame, loc = self.frame, self.loc
+        emitter = FrameEmitter(frame)
+        unsigned = vec(Base.U)
+        kind, begin = (_INT, self.first) if self.trips is None else (unsigned, emitter.const(unsigned, (0,)))
+        counter = frame.variable(kind, name=self.name, loc=loc)
+        frame.store(counter, begin)
+        self.open()
+        now = emitter.let("load", (), kind, counter)
+        compare = "lt" if self.trips is not None else "gt" if self.down else "lt"
+        more = emitter.let(compare, (now, self.last if self.trips is None else self.trips), _BOOL)
+        leave(frame, negated(frame, more), Break(loc), loc)
+        index = emitter.let("load", (), kind, counter)
+        if self.trips is not None:
+            signed = emitter.let("convert", (index,), _INT)
+            index = emitter.let("add", (self.first, emitter.let("mul", (signed, self.step), _INT)), _INT)
+        i = arithmetic.made("Attrib", _INT, emitter, index)
+        frame.names[i._variable] = self.name
+        self._advance(emitter, counter, kind)
+        return i
+
+    def _advance(self, emitter: FrameEmitter, counter: int, kind: Any) -> None:
+        def record() -> int:
+            now = emitter.let("load", (), kind, counter)
+            by = self.step if self.trips is None else emitter.const(kind, (1,))
+            self.frame.store(counter, emitter.let("add", (now, by), kind))
+            return -1
+
+        self.at_test(record)
+
+
+def negated(frame: Frame, value: int) -> int:
+    """Record the negation of a bool."""
+    return frame.let("not", (value,), _BOOL)
+
+
+def leave(frame: Frame, value: int, exit: Stmt, loc: Loc | None) -> None:
+    """Record an exit under a condition."""
+    frame.append(If(value, (exit,), (), loc))

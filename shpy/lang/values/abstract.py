@@ -1,0 +1,108 @@
+"""What operators need to know of a value: its type, and where it is held. The class of each type is registered here.
+
+Stage: record. Inside a recording a value is a slot, which each use loads. Outside it is a constant, or the expression
+of a uniform that follows others.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from shpy.errors import RecordError
+from shpy.ir.constants import from_array
+from shpy.ir.nodes import Loc
+from shpy.ir.types import Base, Type
+from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
+from shpy.lang.recording.location import here
+from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.values.dependent import become_dependent
+
+CLASSES: dict[tuple[str, int, Base], type[Any]] = {}
+"""The class of each kind, size and base; `types` fills it in."""
+
+
+class Symbolic:
+    """Base of what a name of a program may hold: a value, a matrix, a struct or an array."""
+
+    __slots__ = ()
+
+
+class AbstractValue(Symbolic):
+    """A scalar or vector of a type, without its operators."""
+
+    __slots__ = ("_const", "_frame", "_loc", "_part", "_variable")
+
+    kind: ClassVar[str]
+    size: ClassVar[int]
+    base: ClassVar[Base]
+    type: ClassVar[Type]
+
+    _uniform: ClassVar[bool] = False
+    _frame: Frame | None
+    _variable: int
+    _const: tuple[int, ...]
+    _part: str | None
+    _loc: Loc | None
+
+    def _become(
+        self,
+        frame: Frame | None,
+        emitter: Emitter | None = None,
+        handle: Handle = None,
+        const: tuple[int, ...] | None = None,
+    ) -> None:
+        """Be a new slot that holds the handle or constant; outside a recording, be the constant."""
+        set_ = object.__setattr__
+        set_(self, "_frame", frame)
+        set_(self, "_part", None)
+        set_(self, "_loc", None)
+        if frame is None:
+            set_(self, "_variable", -1)
+            if emitter is DEFERRED:
+                become_dependent(self, handle)
+            else:
+                set_(self, "_const", const if const is not None else from_array(self.type, handle))
+            return
+        if emitter is HOST:
+            const = from_array(self.type, handle)
+        loc = here()
+        value = frame.let("const", (), self.type, const, loc) if const is not None else handle
+        variable = frame.variable(self.type, loc=loc)
+        set_(self, "_loc", loc)
+        set_(self, "_variable", variable)
+        set_(self, "_const", ())
+        frame.store(variable, value)
+
+    def _read(self, emitter: Emitter) -> Handle:
+        """Return the value as a handle of the emitter: loads the slot, or embeds the constant."""
+        if self._frame is None:
+            return emitter.const(self.type, self._const)
+        self._check(current_frame())
+        return emitter.let("load", (), self.type, self._variable)
+
+    def _check(self, frame: Frame | None) -> None:
+        """Raise the error for a value that is not this recording's, or of a block that is closed."""
+        own = self._frame
+        assert own is not None
+        if own is not frame:
+            within = frame is not None and own.recording is frame.recording
+            where = f"the subroutine {frame.name!r}" if within and frame else "this program"
+            raise RecordError(
+                f"{self._called()} was made outside of {where}, in {own.name!r} at {self._loc}",
+                loc=here(),
+                cure="pass it as an argument; what all runs share is a sh.Param, or a constant made outside programs",
+            )
+        home = own.homes[self._variable]
+        if home.closed:
+            name = own.names[self._variable] or "x"
+            raise RecordError(
+                f"{self._called()} was made inside the {home.what} block at {home.loc} and is used after it",
+                loc=here(),
+                cure=f"make it before the block, {name} = sh.{type(self).__name__}(), "
+                f"and store inside it, {name}[:] = …",
+            )
+
+    def _called(self) -> str:
+        if self._frame is None:
+            return "this constant"
+        return self._frame.names[self._variable] or "this value"
