@@ -72,10 +72,13 @@ class Program(OfOneProcess, Generic[_P, _R]):
     called with arrays it gives arrays.
     """
 
+    recorded: Recorded
+    """The module, with what the host must know to run it: inputs, outputs, params, tables and defaults."""
+
     _instead_of_pickle = "a module with the program, which the other process imports; or str(program.ir) and sh.parse"
 
     def __init__(self, recorded: Recorded) -> None:
-        self._recorded = recorded
+        self.recorded = recorded
         self._kernels: dict[tuple[str, Options], Kernel] = {}
 
     @classmethod
@@ -91,22 +94,22 @@ class Program(OfOneProcess, Generic[_P, _R]):
     @property
     def name(self) -> str:
         """The function's name."""
-        return self._recorded.module.name
+        return self.recorded.module.name
 
     @property
     def ir(self) -> Module:
         """The recorded module; `str` of it is its text."""
-        return self._recorded.module
+        return self.recorded.module
 
     @property
     def inputs(self) -> dict[str, Any]:
         """The type of each input by name."""
-        return {name: _spoken(type_) for name, type_ in self._recorded.inputs.items()}
+        return {name: _spoken(type_) for name, type_ in self.recorded.inputs.items()}
 
     @property
     def outputs(self) -> dict[str, Any]:
         """The type of each output by name; outputs without a name are "0", "1", …."""
-        return {name: cls for name, _, cls in _output_leaves(self._recorded)}
+        return {name: cls for name, _, cls in _output_leaves(self.recorded)}
 
     @property
     def params(self) -> dict[str, Any]:
@@ -114,12 +117,12 @@ class Program(OfOneProcess, Generic[_P, _R]):
 
         Dependent uniforms are here too, and the Params that they follow. A matrix or struct is one Param.
         """
-        return listed(self._recorded.params)
+        return listed(self.recorded.params)
 
     @property
     def tables(self) -> dict[str, Any]:
         """Each Table by name; a Table of structs or matrices is one."""
-        return listed_tables(self._recorded.tables)
+        return listed_tables(self.recorded.tables)
 
     @overload
     def __call__(self, *args: _P.args, **named: _P.kwargs) -> _R: ...
@@ -132,9 +135,9 @@ class Program(OfOneProcess, Generic[_P, _R]):
         """
         frame = current_frame()
         if frame is not None:
-            given = bind(self._recorded, args, named)
-            return call_recorded(frame, self._recorded, given, {})
-        stream = next(streams_in(chain(args, named.values(), self._recorded.tables.values())), None)
+            given = bind(self.recorded, args, named)
+            return call_recorded(frame, self.recorded, given, {})
+        stream = next(streams_in(chain(args, named.values(), self.recorded.tables.values())), None)
         if stream is not None:
             return self.compile_for(stream)(*args, **named)
         return self.compile()(*args, **named)
@@ -178,7 +181,7 @@ class Program(OfOneProcess, Generic[_P, _R]):
             count = len(target.devices())
             if device is not None and not 0 <= device < count:
                 raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
-            kernel = self._kernels[name, options] = Kernel(self._recorded, target, options)
+            kernel = self._kernels[name, options] = Kernel(self.recorded, target, options)
         return kernel
 
     def _options(self, device: Any, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:
@@ -207,7 +210,7 @@ class Program(OfOneProcess, Generic[_P, _R]):
         given by position. Each Step has the line, the name, the value and the iterations of the loops around it.
         Raises ShpyTypeError, with what to write instead, for an index that does not fit the shape.
         """
-        return trace(self._recorded, args, named, shape, at)
+        return trace(self.recorded, args, named, shape, at)
 
     if TYPE_CHECKING:  # a program that is a method is a `Method`, which gives the program of an instance
 
@@ -227,32 +230,32 @@ class Program(OfOneProcess, Generic[_P, _R]):
         """`g << f`: f's outputs become g's inputs."""
         if not isinstance(other, Program):
             return NotImplemented
-        return Program(algebra.compose(self._recorded, other._recorded))
+        return Program(algebra.compose(self.recorded, other.recorded))
 
     def __and__(self, other: Program) -> Program:
         """`f & g`: side by side, inputs and outputs one after the other."""
         if not isinstance(other, Program):
             return NotImplemented
-        return Program(algebra.beside(self._recorded, other._recorded, share=False))
+        return Program(algebra.beside(self.recorded, other.recorded, share=False))
 
     def merge(self, other: Program) -> Program:
         """Side by side; inputs of equal name and type are shared."""
-        return Program(algebra.beside(self._recorded, other._recorded, share=True))
+        return Program(algebra.beside(self.recorded, other.recorded, share=True))
 
     def rename(self, **names: str) -> Program:
         """Rename inputs and named outputs: `rename(old="new")`."""
-        return Program(algebra.renamed(self._recorded, names))
+        return Program(algebra.renamed(self.recorded, names))
 
     def bind(self, **values: Any) -> Program:
         """Give inputs once and for all: a number becomes a uniform; a Param or Table is used as it is."""
-        return Program(algebra.bound(self._recorded, values))
+        return Program(algebra.bound(self.recorded, values))
 
     def specialize(self, **values: Any) -> Program:
         """Make inputs or params constants, which are folded into the program."""
-        return Program(algebra.specialized(self._recorded, values))
+        return Program(algebra.specialized(self.recorded, values))
 
     def __repr__(self) -> str:
-        defaults = {n: f" = {getattr(d, 'name', None) or repr(d)}" for n, d in self._recorded.defaults.items()}
+        defaults = {n: f" = {getattr(d, 'name', None) or repr(d)}" for n, d in self.recorded.defaults.items()}
         inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}{defaults.get(n, '')}" for n, t in self.inputs.items())
         outputs = ", ".join(t.__name__ for t in self.outputs.values())
         return f"<Program {self.name}({inputs}) -> {outputs}>"

@@ -160,7 +160,7 @@ class Instant:
 def test_executables_are_evicted_while_others_compile(impatient, monkeypatch):
     monkeypatch.setattr(kernel, "_KEPT", 3)
     monkeypatch.setattr(kernel, "print_module", lambda module: "")
-    recorded, wrong = sh.program(turbulent)._recorded, []
+    recorded, wrong = sh.program(turbulent).recorded, []
 
     def work(first):
         for k in range(first, first + 300):

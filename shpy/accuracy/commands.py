@@ -168,7 +168,7 @@ def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
 
     Raises ShpyError for words that are no range of an input, and for a program that takes tables.
     """
-    inputs = program._recorded.inputs
+    inputs = program.recorded.inputs
     layouts = {name: t for name, t in inputs.items() if not isinstance(t, TableType | TextureType)}
     flat = [leaf for name, layout in layouts.items() for leaf, _, _ in leaves(layout, name)]
     domain: dict[str, Any] = {}
@@ -188,7 +188,7 @@ def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
                 cure=f"--domain {flat[0]}={spoken}" if flat else "no --domain",
             )
         domain[name] = (low, high, *parts[2:])
-    for name, layout in program._recorded.inputs.items():
+    for name, layout in program.recorded.inputs.items():
         if isinstance(layout, TableType | TextureType):
             raise ShpyError(f"{name} is a table, which no range describes", cure=f"program.bind({name}=table)")
         for leaf, _, cls in leaves(layout, name):

@@ -102,14 +102,14 @@ def draw(
 def _leaves(program: Program) -> list[tuple[str, Type]]:
     return [
         (leaf, cls.type)
-        for name, layout in program._recorded.inputs.items()
+        for name, layout in program.recorded.inputs.items()
         if not isinstance(layout, TableType | TextureType)
         for leaf, _, cls in leaves(layout, name)
     ]
 
 
 def _check(program: Program, domain: Domain, names: set[str]) -> None:
-    inputs = program._recorded.inputs
+    inputs = program.recorded.inputs
     missing = [n for n in (*names, *inputs) if _of(domain, n) is None and (n in inputs or n in names)]
     missing = [n for n in missing if n in names or isinstance(inputs.get(n), TableType | TextureType)]
     if missing:
@@ -164,7 +164,7 @@ def _within(said: Any, values: Array) -> Array:
 
 def _shaped(program: Program, domain: Domain, found: dict[str, Array]) -> tuple[Any, ...]:
     given = []
-    for name, layout in program._recorded.inputs.items():
+    for name, layout in program.recorded.inputs.items():
         if isinstance(layout, TableType | TextureType):
             given.append(domain[name])
         else:

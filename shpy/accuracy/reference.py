@@ -85,7 +85,7 @@ class _Multiprecision:
         self.compiled = _Exactly(self.module, limit, multiprecision).entry
         self.double = Interpreter(self.module, "f64", limit)
         params, self.tables = setting.data()
-        self.params = {n: np.asarray(p.at("f64", "strict")) for n, p in setting.program._recorded.params.items()}
+        self.params = {n: np.asarray(p.at("f64", "strict")) for n, p in setting.program.recorded.params.items()}
         self.params = {**params, **self.params}
 
     def run(self) -> Truth:

@@ -54,7 +54,7 @@ class Member:
     @classmethod
     def of(cls, kernel: Program | Kernel) -> Member:
         """Connect a program or kernel by its names; ShpyTypeError where an output has no name and needs one."""
-        recorded = kernel._recorded
+        recorded = kernel.recorded
         for name in recorded.inputs:
             if name in RUN_ARGUMENTS:
                 raise ShpyTypeError(
@@ -84,7 +84,7 @@ class Member:
     @property
     def recorded(self) -> Recorded:
         """The recorded program, of the guarded kernel if there is a condition."""
-        return self.kernel._recorded
+        return self.kernel.recorded
 
     @property
     def name(self) -> str:
@@ -115,9 +115,9 @@ class Member:
             made = guarded(recorded, None, condition)
         else:
             _check_condition(condition)
-            for name, type_ in condition._recorded.inputs.items():
-                _check_shared(recorded, name, type_, signature(condition._recorded))
-            made = guarded(recorded, condition._recorded, "")
+            for name, type_ in condition.recorded.inputs.items():
+                _check_shared(recorded, name, type_, signature(condition.recorded))
+            made = guarded(recorded, condition.recorded, "")
         if isinstance(self.kernel, Kernel):
             kernel: Program | Kernel = Kernel(made, backend_named(self.kernel.backend), self.kernel.options)
         else:
@@ -186,9 +186,9 @@ def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
 
 
 def _check_condition(condition: Any) -> None:
-    if isinstance(condition, Program) and condition._recorded.output == Leaf(MASK):
+    if isinstance(condition, Program) and condition.recorded.output == Leaf(MASK):
         return
-    spoken = signature(condition._recorded) if isinstance(condition, Program) else repr(condition)
+    spoken = signature(condition.recorded) if isinstance(condition, Program) else repr(condition)
     raise ShpyTypeError(
         f"where={spoken} is neither the name of a stream nor a program that returns one Attrib1b",
         loc=here(),

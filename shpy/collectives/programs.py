@@ -255,7 +255,7 @@ def over_structs(combine: Program) -> tuple[Program, Any]:
 
     A Table holds structs, and a run gives one stream of them where it gives a stream for each field of a NamedTuple.
     """
-    element, output = next(iter(combine.inputs.values())), combine._recorded.output
+    element, output = next(iter(combine.inputs.values())), combine.recorded.output
     layout = layout_of(element, "an element")
     if not any(isinstance(part, Group) and part.form != "struct" for part in (layout, output)):
         return combine, element

@@ -92,10 +92,13 @@ class Kernel(OfOneProcess):
     `source` is the emitted text, `notes` what there is to know about this target, `options` how it was compiled.
     """
 
+    recorded: Recorded
+    """The program's module, with what the host must know to run it."""
+
     _instead_of_pickle = "program.compile(backend) in the other process"
 
     def __init__(self, recorded: Recorded, backend: Backend, options: Options) -> None:
-        self._recorded = recorded
+        self.recorded = recorded
         self.backend = backend.name
         self.options = options
         module = forget_data(recorded.module)
@@ -144,7 +147,7 @@ class Kernel(OfOneProcess):
             over_streams = self._run_known_streams(arrays, None)
             if over_streams is not None:
                 return over_streams.outputs
-        given = host.bind(self._recorded, arrays, named)
+        given = host.bind(self.recorded, arrays, named)
         if self._holds_streams(given, None):
             return self._run_on_streams(given, None, shape, () if named else arrays).outputs
         common, outputs, status = self._execute(given, None, shape)
@@ -160,8 +163,8 @@ class Kernel(OfOneProcess):
         shape of the elements in an array or a Stream, tells which elements run; the others count as discarded.
         """
         if where is not None:
-            given = host.bind(self._recorded, arrays, named)
-            return self._guarded.run(*(given[name] for name in self._recorded.inputs), where, out=out, shape=shape)
+            given = host.bind(self.recorded, arrays, named)
+            return self._guarded.run(*(given[name] for name in self.recorded.inputs), where, out=out, shape=shape)
         planned = not named and shape is None
         known = self._run_planned(arrays, out) if planned else None
         if known is not None:
@@ -170,7 +173,7 @@ class Kernel(OfOneProcess):
             over_streams = self._run_known_streams(arrays, out) if planned else None
             if over_streams is not None:
                 return over_streams
-            given = host.bind(self._recorded, arrays, named)
+            given = host.bind(self.recorded, arrays, named)
             if self._holds_streams(given, out):
                 return self._run_on_streams(given, out, shape, () if named else arrays)
             common, outputs, status = self._execute(given, out, shape)
@@ -182,13 +185,13 @@ class Kernel(OfOneProcess):
     @cached_property
     def _guarded(self) -> Kernel:
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
-        made = Kernel(guarded(self._recorded, None, "where"), backend_named(self.backend), self.options)
+        made = Kernel(guarded(self.recorded, None, "where"), backend_named(self.backend), self.options)
         if self._rank is None:  # else an element has to know its place among all
             made._executable = Listed(made._executable, self._executable, self.place.space)
         return made
 
     def _holds_streams(self, given: dict[str, Any], out: Any) -> bool:
-        values = itertools.chain(given.values(), (out,), self._recorded.tables.values())
+        values = itertools.chain(given.values(), (out,), self.recorded.tables.values())
         return next(streams_in(values), None) is not None
 
     @property
@@ -212,7 +215,7 @@ class Kernel(OfOneProcess):
         common = self._known_shapes.get(signature_of_streams(streams)) if self._known_shapes else None
         if common is None:
             return None
-        recorded, place = self._recorded, streams[0].place
+        recorded, place = self.recorded, streams[0].place
         if out is not None:
             check_places([out], place, recorded.module.name)
         params = self._params({}) if recorded.params else {}
@@ -227,7 +230,7 @@ class Kernel(OfOneProcess):
 
     def prepare_on_device(self, given: dict[str, Any], out: Any, shape: Any) -> Prepared:
         """Check what a run over streams is given, and bring to the device what is not there yet."""
-        recorded, place = self._recorded, self.place
+        recorded, place = self.recorded, self.place
         check_places([*given.values(), out, *recorded.tables.values()], place, recorded.module.name)
         dtypes = host.dtypes_at(self.options.precision)
         inputs = host.inputs(recorded.inputs, given, dtypes, self.options.math)
@@ -245,7 +248,7 @@ class Kernel(OfOneProcess):
             dtypes = host.dtypes_at(self.options.precision)
             if len(self._plans) >= KEPT:
                 self._plans.clear()
-            self._plans[key] = plan_of(self._recorded, dtypes, arrays, common, zeros=not self._executable.writes_all)
+            self._plans[key] = plan_of(self.recorded, dtypes, arrays, common, zeros=not self._executable.writes_all)
 
     def _run_planned(
         self, arrays: tuple[Any, ...], out: Any
@@ -254,7 +257,7 @@ class Kernel(OfOneProcess):
         plan = self._plans.get(signature(arrays)) if self._plans else None
         if plan is None:
             return None
-        recorded = self._recorded
+        recorded = self.recorded
         tables = recorded.tables
         data: dict[str, Any] = {}
         if tables:
@@ -273,7 +276,7 @@ class Kernel(OfOneProcess):
         self, given: dict[str, Any], out: Any, shape: Any
     ) -> tuple[tuple[int, ...], Any, NDArray[np.int32] | None]:
         """Run; gives the element shape, the outputs, and the statuses unless all elements were written."""
-        recorded = self._recorded
+        recorded = self.recorded
         dtypes = host.dtypes_at(self.options.precision)
         inputs = host.streams(recorded.inputs, given, dtypes, self.options.math)
         common = host.common_shape(inputs, shape)
@@ -295,7 +298,7 @@ class Kernel(OfOneProcess):
         self, common: tuple[int, ...], given: dict[str, Any], inputs: list[host.InputLeaf], dtypes: Any, out: Any
     ) -> tuple[Any, NDArray[np.int32] | None]:
         """Run over the elements; gives the outputs, and the statuses unless all elements were written."""
-        recorded = self._recorded
+        recorded = self.recorded
         tables = host.tables(recorded.inputs, given, recorded.tables)
         self._check_sizes(tables)
         targets = host.targets(recorded.output, dtypes, common, out, zeros=not self._executable.writes_all)
@@ -319,7 +322,7 @@ class Kernel(OfOneProcess):
 
     def _check_sizes(self, tables: dict[str, Table]) -> None:
         """Raise ShpyTypeError for data of another size than the declared one, which is folded into the text."""
-        for declared in self._recorded.module.tables:
+        for declared in self.recorded.module.tables:
             shape = tuple(int(n) for n in tables[declared.name].shape)
             if declared.size not in (None, shape):
                 raise ShpyTypeError(
@@ -332,8 +335,8 @@ class Kernel(OfOneProcess):
         return table.data(dtypes[table.type.base])
 
     def _params(self, given: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        held = host.uniforms(self._recorded.params, self.options.precision, self.options.math)
-        for name, type_ in self._recorded.inputs.items():
+        held = host.uniforms(self.recorded.params, self.options.precision, self.options.math)
+        for name, type_ in self.recorded.inputs.items():
             if isinstance(type_, TextureType) and f"{name}.mode" in held:
                 texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])
                 held[f"{name}.mode"] = np.asarray(texture.mode, np.int32)
@@ -342,7 +345,7 @@ class Kernel(OfOneProcess):
     def _check_rank(self, shape: tuple[int, ...]) -> None:
         if self._rank is not None and self._rank != len(shape):
             raise ShpyTypeError(
-                f"{self._recorded.module.name} uses grid_index({self._rank}) and is run over the shape {shape}",
+                f"{self.recorded.module.name} uses grid_index({self._rank}) and is run over the shape {shape}",
                 loc=here(),
                 cure=f"shape=({', '.join('hwdn'[: self._rank])}), of rank {self._rank}",
             )
@@ -360,7 +363,7 @@ class Kernel(OfOneProcess):
         elements = f"{count} element{'s' if count > 1 else ''}"
         loops = self._executable.loops
         if first < Status.FIRST_LOOP:
-            loc = next((loc for loc in loops if loc is not None), self._recorded.module.entry.loc)
+            loc = next((loc for loc in loops if loc is not None), self.recorded.module.entry.loc)
             return LoopLimitExceeded(
                 f"the device stopped a loop of {elements} of its own accord",
                 loc=loc,
@@ -377,7 +380,7 @@ class Kernel(OfOneProcess):
         )
 
     def __repr__(self) -> str:
-        return f"<Kernel {self._recorded.module.name} on {self.backend}, {self.device.name}>"
+        return f"<Kernel {self.recorded.module.name} on {self.backend}, {self.device.name}>"
 
 
 def _shape_of(out: Any) -> tuple[int, ...] | None:

@@ -103,7 +103,7 @@ def _run(
     ports = tuple(Port(name, leaf.cls.__name__) for name, leaf in zip(names, leaves, strict=True))
     module = replace(module, outputs=ports, functions=(*module.functions[:-1], watched))
     layout = Group("tuple", tuple(names), tuple(leaves))
-    program = Program(replace(setting.program._recorded, module=module, output=layout))
+    program = Program(replace(setting.program.recorded, module=module, output=layout))
     options = {**setting.options, "loop_limit": None}
     try:
         found = program.compile("numpy", **options)(*setting.inputs, shape=setting.shape, **setting.named)

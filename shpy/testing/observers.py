@@ -80,11 +80,11 @@ class Setting:
 
     @cached_property
     def _given(self) -> dict[str, Any]:
-        return bind(self.program._recorded, self.inputs, self.named)
+        return bind(self.program.recorded, self.inputs, self.named)
 
     @cached_property
     def _streams(self) -> list[Any]:
-        return streams(self.program._recorded.inputs, self._given, dtypes_at(self.precision))
+        return streams(self.program.recorded.inputs, self._given, dtypes_at(self.precision))
 
     def element(self, n: int) -> dict[str, Any]:
         """Return the inputs of the n-th element in C order, by name."""
@@ -93,7 +93,7 @@ class Setting:
 
     def data(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the params and tables, as the interpreter takes them."""
-        recorded, dtypes = self.program._recorded, dtypes_at(self.precision)
+        recorded, dtypes = self.program.recorded, dtypes_at(self.precision)
         found = tables(recorded.inputs, self._given, recorded.tables)
         params = uniforms(recorded.params, self.precision, "strict")
         return params, {n: t.data(dtypes[t.type.base]) for n, t in found.items()}
@@ -243,8 +243,8 @@ def _runnable(program: Program, watched: Watched) -> Program:
         for port, slot in zip(module.outputs, module.entry.outputs, strict=True)
     )
     layout = Group("tuple", tuple(map(str, range(len(parts)))), parts)
-    inputs: dict[str, Any] = {**program._recorded.inputs, "target": Leaf(CLASSES["Attrib", 1, Base.U])}
-    return Program(replace(program._recorded, module=module, inputs=inputs, output=layout))
+    inputs: dict[str, Any] = {**program.recorded.inputs, "target": Leaf(CLASSES["Attrib", 1, Base.U])}
+    return Program(replace(program.recorded, module=module, inputs=inputs, output=layout))
 
 
 def sites_of(sides: Iterable[Observer], events: Iterable[int]) -> frozenset[int]:

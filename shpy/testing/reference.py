@@ -163,6 +163,6 @@ def flushes_denormals(notes: Iterable[str]) -> bool:
 def kernel(program: Program, target: str, only: Collection[int] | None = None, **options: Any) -> Kernel:
     """Return the program compiled for one of `targets()`; `only` are the elements that the interpreter runs."""
     if target == INTERPRETER:
-        return Kernel(program._recorded, Reference(only), Options(**options))
+        return Kernel(program.recorded, Reference(only), Options(**options))
     name, _, lanes = target.partition("-")
     return program.compile(name, lanes=int(lanes) if lanes else "auto", **options)

@@ -74,7 +74,7 @@ def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
     from shpy.run import kernel
 
     kernel._executables.clear()
-    return Kernel(program._recorded, backend_named(backend), Options(**options))
+    return Kernel(program.recorded, backend_named(backend), Options(**options))
 
 
 def test_devices_here_round_correctly() -> None:
@@ -226,7 +226,7 @@ def test_an_int_of_nan_is_corrected(backend: str, lanes: Any, wrong: Any) -> Non
     assert "x == x" in kernel.source
     x = np.float32([np.nan, -np.nan, 0, -0.0, 1.9, -1.9, 2.0**31, -(2.0**31), 4e9, 3e10, np.inf, -np.inf, 1e-45])
     given = x, np.stack([x, -x, x[::-1]], axis=-1)
-    for found, wanted in zip(kernel(*given), Kernel(whole._recorded, Reference(), Options())(*given), strict=True):
+    for found, wanted in zip(kernel(*given), Kernel(whole.recorded, Reference(), Options())(*given), strict=True):
         assert np.array_equal(found, wanted)
 
 
@@ -247,7 +247,7 @@ def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
     assert "mixes up stores" in " ".join(kernel.notes)
     k = np.int32([*range(-3, 8), 2**31 - 1, -(2**31)])
     given = k, np.arange(2 * len(k), dtype=np.float32).reshape(-1, 2) - 5
-    for found, wanted in zip(kernel(*given), Kernel(stored._recorded, Reference(), Options())(*given), strict=True):
+    for found, wanted in zip(kernel(*given), Kernel(stored.recorded, Reference(), Options())(*given), strict=True):
         assert np.array_equal(found, wanted)
 
 

@@ -51,7 +51,7 @@ def test_agreement_is_none():
 @pytest.mark.parametrize("faulty", ["numpy", "opencl", "glsl"])
 def test_the_statement_is_named_with_line_values_and_iteration(monkeypatch, faulty):
     with_fault(monkeypatch, faulty, op("floor", "ceil"))
-    program = sh.Program(turning._recorded)
+    program = sh.Program(turning.recorded)
     found = sh.testing.first_divergence(program, X, 6, backends=("interpreter", faulty))
     assert found is not None
     assert (found.loc.file, found.loc.line) == (__file__, line_of("the floor"))
@@ -72,13 +72,13 @@ def test_the_statement_is_named_with_line_values_and_iteration(monkeypatch, faul
 
 def test_the_right_side_is_the_interpreter(monkeypatch):
     with_fault(monkeypatch, "numpy", op("floor", "ceil"))
-    found = sh.testing.first_divergence(sh.Program(turning._recorded), X, 6, backends=("numpy", "glsl"))
+    found = sh.testing.first_divergence(sh.Program(turning.recorded), X, 6, backends=("numpy", "glsl"))
     assert found.backends == ("interpreter", "numpy")
 
 
 def test_both_traces_stand_side_by_side(monkeypatch):
     with_fault(monkeypatch, "numpy", op("floor", "ceil"))
-    found = sh.testing.first_divergence(sh.Program(turning._recorded), X, 6, backends=("interpreter", "numpy"))
+    found = sh.testing.first_divergence(sh.Program(turning.recorded), X, 6, backends=("interpreter", "numpy"))
     parting = [row.same for row in found.rows].index(False)
     assert parting == 6
     assert all(row.same and np.array_equal(row.first, row.second) for row in found.rows[:parting])
@@ -140,7 +140,7 @@ def test_elements_that_end_otherwise_are_found(monkeypatch):
 def test_other_precisions(monkeypatch, precision):
     with_fault(monkeypatch, "numpy", op("floor", "ceil"))
     found = sh.testing.first_divergence(
-        sh.Program(turning._recorded), X, 6, backends=("interpreter", "numpy"), precision=precision
+        sh.Program(turning.recorded), X, 6, backends=("interpreter", "numpy"), precision=precision
     )
     assert found.loc.line == line_of("the floor")
     assert found.second == found.first + 1
@@ -204,7 +204,7 @@ def cancelling(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
 
 def test_a_distance_may_be_allowed(monkeypatch):
     with_fault(monkeypatch, "numpy", off_by(2))
-    program, given = sh.Program(cancelling._recorded), (np.float32([1.1, 0.5]), 3)
+    program, given = sh.Program(cancelling.recorded), (np.float32([1.1, 0.5]), 3)
     between = {"backends": ("interpreter", "numpy")}
     found = sh.testing.first_divergence(program, *given, **between)
     assert (found.loc.line, found.ulp, found.element) == (line_of("off by a little"), 2, (0,))

@@ -74,7 +74,7 @@ class Case:
     @functools.cached_property
     def arrays(self) -> dict[str, Any]:
         """Every input."""
-        types: Mapping[str, InputType] = self.program._recorded.inputs
+        types: Mapping[str, InputType] = self.program.recorded.inputs
         made = {}
         for n, (name, type_) in enumerate(types.items()):
             made[name] = self.inputs[name] if name in self.inputs else made_up(type_, n)
@@ -113,7 +113,7 @@ class Case:
 
     def denormal(self, element: int) -> bool:
         """Whether a denormal arises on the way of an element."""
-        recorded, shape = self.program._recorded, self.reference.written.shape
+        recorded, shape = self.program.recorded, self.reference.written.shape
         dtypes = host.dtypes_at(self.options.get("precision", "f32"))
         flat = [s.flat(shape) for s in host.streams(recorded.inputs, self.arrays, dtypes)]
         tables = host.tables(recorded.inputs, self.arrays, recorded.tables)

@@ -78,7 +78,7 @@ OWN: dict[str, Any] = {
 def kernel(program: sh.Program, backend: str, **options: Any) -> Kernel:
     """Return the program, compiled for one of BACKENDS, WIDTHS, LANES or WIDE."""
     if backend in OWN:
-        return Kernel(program._recorded, OWN[backend], Options(**options))
+        return Kernel(program.recorded, OWN[backend], Options(**options))
     if backend in LANES | WIDE:
         return program.compile("opencl", lanes=(LANES | WIDE)[backend], **options)
     return program.compile(backend, **options)

@@ -42,7 +42,7 @@ def inputs(program: Program, count: int = 64, seed: int = 0) -> list[Any]:
     rng = np.random.default_rng((count, seed))
     sizes = {table.name: table.size for table in program.ir.tables}
     found: list[Any] = []
-    for name, layout in program._recorded.inputs.items():
+    for name, layout in program.recorded.inputs.items():
         if isinstance(layout, TextureType):
             raise ShpyTypeError(
                 f"{name} is a texture, of which there are none in general",

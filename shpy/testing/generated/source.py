@@ -282,6 +282,6 @@ def record(tree: Tree) -> Generated:
     linecache.cache[file] = (len(written), None, written.splitlines(True), file)
     names = {"sh": sh, "np": np, **TABLES, **PARAMS, **{n: getattr(sh, n) for n in sh.__all__ if n.startswith("SH_")}}
     exec(compile(written, file, "exec"), names)
-    made = Generated(names["generated"]._recorded)
+    made = Generated(names["generated"].recorded)
     made.tree, made.text = tree, written
     return made

@@ -44,7 +44,7 @@ def variants(program: Program, count: int, seed: int = 0, steps: int = 4) -> Ite
                 module = changed
                 changes.append(name)
         verify(module)
-        made = Variant(replace(program._recorded, module=module))
+        made = Variant(replace(program.recorded, module=module))
         made.changes = tuple(changes)
         yield made
 
