@@ -28,7 +28,7 @@ __all__ = ["Choice", "choice", "combinations", "with_picks"]
 
 @dataclass
 class _Picking:
-    """What is picked, and which choices were met."""
+    """The picks of a recording, and the choices that it met."""
 
     picks: Mapping[str, str]
     met: dict[str, Choice] = field(default_factory=dict)

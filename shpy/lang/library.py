@@ -190,7 +190,7 @@ WRAPS: Final[dict[str, Wrap]] = {
 
 
 def _either(repeat: Any) -> Wrap:
-    """The wrap of an argument: repeated where a run says so."""
+    """Return the wrap of an argument: repeated where a run says so."""
     return (
         lambda x: cond(repeat, fract(x), clamp(x, -1, 2)),
         lambda i, extent: cond(repeat, i % extent, i),
@@ -198,7 +198,7 @@ def _either(repeat: Any) -> Wrap:
 
 
 def _cubic(t: Any) -> list[Any]:
-    """The weights of the four texels about a place at t from the second: Catmull-Rom (Keys 1981 with a = -1/2)."""
+    """Return the weights of the four texels around a place at t from the second: Catmull-Rom (Keys 1981, a = -1/2)."""
     return [
         t * (t * (1 - 0.5 * t) - 0.5),
         t * t * (1.5 * t - 2.5) + 1,
@@ -250,7 +250,7 @@ def filtered(
 
 
 def sample(texture: Any, uv: Any) -> Any:
-    """The texture's colour at uv, filtered and wrapped as it says."""
+    """Return the texture's colour at uv, filtered and wrapped as it says."""
 
     def lookup(uv: Any, filter: str, names: Sequence[str]) -> Any:
         linear: Any

@@ -35,7 +35,7 @@ from shpy.lang.values.value import CLASSES, Value
 
 @dataclass(frozen=True, slots=True)
 class TableType:
-    """What `Table[type, rank]` is in an annotation."""
+    """The annotation `Table[type, rank]`."""
 
     cls: Any
     rank: int

@@ -29,7 +29,7 @@ WrapName = Literal["clamp", "repeat", "mirror"]
 
 @dataclass(frozen=True, slots=True)
 class TextureType:
-    """What `Texture2D[type]` is in an annotation."""
+    """The annotation `Texture2D[type]`."""
 
     cls: type[Value]
 

@@ -1,4 +1,4 @@
-"""What a line of the user's code asked of a value that Python cannot have: an `if`, a `min`, an index of a list.
+"""Constructs of Python that ask a value for what it cannot give while recording: an `if`, a `min`, a list's index.
 
 Stage: record. The value's `__bool__` knows only that Python wants to know whether it is true; the text says for which
 construct, and so which cure fits. Takes the line that runs; gives the sentence and what to write, or None.

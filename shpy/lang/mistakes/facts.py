@@ -1,4 +1,4 @@
-"""What is known at one point of a function's text: which assignments each name may come from.
+"""The state at one point of a function's text: which assignments each name may come from.
 
 Stage: record. `Flow` (flow.py) walks the statements in order and keeps a `State`; each `Fact` is one assignment that
 reaches here. Recording runs the body of a block once, straight through, while the user means it to run sometimes or

@@ -1,4 +1,4 @@
-"""What an expression of the text gives: a value of the language, a host number, another host object, or unknown.
+"""The kind of an expression of the text: a value of the language, a host number, another host object, or unknown.
 
 Stage: record. Only what is certain is said; the checks take `UNKNOWN` as innocent wherever they can.
 
@@ -35,7 +35,7 @@ _KEPT = ("abs", "min", "max", "sum", "pow", "divmod")  # numbers of numbers
 
 
 class Kind(Enum):
-    """What is known of an object at the time of recording."""
+    """The knowledge of an object at the time of recording."""
 
     VALUE = "a value of the language"
     NUMBER = "a number of Python"

@@ -1,4 +1,4 @@
-"""What Python or numpy raises where a value of the language is taken for another kind of object: what to write instead.
+"""Cures for the errors of Python and numpy where a value of the language is taken for another kind of object.
 
 Stage: record. Takes an error that left the user's function; gives shpy's own error at the user's line, or None where
 the error has nothing to do with the language.

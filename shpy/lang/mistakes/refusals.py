@@ -1,4 +1,4 @@
-"""What symbolic values refuse: to be Python bools, ints or floats while the program is recorded.
+"""Refusals of symbolic values: to be Python bools, ints or floats while the program is recorded.
 
 Stage: record. The message names the construct that asked, found in the source where there is one.
 """

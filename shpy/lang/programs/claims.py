@@ -1,4 +1,4 @@
-"""What a module that comes as text claims of itself, checked before it is believed.
+"""Claims of a module that comes as text: each is checked before anything relies on it.
 
 Stage: record, where nothing was recorded. Takes a verified module that anybody may have written; gives one that can be
 run, or raises VerifyError. The verifier knows the rules that hold for every module, also between passes; here are those

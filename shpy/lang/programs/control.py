@@ -114,7 +114,7 @@ class SH_IF(Block):
 
 
 class _Else(Block):
-    """What SH_ELIF and SH_ELSE share: they go on with the chain that ended just before."""
+    """Base of SH_ELIF and SH_ELSE, which continue the chain that ended just before."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What a function gives back: the slots of its outputs, stored wherever it ends.
+"""Results of a function: the slots of its outputs, stored wherever it ends.
 
 Stage: record. One `Returns` per function being recorded; SH_RETURN and the function's own return both end here.
 """

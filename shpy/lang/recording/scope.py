@@ -1,4 +1,4 @@
-"""What the names in a function's text mean: objects of its globals, closure and builtins, found without running code.
+"""The objects that names in a function's text mean: in its globals, closure and builtins, without running code.
 
 Stage: record. Takes an expression of the text; gives the object that it will be, or `UNRESOLVED` for what only the
 run knows (locals, calls, properties).
@@ -92,7 +92,7 @@ class Scope:
 
     @functools.cached_property
     def prefix(self) -> str:
-        """What the user writes before shpy's names: `sh.` after `import shpy as sh`."""
+        """Return the prefix that the user writes before shpy's names: `sh.` after `import shpy as sh`."""
         for name, thing in self.names.items():
             if isinstance(thing, ModuleType) and thing.__name__ == "shpy":
                 return f"{name}."

@@ -1,4 +1,4 @@
-"""What operators need to know of a value: its type, and where it is held. The class of each type is registered here.
+"""Values as operators see them: a type, and where the value is held. The class of each type is registered here.
 
 Stage: record. Inside a recording a value is a slot, which each use loads. Outside it is a constant, or the expression
 of a uniform that follows others.

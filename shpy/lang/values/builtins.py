@@ -62,12 +62,12 @@ inversesqrt = rsqrt
 
 
 def atan(y: Any, x: Any = None) -> Any:
-    """The arc tangent of y in radians; with two arguments, atan2(y, x)."""
+    """Return the arc tangent of y in radians; with two arguments, atan2(y, x)."""
     return elementwise("atan", (y,), "sh.atan", floats=True) if x is None else atan2(y, x)
 
 
 def atan2(y: Any, x: Any) -> Any:
-    """The angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."""
+    """Return the angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."""
     return elementwise("atan2", (y, x), "sh.atan2", floats=True)
 
 
@@ -95,12 +95,12 @@ def _several(op: str, args: Sequence[Any]) -> Any:
 
 
 def min(*args: Any) -> Any:
-    """The smallest of two or more, component-wise; a NaN gives way to a number; ints too."""
+    """Return the smallest of two or more, component-wise; a NaN gives way to a number; ints too."""
     return _several("min", args)
 
 
 def max(*args: Any) -> Any:
-    """The largest of two or more, component-wise; a NaN gives way to a number; ints too."""
+    """Return the largest of two or more, component-wise; a NaN gives way to a number; ints too."""
     return _several("max", args)
 
 
@@ -115,7 +115,7 @@ def saturate(x: Any) -> Any:
 
 
 def mix(a: Any, b: Any, t: Any) -> Any:
-    """a * (1 - t) + b * t; with a bool t, b where t holds, else a."""
+    """Return a * (1 - t) + b * t; with a bool t, b where t holds, else a."""
     chooser = operand(t, "sh.mix")
     if base_of((chooser,), "sh.mix") is Base.B:
         return select(t, b, a)
@@ -128,17 +128,17 @@ def step(edge: Any, x: Any) -> Any:
 
 
 def smoothstep(a: Any, b: Any, x: Any) -> Any:
-    """The cubic Hermite step from 0 at a to 1 at b; step(a, x) where a = b."""
+    """Return the cubic Hermite step from 0 at a to 1 at b; step(a, x) where a = b."""
     return elementwise("smoothstep", (a, b, x), "sh.smoothstep", floats=True)
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:
-    """A * b + c, rounded once."""
+    """Return a * b + c, rounded once."""
     return elementwise("fma", (a, b, c), "sh.fma", floats=True)
 
 
 def mad(a: Any, b: Any, c: Any) -> Any:
-    """A * b + c, rounded twice."""
+    """Return a * b + c, rounded twice."""
     return elementwise("mad", (a, b, c), "sh.mad", floats=True)
 
 
@@ -153,7 +153,7 @@ def degrees(radians: Any) -> Any:
 
 
 def cond(c: Any, a: Any, b: Any) -> Any:
-    """A where c holds, else b, component by component over a bool c; both are evaluated."""
+    """Return a where c holds, else b, component by component over a bool c; both are evaluated."""
     return select(c, a, b)
 
 
@@ -174,7 +174,7 @@ def ldexp(x: Any, n: Any) -> Any:
 
 
 def _vectors(op: str, args: Sequence[Any], *, kind: str | None = None) -> Any:
-    """An operation on vectors of one type."""
+    """Apply an operation to vectors of one type."""
     what = f"sh.{op}"
     operands = [operand(a, what) for a in args]
     type = _float_type(operands, what)
@@ -189,12 +189,12 @@ def _float_type(operands: Sequence[Any], what: str) -> Type:
 
 
 def dot(a: Any, b: Any) -> Any:
-    """The scalar product, summed from the first component on."""
+    """Return the scalar product, summed from the first component on."""
     return _vectors("dot", (a, b), kind="Attrib")
 
 
 def cross(a: Any, b: Any) -> Any:
-    """The vector product of two vectors of three components."""
+    """Return the vector product of two vectors of three components."""
     return _vectors("cross", (a, b))
 
 
@@ -214,12 +214,12 @@ def normalize(v: Any) -> Any:
 
 
 def reflect(i: Any, n: Any) -> Any:
-    """The incident vector i mirrored at the unit normal n: i - 2 * dot(n, i) * n (GLSL 4.60 section 8.5)."""
+    """Return the incident vector i mirrored at the unit normal n: i - 2 * dot(n, i) * n (GLSL 4.60 section 8.5)."""
     return _vectors("reflect", (i, n))
 
 
 def refract(i: Any, n: Any, eta: Any) -> Any:
-    """The incident vector refracted at ratio eta (GLSL 4.60 section 8.5); zero at total reflection."""
+    """Return the incident vector refracted at ratio eta (GLSL 4.60 section 8.5); zero at total reflection."""
     operands = [operand(i, "sh.refract"), operand(n, "sh.refract")]
     ratio = operand(eta, "sh.refract")
     type = vec(
@@ -241,27 +241,27 @@ def faceforward(n: Any, i: Any, reference: Any) -> Any:
 
 
 def any(c: Any) -> Any:
-    """Whether one component of a bool holds."""
+    """Return whether one component of a bool holds."""
     return elementwise("any", (c,), "sh.any")
 
 
 def all(c: Any) -> Any:
-    """Whether every component of a bool holds."""
+    """Return whether every component of a bool holds."""
     return elementwise("all", (c,), "sh.all")
 
 
 def bits_from_float(x: Any) -> Any:
-    """The bits of the binary32 as u; 0x7fc00000 for every NaN."""
+    """Return the bits of the binary32 as u; 0x7fc00000 for every NaN."""
     return elementwise("bits_from_float", (x,), "sh.bits_from_float", floats=True)
 
 
 def float_from_bits(u: Any) -> Any:
-    """The binary32 with these bits of a u."""
+    """Return the binary32 with these bits of a u."""
     return elementwise("float_from_bits", (u,), "sh.float_from_bits")
 
 
 def popcount(x: Any) -> Any:
-    """The number of one bits, component-wise."""
+    """Return the number of one bits, component-wise."""
     return elementwise("popcount", (x,), "sh.popcount")
 
 
@@ -277,12 +277,12 @@ def _lanes(op: str, c: Any) -> Any:
 
 
 def any_lane(c: Any) -> Any:
-    """Whether c holds for any active element that executes this together with this one."""
+    """Return whether c holds for any active element that executes this together with this one."""
     return _lanes("any_lane", c)
 
 
 def all_lanes(c: Any) -> Any:
-    """Whether c holds for all active elements that execute this together with this one."""
+    """Return whether c holds for all active elements that execute this together with this one."""
     return _lanes("all_lanes", c)
 
 
@@ -296,10 +296,10 @@ def _grid(op: str, n: int) -> Any:
 
 
 def grid_index(n: int) -> Any:
-    """This element's index along numpy's axes, Attrib{n}i; n is the rank of the elements' shape."""
+    """Return this element's index along numpy's axes, Attrib{n}i; n is the rank of the elements' shape."""
     return _grid("grid_index", n)
 
 
 def grid_shape(n: int) -> Any:
-    """The number of elements along numpy's axes, Attrib{n}i; n is the rank of the elements' shape."""
+    """Return the number of elements along numpy's axes, Attrib{n}i; n is the rank of the elements' shape."""
     return _grid("grid_shape", n)

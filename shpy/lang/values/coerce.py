@@ -1,4 +1,4 @@
-"""What operands mean together: literals, mixing of bases, broadcasting, kinds.
+"""Rules for operands that meet: literals, mixing of bases, broadcasting, kinds.
 
 Stage: record. Takes what stands beside an operator, gives types; `values.py` and `builtins.py` then emit.
 
