@@ -28,7 +28,7 @@ from shpy.backends.glsl.printer import Printer
 from shpy.backends.numpy.device.run import TARGET as NUMPY
 from shpy.backends.numpy.printer import print_python
 from shpy.backends.opencl.device.run import TARGET as OPENCL
-from shpy.backends.opencl.printer import print_kernel
+from shpy.backends.opencl.text.kernel import print_kernel
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Module
 from shpy.passes.pipeline import prepare

@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections import Counter
 
 from shpy.backends import expressions as ex
+from shpy.backends.emit.names import Names
 from shpy.backends.expressions import Expr
 from shpy.backends.layout import After, access_count, lay_out, stored_variables
-from shpy.backends.naming import Names
 from shpy.backends.statements import NeedsVariable, NotAnExpression, Statements, is_whole
 from shpy.ir.nodes import Break, Function, If, Let, Loc, Loop, Module, Region, Store
 from shpy.ir.traverse import continues, defined, uses, variables_of, walk

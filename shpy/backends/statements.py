@@ -19,9 +19,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 from shpy.backends import expressions as ex
+from shpy.backends.emit.names import Names, Target
 from shpy.backends.expressions import Expr
 from shpy.backends.layout import After, Layout, changed_variables, stored_variables
-from shpy.backends.naming import Names, Target
 from shpy.backends.operations import COMPONENTS, Operations
 from shpy.ir.constants import encode
 from shpy.ir.nodes import (

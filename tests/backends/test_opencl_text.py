@@ -20,7 +20,7 @@ from shpy import (
     SH_UNTIL,
     SH_WHILE,
 )
-from shpy.backends.statements import comment
+from shpy.backends.emit.spell_c import comment
 from shpy.ir.nodes import Loc
 
 heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")

@@ -20,9 +20,9 @@ import numpy as np
 
 from shpy.backends import expressions as ex
 from shpy.backends.clike import CLike
+from shpy.backends.emit.names import Target
 from shpy.backends.expressions import Expr, Level
 from shpy.backends.glsl.prologue import Prologue, spelled
-from shpy.backends.naming import Target
 from shpy.backends.operations import COMPARISONS
 from shpy.backends.statements import assignment, constant_index
 from shpy.ir.nodes import Function, Let, Module, Store, Variable

@@ -21,7 +21,7 @@ import ast
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from shpy.backends.naming import Names
+from shpy.backends.emit.names import Names
 from shpy.parsing import parse
 
 __all__ = ["MARK", "Compaction", "compacted"]

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 
-from shpy.backends.naming import Names
+from shpy.backends.emit.names import Names
 from shpy.backends.numpy import lanes as lane_functions
 from shpy.backends.numpy.compaction import MARK, Compaction, compacted
 from shpy.backends.numpy.expressions import Expr, call, condition, method, name, negation

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 
-from shpy.backends.naming import Names
+from shpy.backends.emit.names import Names
 from shpy.backends.numpy.expressions import Expr, call, infix, item, method, name
 from shpy.backends.numpy.heading import LANES
 from shpy.backends.numpy.operations import SHIFTS, Imports, constant, operation, picked

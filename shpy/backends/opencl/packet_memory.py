@@ -21,7 +21,7 @@ from typing import Final
 
 from shpy.backends.opencl.packet_halves import LONGEST
 from shpy.backends.opencl.packet_types import rows_of
-from shpy.backends.opencl.prologue import NOINLINE, SCALARS
+from shpy.backends.opencl.text.prologue import NOINLINE, SCALARS
 from shpy.ir.types import Base, Type
 
 __all__ = ["INLINE", "QUAD", "PacketMemory", "lane_of", "spelled_wide", "struct_text"]

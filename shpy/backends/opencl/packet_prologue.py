@@ -25,7 +25,7 @@ from typing import Final
 
 from shpy.backends.opencl.packet_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
 from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
-from shpy.backends.opencl.prologue import LDEXP, SCALARS, Prologue
+from shpy.backends.opencl.text.prologue import LDEXP, SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
 __all__ = ["IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]

@@ -16,7 +16,8 @@ from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
 from shpy.backends.opencl.packet_prologue import IN_REGISTERS, PacketPrologue
 from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of
-from shpy.backends.opencl.spelling import FAST, NATIVE, Spelling
+from shpy.backends.opencl.spelling import Spelling
+from shpy.backends.opencl.text.operations import FAST, NATIVE
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 

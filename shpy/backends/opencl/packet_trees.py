@@ -18,7 +18,7 @@ from shpy.backends.opencl.packet_memory import INLINE, lane_of, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities
 from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of, widen
 from shpy.backends.opencl.packets import PacketPrinter
-from shpy.backends.opencl.printer import Kernel
+from shpy.backends.opencl.text.kernel import Kernel
 from shpy.ir.nodes import Function, Module
 from shpy.ir.types import Base, Type
 from shpy.passes.components import take_apart

@@ -25,8 +25,9 @@ from shpy.backends.opencl.packet_memory import QUAD, spelled_wide
 from shpy.backends.opencl.packet_prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packet_spelling import PacketSpelling
 from shpy.backends.opencl.packet_types import Lanes, Rows, lanes_of, rows_of, widen
-from shpy.backends.opencl.printer import Kernel, Needs, OpenCLPrinter, leaves_early
-from shpy.backends.opencl.prologue import NOINLINE, spelled
+from shpy.backends.opencl.printer import Needs, OpenCLPrinter, leaves_early
+from shpy.backends.opencl.text.kernel import Kernel
+from shpy.backends.opencl.text.prologue import NOINLINE, spelled
 from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec

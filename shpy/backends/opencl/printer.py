@@ -13,54 +13,18 @@ from dataclasses import dataclass
 from shpy.backends import expressions as ex
 from shpy.backends.expressions import Expr, Level
 from shpy.backends.layout import access_count
-from shpy.backends.opencl.prologue import NOINLINE, spelled
 from shpy.backends.opencl.spelling import Spelling, as_bool
+from shpy.backends.opencl.text.kernel import Kernel
+from shpy.backends.opencl.text.prologue import NOINLINE, spelled
 from shpy.backends.statements import Line, text_of
 from shpy.ir.nodes import Call, Function, Let, Loc, Module, Return, Store, Table, Value, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import Math
 from shpy.passes.size import kept_apart
 
 _INDEX, _SHAPE = "grid_index", "grid_shape"
 _WIDTH = 110
-
-
-@dataclass(frozen=True, slots=True)
-class Kernel:
-    """The text of a kernel, its name, where each line comes from, and whether it needs doubles.
-
-    Arguments, in this order: the number of elements, and the first element of this dispatch (ulong); the grid's shape
-    if `grid` (its rank) is not 0; for each of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a
-    uniform one); for each of `tables` a pointer and its shape; each of `params`; a pointer for each output. A kernel of
-    packets of `lanes` elements, of which `columns` lie side by side, takes after the number of elements the first
-    packet, or line of packets, of this dispatch, and, unless it is `listed`, the length of a row (ints), and tables of
-    three components as tables of four.
-    """
-
-    text: str
-    name: str
-    lines: tuple[Loc | None, ...]
-    doubles: bool
-    grid: int
-    inputs: tuple[int, ...]
-    tables: tuple[Table, ...]
-    params: tuple[str, ...]
-    lanes: int = 1
-    columns: int = 1
-    listed: bool = False
-
-
-def print_kernel(
-    module: Module, math: Math = "strict", *, elementwise: bool = False, hides_zeros: bool = False
-) -> Kernel:
-    """Print the kernel of a prepared module; CompileError for what OpenCL cannot do.
-
-    `elementwise`: the compiler has the functions of `spelling.ELEMENTWISE`; `hides_zeros`: it takes `0 * x` for 0.
-    """
-    whole = hide_derivable(module) if hides_zeros else module
-    return OpenCLPrinter(whole, math, elementwise=elementwise, hides_zeros=hides_zeros).print()
 
 
 @dataclass(frozen=True, slots=True)

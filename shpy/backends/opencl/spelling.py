@@ -12,7 +12,6 @@ Stage: emit. What OpenCL C does in its own way:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
 
@@ -20,42 +19,16 @@ import numpy as np
 
 from shpy.backends import expressions as ex
 from shpy.backends.clike import CLike
+from shpy.backends.emit.names import Target
 from shpy.backends.expressions import Expr, Level
-from shpy.backends.naming import Target
-from shpy.backends.opencl.prologue import NAN_LOST, Prologue, spelled
+from shpy.backends.opencl.text.operations import ELEMENTWISE, FAST, FUNCTIONS, NATIVE
+from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
 from shpy.backends.operations import INFIX
 from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Module, Table, Variable
 from shpy.ir.types import Base, Type
 from shpy.passes.known import Known
 from shpy.passes.modes import Math
-
-FUNCTIONS: Final[Mapping[str, str]] = {
-    **{
-        op: op
-        for op in (
-            "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 log10 sin cos tan asin acos atan "
-            "sinh cosh tanh asinh acosh atanh pow atan2"
-        ).split()
-    },
-    "round": "rint",
-}
-"""Operations that are a function of OpenCL C with the table's meaning, transcendentals within relaxed mode's bounds."""
-
-ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
-"""Operations that Clang has as `__builtin_elementwise_floor` and so on.
-
-PoCL compiles them to fewer instructions than OpenCL's own functions, whose result is garbage for a NaN that its
-compiler derives, as in `floor(NAN - x)`.
-"""
-
-NATIVE: Final[Mapping[str, str]] = {
-    op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
-}
-"""Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
-
-FAST: Final = frozenset({"rsqrt"})
-"""What fast mode does not compose of other operations."""
 
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 

@@ -22,7 +22,7 @@ from shpy.errors import CompileError
 if TYPE_CHECKING:
     from shpy.backends.opencl.device.driver import Machine
     from shpy.backends.opencl.device.widths import Sized
-    from shpy.backends.opencl.printer import Kernel
+    from shpy.backends.opencl.text.kernel import Kernel
 
 __all__ = ["Beside", "Compiled", "Facts"]
 

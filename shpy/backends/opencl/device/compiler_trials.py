@@ -12,7 +12,7 @@ from shpy.backends.opencl.device.trial import Trial
 from shpy.backends.opencl.packet_halves import try_wide
 from shpy.backends.opencl.packet_prologue import SIGNS
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
-from shpy.backends.opencl.spelling import ELEMENTWISE
+from shpy.backends.opencl.text.operations import ELEMENTWISE
 
 __all__ = ["TRIALS"]
 

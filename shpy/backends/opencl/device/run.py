@@ -34,8 +34,8 @@ from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged
 from shpy.backends.opencl.device.widths import Choosing, measured_widths, next_width
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
-from shpy.backends.opencl.printer import Kernel, print_kernel
-from shpy.backends.opencl.spelling import ELEMENTWISE, FAST
+from shpy.backends.opencl.text.kernel import Kernel, print_kernel
+from shpy.backends.opencl.text.operations import ELEMENTWISE, FAST
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loc, Module, Status, Table

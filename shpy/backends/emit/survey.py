@@ -1,0 +1,233 @@
+"""Where everything of a function is made, used and touched: what a plan is decided from.
+
+Stage: emit, first. A region is known by its number, counted in program order: the body is 0. A place is a statement:
+the number of its region, and its index there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Final, Literal
+
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
+from shpy.ir.ops import LANE_OPS
+from shpy.ir.traverse import regions_of, uses
+
+__all__ = ["Place", "Survey", "changed_variables"]
+
+Place = tuple[int, int]
+"""A statement: the number of its region, and its index in it."""
+
+REPEATED: Final = frozenset({"load", "param", "table_size", "grid_index", "grid_shape"})
+"""Operations that only name something: written at every use."""
+
+_NONE: Final[frozenset[int]] = frozenset()
+
+
+class Survey:
+    """The facts of one function, found by one walk over it."""
+
+    def __init__(self, function: Function, callees: Mapping[str, Function]) -> None:
+        self.function = function
+        self.callees = callees
+        self.uses: Counter[int] = Counter()
+        """How often each value is used."""
+        self.lets: dict[int, Let] = {}
+        self.inner: dict[Place, tuple[int, ...]] = {}
+        """The numbers of the regions inside a statement."""
+        self.regions: list[Region] = []
+        self.stored: dict[Place, frozenset[int]] = {}
+        """The variables that an If or Loop may change."""
+        self.stored_in: dict[int, frozenset[int]] = {}
+        """The variables that a region may change."""
+        self.touched: dict[int, dict[Place, None]] = {}
+        """The statements that load, store or hand on a variable; a Return reads the outputs."""
+        self.counters: set[int] = set()
+        """The variables that the last statement of some loop's continuing part stores."""
+        self._made_in: dict[int, int] = {}
+        self._used_in: dict[int, int] = {}
+        self._parents: list[Place | None] = []
+        self._last: dict[int, int] = {}
+        """By region, the greatest number of a region inside it."""
+        self._outputs = [o.id for o in function.outputs]
+        self._region(function.body, None)
+
+    def statement(self, place: Place) -> Stmt:
+        """Return the statement at a place."""
+        return self.regions[place[0]][place[1]]
+
+    # The walk
+
+    def _region(self, region: Region, parent: Place | None) -> int:
+        number = len(self.regions)
+        self.regions.append(region)
+        self._parents.append(parent)
+        stored: set[int] = set()
+        for index, s in enumerate(region):
+            self._statement(s, number, index, stored)
+        self.stored_in[number] = frozenset(stored)
+        self._last[number] = len(self.regions) - 1
+        return number
+
+    def _statement(self, s: Stmt, number: int, index: int, stored: set[int]) -> None:
+        match s:
+            case Let():
+                for value in s.args:
+                    self.uses[value] += 1
+                    self._used_in[value] = number
+                self.lets[s.value.id] = s
+                self._made_in[s.value.id] = number
+                if s.op == "load" and isinstance(s.attr, int):
+                    self.touched.setdefault(s.attr, {})[number, index] = None
+                return
+            case Loop():
+                self._loop(s, number, index)
+            case _:
+                for value in uses(s, self.callees):
+                    self.uses[value] += 1
+                    self._used_in[value] = number
+                if isinstance(s, If):
+                    self._inside(s, number, index)
+        if (inner := self.inner.get((number, index))) is not None:
+            changed = frozenset().union(*(self.stored_in[r] for r in inner))
+            self.stored[number, index] = changed
+        else:
+            changed = changed_variables(s, self.callees)
+            for variable in (*changed, *(self._outputs if isinstance(s, Return) else ())):
+                self.touched.setdefault(variable, {})[number, index] = None
+        stored |= changed
+
+    def _inside(self, s: Stmt, number: int, index: int) -> None:
+        self.inner[number, index] = tuple([self._region(r, (number, index)) for r in regions_of(s)])
+
+    def _loop(self, s: Loop, number: int, index: int) -> None:
+        self._inside(s, number, index)
+        if s.until is not None:
+            # The test is at the end of the iteration: its region is the one that made the value, if it is inside.
+            inner = self.inner[number, index]
+            self.uses[s.until] += 1
+            made = self._made_in.get(s.until, number)
+            self._used_in[s.until] = made if made in inner else inner[0]
+        if s.continuing and isinstance(s.continuing[-1], Store):
+            self.counters.add(s.continuing[-1].variable)
+
+    # Values
+
+    def may_inline(self, value: int) -> bool:
+        """Return whether the value can be written where it is used: then it costs nothing and reads well."""
+        let = self.lets[value]
+        if let.op in REPEATED and not let.args:
+            return True
+        if let.op == "const":
+            return let.value.name is None
+        if let.op in LANE_OPS or self.uses[value] != 1:
+            return self._is_glimpse(let)
+        return let.value.name is None and self._used_in[value] == self._made_in[value]
+
+    def _is_glimpse(self, let: Let) -> bool:
+        """Return whether it is a component or splat of something that has a name or is a number."""
+        if let.value.name is not None or let.op not in ("swizzle", "splat"):
+            return False
+        source = self.lets.get(let.args[0])
+        if source is None or source.op in ("const", "load"):
+            return True
+        return not self.may_inline(let.args[0]) or self._is_glimpse(source)
+
+    # Variables
+
+    def place(self, variable: Variable, *, output: bool) -> tuple[Place, bool] | None:
+        """Return before which statement to declare a variable, and whether as zero; None if nothing touches it."""
+        touched = list(self.touched.get(variable.id, ()))
+        if output:
+            touched.append((0, len(self.regions[0])))
+        if not touched:
+            return None
+        home = self._common([region for region, _ in touched])
+        marks = self._marked(touched)
+        while True:
+            index = min(self._index_in(home, place) for place in touched)
+            if variable.length is None and self._first_access(home, variable.id, marks) == "stored":
+                return (home, index), False
+            outer = self._outside_loops(home)
+            if outer == home:
+                return (home, index), True
+            home = outer
+
+    def touches_inside(self, place: Place, variable: int) -> int:
+        """Count the statements inside an If or Loop that touch a variable."""
+        inner = self.inner[place]
+        first, last = inner[0], self._last[inner[-1]]
+        return sum(first <= region <= last for region, _ in self.touched.get(variable, ()))
+
+    def _marked(self, touched: list[Place]) -> dict[int, list[int]]:
+        """Return the statements that touch the variable, or hold one that does, by region and in order."""
+        marks: dict[int, set[int]] = {}
+        for place in touched:
+            at: Place | None = place
+            while at is not None and at[1] not in marks.setdefault(at[0], set()):
+                marks[at[0]].add(at[1])
+                at = self._parents[at[0]]
+        return {region: sorted(found) for region, found in marks.items()}
+
+    def _first_access(
+        self, number: int, variable: int, marks: Mapping[int, list[int]]
+    ) -> Literal["stored", "read", "nothing"]:
+        """Return what a region does to the variable first, on every way; only a store of the whole is a store."""
+        region = self.regions[number]
+        for index in marks.get(number, []):
+            if index == len(region):
+                return "read"
+            match region[index]:
+                case Store(v, components=None, index=None) if v == variable:
+                    return "stored"
+                case If():
+                    ways = {self._first_access(r, variable, marks) for r in self.inner[number, index]}
+                    if ways == {"stored"}:
+                        return "stored"
+                    if ways != {"nothing"}:
+                        return "read"
+                case _:
+                    return "read"
+        return "nothing"
+
+    def _outside_loops(self, region: int) -> int:
+        """Return the region that holds the outermost loop around this one; itself if there is none."""
+        result, at = region, self._parents[region]
+        while at is not None:
+            if isinstance(self.statement(at), Loop):
+                result = at[0]
+            at = self._parents[at[0]]
+        return result
+
+    def _path(self, region: int) -> list[int]:
+        path = [region]
+        while (parent := self._parents[path[-1]]) is not None:
+            path.append(parent[0])
+        return path[::-1]
+
+    def _common(self, regions: list[int]) -> int:
+        """Return the innermost region around all of these."""
+        common = self._path(regions[0])
+        for region in set(regions[1:]):
+            common = [a for a, b in zip(common, self._path(region), strict=False) if a == b]
+        return common[-1]
+
+    def _index_in(self, home: int, place: Place) -> int:
+        """Return the index of the statement of `home` in which a place is."""
+        while place[0] != home:
+            parent = self._parents[place[0]]
+            assert parent is not None
+            place = parent
+        return place[1]
+
+
+def changed_variables(s: Stmt, callees: Mapping[str, Function]) -> frozenset[int]:
+    """Return the variables that the statement itself may change."""
+    match s:
+        case Store(variable):
+            return frozenset({variable})
+        case Call(name, args):
+            inputs = callees[name].inputs
+            return frozenset(a for a, port in zip(args, inputs, strict=True) if isinstance(port, Variable))
+    return _NONE

@@ -1,0 +1,321 @@
+"""The output tree: what a text of a target says, before there is any text.
+
+Stage: emit. `structure` makes it from prepared IR, a speller prints it. Nodes are immutable and compare by value, so a
+decision looks at nodes, never at text.
+
+>>> from shpy.ir.types import vec
+>>> x, one = Name(vec("i"), "x"), Literal(vec("i"), 1)
+>>> infix("-", x, infix("+", x, one)).args[1].symbol
+'+'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from shpy.ir.nodes import Loc
+from shpy.ir.types import Base, Type, vec
+
+BOOL: Final = vec(Base.B)
+INT: Final = vec(Base.I)
+UINT: Final = vec(Base.U)
+COMPONENTS: Final = "xyzw"
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """A type that only the target has, such as `size_t`."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pointer:
+    """A pointer to values of a type; `space` stands before the type, as `__global const`."""
+
+    to: Type | Own
+    space: str = ""
+
+
+AnyType = Type | Own | Pointer
+
+
+@dataclass(frozen=True, slots=True)
+class Expr:
+    """An expression; `type` is what the target computes, for instance a uint where the IR has an int."""
+
+    type: Type
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The expressions directly inside."""
+        return ()
+
+    @property
+    def splat(self) -> Expr | None:
+        """The scalar that a vector repeats."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Name(Expr):
+    """A variable, parameter, temporary or uniform."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Literal(Expr):
+    """A number of a scalar type."""
+
+    value: float | int | bool
+
+
+@dataclass(frozen=True, slots=True)
+class Operator(Expr):
+    """A prefix operator, an infix one, or the choice "?", by the number of arguments."""
+
+    symbol: str
+    args: tuple[Expr, ...]
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The operands."""
+        return self.args
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Expr):
+    """A function applied to arguments."""
+
+    function: str
+    args: tuple[Expr, ...]
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The arguments."""
+        return self.args
+
+
+@dataclass(frozen=True, slots=True)
+class Construct(Expr):
+    """A vector from scalars and vectors, or from one scalar that is repeated."""
+
+    args: tuple[Expr, ...]
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """Its components."""
+        return self.args
+
+    @property
+    def splat(self) -> Expr | None:
+        """The only argument, unless that is a vector of the same size."""
+        return self.args[0] if len(self.args) == 1 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Cast(Expr):
+    """Conversion by the language's own cast."""
+
+    of: Expr
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The expression that is converted."""
+        return (self.of,)
+
+
+@dataclass(frozen=True, slots=True)
+class Member(Expr):
+    """Components of a vector, or a field of a struct."""
+
+    of: Expr
+    field: str
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The vector or struct."""
+        return (self.of,)
+
+
+@dataclass(frozen=True, slots=True)
+class Index(Expr):
+    """An element of an array or a component of a vector."""
+
+    of: Expr
+    at: Expr
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The array and the index."""
+        return (self.of, self.at)
+
+
+@dataclass(frozen=True, slots=True)
+class Method(Expr):
+    """A method of an object, applied to arguments."""
+
+    of: Expr
+    name: str
+    args: tuple[Expr, ...] = ()
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The object and the arguments."""
+        return (self.of, *self.args)
+
+
+# Statements
+
+
+@dataclass(frozen=True, slots=True)
+class Declare:
+    """A new variable, with its first value or without; `length` makes an array whose elements are all `value`."""
+
+    type: AnyType
+    name: str
+    value: Expr | None = None
+    length: int | None = None
+    loc: Loc | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    """`target = value`; a speller writes an update, such as `x += 1`, where the value begins with the target."""
+
+    target: Expr
+    value: Expr
+    loc: Loc | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Do:
+    """An expression as a statement."""
+
+    value: Expr
+    loc: Loc | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class If:
+    """A choice. An `orelse` of one `If` alone is spelled `else if`."""
+
+    condition: Expr
+    then: Block
+    orelse: Block = ()
+    loc: Loc | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A loop: `test` is tried before each iteration, `again` after it; with neither it goes on for ever.
+
+    With a `step` it is a `for`, whose `starts` begin it. `note` is a remark behind its head.
+    """
+
+    body: Block
+    starts: tuple[Declare, ...] = ()
+    test: Expr | None = None
+    step: Assign | None = None
+    again: Expr | None = None
+    loc: Loc | None = None
+    again_loc: Loc | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Exit:
+    """`break`, `continue` or `return`."""
+
+    word: str
+    value: Expr | None = None
+    loc: Loc | None = None
+
+
+Stmt = Declare | Assign | Do | If | Loop | Exit
+Block = tuple[Stmt, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter; `passed` is a word such as `inout`, `length` that of an array."""
+
+    type: AnyType
+    name: str
+    passed: str = ""
+    length: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function; `result` None gives nothing, `qualifiers` stand before the result's type."""
+
+    name: str
+    result: AnyType | None
+    parameters: tuple[Parameter, ...]
+    body: Block
+    loc: Loc | None = None
+    qualifiers: tuple[str, ...] = ()
+
+
+# Makers
+
+
+def infix(symbol: str, a: Expr, b: Expr, type: Type | None = None) -> Operator:
+    """Return `a symbol b`, of a's type if no other is given."""
+    return Operator(type or a.type, symbol, (a, b))
+
+
+def prefix(symbol: str, e: Expr, type: Type | None = None) -> Operator:
+    """Return `symbol e`."""
+    return Operator(type or e.type, symbol, (e,))
+
+
+def choice(c: Expr, a: Expr, b: Expr) -> Operator:
+    """Return `c ? a : b`."""
+    return Operator(a.type, "?", (c, a, b))
+
+
+def call(function: str, type: Type, *args: Expr) -> Call:
+    """Return `function(args)`."""
+    return Call(type, function, args)
+
+
+def picked(e: Expr, components: Sequence[int], type: Type) -> Member:
+    """Return `e.xy`."""
+    return Member(type, e, "".join([COMPONENTS[c] for c in components]))
+
+
+def number(value: int, type: Type = INT) -> Literal:
+    """Return a whole number."""
+    return Literal(type, value)
+
+
+_OPPOSITE: Final = {"==": "!=", "!=": "==", "<": ">=", "<=": ">", ">": "<=", ">=": "<"}
+
+
+def negation(e: Expr) -> Expr:
+    """Return the opposite of a scalar bool; `!(a < b)` is `a >= b` where no operand can be a NaN."""
+    if isinstance(e, Operator):
+        if e.symbol == "!":
+            return e.args[0]
+        if e.symbol in _OPPOSITE and (e.symbol in ("==", "!=") or not e.args[0].type.is_float):
+            return replace(e, symbol=_OPPOSITE[e.symbol])
+    return prefix("!", e)
+
+
+def walk(e: Expr) -> Iterator[Expr]:
+    """Yield the expression and all expressions inside it."""
+    yield e
+    for part in e.parts:
+        yield from walk(part)
+
+
+def is_plain(e: Expr) -> bool:
+    """Return whether an expression is a name, a number or a component of one: cheap to write twice."""
+    while isinstance(e, Member):
+        e = e.of
+    return isinstance(e, Name | Literal) or (isinstance(e, Operator) and e.symbol == "*" and len(e.args) == 1)

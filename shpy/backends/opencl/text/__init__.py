@@ -1,0 +1,1 @@
+"""OpenCL C, one element a work item, from the output tree."""

@@ -1,0 +1,291 @@
+"""The OpenCL C kernel of a prepared module, one element a work item.
+
+Stage: emit. There are no globals in OpenCL C: tables, params and the grid are handed on to the functions that need
+them. An entry that returns early is a function of its own, which the kernel calls.
+
+    print_kernel(prepared.module).text
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+from shpy.backends.emit import tree
+from shpy.backends.emit.entry import Needs, direct_outputs, leaves_early, needed_by, needs_of
+from shpy.backends.emit.spell_c import Line, text_of
+from shpy.backends.emit.tree import (
+    BOOL,
+    INT,
+    UINT,
+    AnyType,
+    Assign,
+    Block,
+    Cast,
+    Declare,
+    Exit,
+    Expr,
+    Name,
+    Own,
+    Parameter,
+    Pointer,
+    number,
+)
+from shpy.backends.opencl.text.operations import ClBody, ClUnit
+from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
+from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
+from shpy.errors import CompileError
+from shpy.ir.nodes import Function, Let, Loc, Module, Table, Value, Variable
+from shpy.ir.traverse import defined, variables_of
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.hide import hide_derivable
+from shpy.passes.modes import Math
+from shpy.passes.size import kept_apart
+
+__all__ = ["Kernel", "KernelMaker", "print_kernel"]
+
+INDEX: Final = "grid_index"
+SHAPE: Final = "grid_shape"
+ULONG: Final = Own("ulong")
+SIZE: Final = Own("size_t")
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """The text of a kernel, its name, where each line comes from, and whether it needs doubles.
+
+    Arguments, in this order: the number of elements, and the first element of this dispatch (ulong); the grid's shape
+    if `grid` (its rank) is not 0; for each of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a
+    uniform one); for each of `tables` a pointer and its shape; each of `params`; a pointer for each output. A kernel of
+    packets of `lanes` elements, of which `columns` lie side by side, takes after the number of elements the first
+    packet, or line of packets, of this dispatch, and, unless it is `listed`, the length of a row (ints), and tables of
+    three components as tables of four.
+    """
+
+    text: str
+    name: str
+    lines: tuple[Loc | None, ...]
+    doubles: bool
+    grid: int
+    inputs: tuple[int, ...]
+    tables: tuple[Table, ...]
+    params: tuple[str, ...]
+    lanes: int = 1
+    columns: int = 1
+    listed: bool = False
+
+
+def print_kernel(
+    module: Module, math: Math = "strict", *, elementwise: bool = False, hides_zeros: bool = False
+) -> Kernel:
+    """Print the kernel of a prepared module; CompileError for what OpenCL cannot do.
+
+    `elementwise`: the compiler has the functions of ELEMENTWISE; `hides_zeros`: it takes `0 * x` for 0.
+    """
+    whole = hide_derivable(module) if hides_zeros else module
+    return KernelMaker(whole, math, Prologue(), elementwise=elementwise, hides_zeros=hides_zeros).kernel()
+
+
+class KernelMaker(ClUnit):
+    """Makes one module one kernel."""
+
+    body: ClassVar[type[ClBody]] = ClBody
+
+    def __init__(
+        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, hides_zeros: bool = False
+    ) -> None:
+        super().__init__(module, math, prologue, elementwise=elementwise, hides_zeros=hides_zeros)
+        take = self.globals.take
+        self.count = Name(UINT, take("count"))
+        self.first = Name(UINT, take("first"))
+        self.needs = needs_of(module, self.needed)
+        self.grid_rank = self.rank()
+        self.grid = {op: Name(vec(Base.I, max(self.grid_rank, 1)), take(op)) for op in (INDEX, SHAPE)}
+        self.functions = {f.name: take(f.name, "f") for f in module.functions}
+        self.table_names = {t.name: Name(t.type, take(t.name, "table")) for t in module.tables}
+        self.size_names = {
+            t.name: Name(vec(Base.I, t.rank), take(f"{self.table_names[t.name].text}_size")) for t in module.tables
+        }
+        self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
+        self.apart = kept_apart(module)
+        self.speller = ClSpeller()
+
+    # What a kernel of packets has in its own way
+
+    def needed(self, let: Let) -> Needs | None:
+        """Return what an operation needs besides its operands."""
+        return needed_by(let)
+
+    def rank(self) -> int:
+        """Return the axes of the grid; 0 if no function asks for its place in it."""
+        return max((r for needs in self.needs.values() for r in needs.ranks), default=0)
+
+    def declared(self) -> Sequence[str]:
+        """Return lines that declare types which the text uses and OpenCL C does not have."""
+        return ()
+
+    def stands_apart(self, function: Function) -> bool:
+        """Return whether the compiler is told not to inline the function."""
+        return function.name in self.apart
+
+    # The text
+
+    def kernel(self) -> Kernel:
+        """Return the whole text, and what it takes."""
+        for function in self.module.functions[:-1]:
+            self.add(function, self.functions[function.name])
+        entry = self.module.entry
+        inputs = self.add_kernel(entry, self.functions[entry.name])
+        doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
+        head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math == 'strict' else 'ON'}"]
+        head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
+        lines: list[Line] = [(text, None) for text in [*head, *self.declared(), "", *prologue.splitlines()]]
+        lines += self.speller.lines if prologue else self.speller.lines[1:]
+        return Kernel(
+            text_of(lines),
+            self.functions[entry.name],
+            tuple([loc for _, loc in lines]),
+            doubles,
+            self.grid_rank if needs.grid else 0,
+            inputs,
+            tuple(t for t in self.module.tables if t.name in needs.tables),
+            tuple(p for p in self.params if p in needs.params),
+        )
+
+    def needs_doubles(self) -> bool:
+        """Return whether a double occurs; CompileError for a binary16."""
+        module = self.module
+        found = {p.type.base for p in module.params} | {t.type.base for t in module.tables}
+        for function in module.functions:
+            found |= {v.type.base for v in defined(function)} | {v.type.base for v in variables_of(function)}
+        if Base.H in found:
+            raise CompileError("OpenCL kernels hold no binary16")
+        return Base.D in found
+
+    # What a function needs besides its arguments
+
+    def handed(self, function: str) -> tuple[Name, ...]:
+        """Return what is handed on to a function."""
+        needs = self.needs[function]
+        found = [self.grid[op] for op in sorted(needs.grid)]
+        for table in self.module.tables:
+            if table.name in needs.tables:
+                found += [self.table_names[table.name], self.size_names[table.name]]
+        return (*found, *(e for p, e in self.params.items() if p in needs.params))
+
+    def declares(self, e: Name) -> Parameter:
+        """Return the parameter by which something is handed on; bools are handed on as ints."""
+        if e in self.table_names.values():
+            return Parameter(self.array(e.type, "const "), e.text)
+        return Parameter(e.type.based(Base.I) if e.type.is_bool else e.type, e.text)
+
+    def array(self, type: Type, qualifier: str = "") -> Pointer:
+        """Return the type of an array in memory."""
+        return Pointer(element_type(type), f"__global {qualifier}")
+
+    # Functions
+
+    def add(self, function: Function, name: str) -> None:
+        """Add a function to the text."""
+        body, single = self.body(self, function), len(function.outputs) == 1
+        parameters = self.ports(body, (*function.inputs, *(() if single else function.outputs)))
+        parameters += [self.declares(e) for e in self.handed(function.name)]
+        body.begin(returns=True)
+        if not single:
+            zeros = [o for o in function.outputs if o.id in body.planned.zeroed]
+            body.out += [Assign(body.slots[o.id], body.zero(o.type)) for o in zeros]
+        body.out += self.prelude(function.name)
+        body.statements()
+        result = function.outputs[0].type if single else None
+        self.spell(function, name, result, parameters, body)
+
+    def prelude(self, function: str) -> Block:
+        """Return the first statements of a function."""
+        return ()
+
+    def spell(
+        self, function: Function, name: str, result: AnyType | None, parameters: Sequence[Parameter], body: ClBody
+    ) -> None:
+        """Add a function that has been made."""
+        qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
+        made = tree.Function(name, result, tuple(parameters), tuple(body.out), function.loc, qualifiers)
+        self.speller.function(made)
+
+    def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
+        """Name the parameters of a function; variables are handed on by pointers."""
+        parameters = []
+        for port in ports:
+            name = Name(port.type, body.scope.take(port.name, "a" if isinstance(port, Value) else "v"))
+            if isinstance(port, Value):
+                body.exprs[port.id] = name
+            else:
+                body.slots[port.id] = name if port.length is not None else tree.prefix("*", name)
+            parameters.append(Parameter(port.type if isinstance(port, Value) else Pointer(port.type), name.text))
+        return parameters
+
+    # The kernel
+
+    def add_kernel(self, entry: Function, name: str) -> tuple[int, ...]:
+        """Add the kernel itself; return the positions of the inputs that it reads."""
+        inner = self.globals.take(f"{name}_element") if leaves_early(entry) else ""
+        if inner:
+            self.add(entry, inner)
+        body = self.body(self, entry, () if inner else direct_outputs(entry, self.callees))
+        body.begin(returns=False)
+        uses, take = body.planned.uses, body.scope.take
+        read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
+        arrays = {i.id: Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read}
+        steps = {i.id: Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read}
+        self.arrays = {o.id: Name(o.type, take(f"{o.name or 'result'}_out")) for o in entry.outputs}
+        parameters = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
+        parameters += [self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else []
+        for _, i in read:
+            parameters.append(Parameter(self.array(i.type, "const "), arrays[i.id].text))
+            parameters.append(Parameter(INT, steps[i.id].text))
+        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in self.grid.values()]
+        parameters += [Parameter(self.array(o.type), self.arrays[o.id].text) for o in entry.outputs]
+        body.out += self.find_element(entry)
+        for _, i in read:
+            body.bind(i.id, body.read(arrays[i.id], tree.infix("*", self.element, steps[i.id]), i.type))
+        if inner:
+            self.call_entry(body, inner)
+        else:
+            body.statements()
+            left = [o for o in entry.outputs if o.id not in body.direct]
+            body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
+        made = tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",))
+        self.speller.function(made)
+        return tuple(at for at, _ in read)
+
+    def find_element(self, entry: Function) -> Block:
+        """Return the statements by which a work item finds its element, and its place in the grid."""
+        element, index = self.element, self.grid[INDEX]
+        start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
+        outside = tree.If(tree.infix(">=", element, self.count, BOOL), (Exit("return"),))
+        found: Block = (Declare(SIZE, element.text, start), outside)
+        if INDEX not in self.needs[entry.name].grid:
+            return found
+        rest: Expr = element
+        axes: list[Expr] = []
+        for axis in "xyzw"[1 : self.grid_rank][::-1]:  # the last axis runs fastest
+            side = tree.Member(INT, self.grid[SHAPE], axis)
+            axes.insert(0, tree.infix("%", rest, side))
+            rest = tree.infix("/", rest, side)
+        made: Expr = Cast(INT, element) if self.grid_rank == 1 else tree.Construct(index.type, (rest, *axes))
+        return (*found, Declare(index.type, index.text, made))
+
+    def call_entry(self, body: ClBody, inner: str) -> None:
+        """Call the function that the entry is."""
+        entry = body.function
+        args = [body.exprs[i.id] if i.id in body.exprs else body.zero(i.type) for i in entry.inputs]
+        handed = self.handed(entry.name)
+        if len(entry.outputs) == 1:
+            (o,) = entry.outputs
+            body.out.append(body.write(self.arrays[o.id], tree.call(inner, o.type, *args, *handed), o.type))
+            return
+        for o in entry.outputs:
+            body.out.append(Declare(o.type, body.slot(o)))
+            args.append(tree.prefix("&", body.slots[o.id]))
+        body.out.append(tree.Do(tree.call(inner, BOOL, *args, *handed)))
+        body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in entry.outputs]

@@ -1,0 +1,370 @@
+"""Operations as OpenCL C has them.
+
+Stage: emit. What OpenCL C does in its own way:
+
+- a vector of bools is a vector of ints, -1 for true; one bool is a bool;
+- signed ints wrap, which C does not promise: scalar `a + b` is computed as a uint, whose type the tree knows, and
+  vectors through `as_uint3`;
+- vectors of three are packed in memory (`vload3`, `vstore3`), those of two and four are OpenCL's own.
+
+    add %i, 1  ->  i + 1u            lt %v, %w  ->  v < w            swizzle.x %mask  ->  mask.x != 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar, Final
+
+import numpy as np
+
+from shpy.backends.emit import tree
+from shpy.backends.emit.entry import Unit
+from shpy.backends.emit.operations import INFIX
+from shpy.backends.emit.structure import Body
+from shpy.backends.emit.tree import (
+    BOOL,
+    INT,
+    UINT,
+    Assign,
+    Cast,
+    Construct,
+    Do,
+    Expr,
+    Index,
+    Literal,
+    Name,
+    Operator,
+    number,
+)
+from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
+from shpy.errors import CompileError
+from shpy.ir.nodes import Let, Loc, Module, Variable
+from shpy.ir.types import Base, Type
+from shpy.passes.modes import Math
+
+__all__ = ["ELEMENTWISE", "FAST", "FUNCTIONS", "NATIVE", "ClBody", "ClUnit", "as_component"]
+
+FUNCTIONS: Final[Mapping[str, str]] = {
+    **{
+        op: op
+        for op in (
+            "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 log10 sin cos tan asin acos atan "
+            "sinh cosh tanh asinh acosh atanh pow atan2"
+        ).split()
+    },
+    "round": "rint",
+}
+"""Operations that are a function of OpenCL C with the table's meaning, transcendentals within relaxed mode's bounds."""
+
+ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
+"""Operations that Clang has as `__builtin_elementwise_floor` and so on.
+
+PoCL compiles them to fewer instructions than OpenCL's own functions, whose result is garbage for a NaN that its
+compiler derives, as in `floor(NAN - x)`.
+"""
+
+NATIVE: Final[Mapping[str, str]] = {
+    op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
+}
+"""Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
+
+FAST: Final = frozenset({"rsqrt"})
+"""What fast mode does not compose of other operations."""
+
+_WRAPPING: Final = frozenset({"add", "sub", "mul"})
+
+
+class ClUnit(Unit):
+    """What the functions of one kernel share.
+
+    `elementwise`: the compiler has the functions of ELEMENTWISE; `hides_zeros`: it must not know of a float that it is
+    zero.
+    """
+
+    target = "opencl"
+
+    def __init__(
+        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, hides_zeros: bool = False
+    ) -> None:
+        super().__init__(module)
+        self.math, self.prologue = math, prologue
+        self.elementwise, self.hides_zeros = elementwise, hides_zeros
+        self.tables = {t.name: t for t in module.tables}
+        self.element = Name(UINT, self.globals.take("element"))
+        self.params: dict[str, Name] = {}
+        self.table_names: dict[str, Name] = {}
+        self.size_names: dict[str, Name] = {}
+        self.grid: dict[str, Name] = {}
+        self.grid_rank = 0
+        self.arrays: dict[int, Name] = {}
+        """The arrays of the entry's outputs."""
+
+    def handed(self, function: str) -> tuple[Name, ...]:
+        """Return what is handed on to a function."""
+        raise NotImplementedError
+
+
+class ClBody(Body):
+    """Makes the tree of one function."""
+
+    unit: ClUnit
+    scalar_comparisons: ClassVar[bool] = True
+
+    # Literals, vectors and names
+
+    def literal(self, type: Type, component: float | int | bool) -> Expr:
+        """Return a number; zeros that the compiler must not know, or takes for others, come from functions."""
+        if component == 0 and type.is_float:
+            negative = bool(np.signbit(component))
+            if self.unit.hides_zeros:
+                zero = self.ours("zero", type, type)
+                return tree.prefix("-", zero) if negative else zero
+            if negative and self.unit.math == "strict":
+                return self.ours("minus_zero", type, type)
+        return Literal(type, component)
+
+    def ours(self, op: str, takes: Type, gives: Type, *args: Expr) -> Expr:
+        """Return a call of a function of the prologue."""
+        return tree.call(self.unit.prologue.use(op, takes), gives, *args)
+
+    def component(self, e: Expr) -> Expr:
+        """Return a scalar as it stands beside a vector: a bool is -1 or 0."""
+        return as_component(e)
+
+    def picked(self, e: Expr, components: tuple[int, ...], type: Type) -> Expr:
+        """Return `v.xy`; one component of a vector of bools is made a bool."""
+        made = super().picked(e, components, type)
+        return as_bool(made) if type is BOOL else made
+
+    def op_component(self, let: Let) -> Expr:
+        """Return the component at a run-time index."""
+        made = self.ours("component", self.types[let.args[0]], let.value.type, *self.args(let))
+        return as_bool(made) if let.value.type.is_bool else made
+
+    def in_range(self, index: Expr, length: int) -> Expr:
+        """Return `sh_at(i, 8)`."""
+        return tree.call(self.unit.prologue.flat_index(1), UINT, index, number(length))
+
+    def param(self, name: str) -> Expr:
+        """Return a uniform; a bool is handed on as an int."""
+        e = self.unit.params[name]
+        return as_bool(e) if e.type is BOOL else e
+
+    def called(self, function: str) -> str:
+        """Name a function of the module."""
+        return self.unit.functions[function]
+
+    def context(self, function: str) -> tuple[Expr, ...]:
+        """Return what a call hands on."""
+        return self.unit.handed(function)
+
+    # Operations
+
+    def function_of(self, op: str, types: tuple[Type, ...]) -> str:
+        """Name OpenCL's function, or one of the prologue."""
+        unit, type = self.unit, types[0]
+        if unit.math == "fast" and op in FAST | NATIVE.keys():
+            return NATIVE[op] if type.base is Base.F else op
+        if unit.math == "fast" and (op == "ldexp" or op in NAN_LOST):
+            return op
+        if op in ELEMENTWISE and unit.elementwise:
+            return f"__builtin_elementwise_{ELEMENTWISE[op]}"
+        if op in FUNCTIONS and not unit.prologue.wants(op, type):
+            return FUNCTIONS[op]
+        return op if op in ("min", "max") and type.is_int else unit.prologue.use(op, type)
+
+    def letters(self, op: str) -> int:
+        """Return how long the name of the function is that does an operation, nearly."""
+        return 20 + len(op) if op in ELEMENTWISE and self.unit.elementwise else super().letters(op)
+
+    def as_typed(self, e: Expr, type: Type) -> Expr:
+        """Return `(int)(a + 1u)` for an int that was computed as a uint."""
+        return Cast(INT, e) if type is INT and e.type is UINT else e
+
+    def infix(self, let: Let) -> Expr:
+        """Return `a + b`; of ints, which wrap, one operand at least is made a uint."""
+        type = let.value.type
+        if type.base is not Base.I or let.op not in _WRAPPING:
+            return super().infix(let)
+        a, b = self.exprs[let.args[0]], self.exprs[let.args[1]]
+        return self._wrapping(let.op, a, b) if type.size == 1 else self._wrapping_vector(let.op, type, a, b)
+
+    def _wrapping(self, op: str, a: Expr, b: Expr) -> Expr:
+        if op == "add" and isinstance(b, Literal) and -(2**31) < b.value < 0:
+            op, b = "sub", number(-int(b.value))
+        if isinstance(b, Literal) and b.value >= 0:
+            b = number(int(b.value), UINT)
+        elif isinstance(a, Literal) and a.value >= 0:
+            a = number(int(a.value), UINT)
+        elif UINT not in (a.type, b.type):
+            b = Cast(UINT, b)
+        return tree.infix(INFIX[op], a, b, UINT)
+
+    def _wrapping_vector(self, op: str, type: Type, a: Expr, b: Expr) -> Expr:
+        wide = type.based(Base.U)
+        scalars = [a.splat if b.splat is None else None, b.splat]
+        left, right = (
+            tree.call(_view(wide), wide, e) if scalar is None else Cast(UINT, scalar)
+            for e, scalar in zip((a, b), scalars, strict=True)
+        )
+        return tree.call(_view(type), type, tree.infix(INFIX[op], left, right, wide))
+
+    def op_neg(self, let: Let) -> Expr:
+        """Return `-a`; of an int `0u - a`, which wraps."""
+        type = let.value.type
+        if type.base is not Base.I:
+            return super().op_neg(let)
+        if type.size == 1:
+            return tree.infix("-", number(0, UINT), self.exprs[let.args[0]], UINT)
+        wide = type.based(Base.U)
+        return tree.call(_view(type), type, tree.prefix("-", tree.call(_view(wide), wide, self.arg(let.args[0]))))
+
+    def op_abs(self, let: Let) -> Expr:
+        """Return `fabs(a)`; of an int `sh_abs_i(a)`: OpenCL's is a uint, which compilers take for a positive int."""
+        e, type = self.arg(let.args[0]), let.value.type
+        if type.base is Base.U:
+            return e
+        return tree.call("fabs" if type.is_float else self.unit.prologue.use("abs", type), type, e)
+
+    def op_sign(self, let: Let) -> Expr:
+        """Return the sign: OpenCL's gives 0 for a NaN, but -0 for -0."""
+        e, type = self.arg(let.args[0]), let.value.type
+        if type.is_float:
+            return tree.infix("+", tree.call("sign", type, e), self.literal(type.scalar, 0.0))
+        if type.base is Base.U:
+            return tree.call("min", type, e, self._each(type, 1))
+        return tree.call("clamp", type, e, self._each(type, -1), self._each(type, 1))
+
+    def _each(self, type: Type, value: int) -> Expr:
+        """Return the number, for each component: Oclgrind takes a scalar bound for the first component alone."""
+        one = number(value, type.scalar)
+        return one if type.size == 1 else Construct(type, (one,))
+
+    def comparison(self, let: Let) -> Expr:
+        """Return `a < b`."""
+        return _narrow(super().comparison(let), self.types[let.args[0]])
+
+    def op_isnan(self, let: Let) -> Expr:
+        """Return `isnan(a)`."""
+        return _narrow(self.plain_call(let), self.types[let.args[0]])
+
+    op_isinf = op_isnan
+
+    def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
+        """Return `c ? a : b` by the sign bits of c, which is as wide as a."""
+        wide = tree.call(_conversion("long", type.size), c.type, c) if type.base is Base.D else c
+        return tree.choice(wide, a, b)
+
+    def op_bits_from_float(self, let: Let) -> Expr:
+        """Return the bits; of a double those of the nearest float."""
+        e, type = self.arg(let.args[0]), self.types[let.args[0]]
+        narrow = type.based(Base.F)
+        return self.ours(let.op, narrow, let.value.type, e if type is narrow else self.convert(narrow, e, type))
+
+    def op_float_from_bits(self, let: Let) -> Expr:
+        """Return `as_float(u)`."""
+        return tree.call(_view(let.value.type), let.value.type, self.arg(let.args[0]))
+
+    def convert(self, type: Type, e: Expr, source: Type) -> Expr:
+        """Return `(float)i`, `convert_int_sat(x)`; vectors by OpenCL's functions."""
+        if source.is_bool and source.size > 1:
+            e, source = tree.prefix("-", e, source.based(Base.I)), source.based(Base.I)
+            if type.base is Base.I:
+                return e
+        if type.is_bool:
+            return _narrow(tree.infix("!=", e, self.literal(source.scalar, 0), type), source)
+        if type.is_int and source.is_float:
+            return tree.call(_conversion(spelled(type), rounding="_sat"), type, e)
+        if type.is_int and source.is_int and type.size > 1:
+            return tree.call(_view(type), type, e)
+        return Cast(type, e) if type.size == 1 else tree.call(_conversion(spelled(type)), type, e)
+
+    # Tables and the grid
+
+    def table(self, let: Let, index: Expr) -> Expr:
+        """Return `noise[sh_at(i, noise_size)]`; an index that is in range anyway is taken as it is."""
+        name, unit = str(let.attr), self.unit
+        rank, size = unit.tables[name].rank, unit.tables[name].size
+        if rank == 1 and size is not None and self.known.within(let.args[0], 0, size[0] - 1):
+            return self.read(unit.table_names[name], self.exprs[let.args[0]], let.value.type)
+        at = tree.call(unit.prologue.flat_index(rank), UINT, index, unit.size_names[name])
+        return self.read(unit.table_names[name], at, let.value.type)
+
+    def table_size(self, name: str) -> Expr:
+        """Return its argument."""
+        return self.unit.size_names[name]
+
+    def grid(self, op: str, type: Type) -> Expr:
+        """Return a variable of the kernel."""
+        rank = self.unit.grid_rank
+        if type.size != rank:
+            raise CompileError(f"grid_index and grid_shape are used with {rank} and {type.size} axes at once")
+        return self.unit.grid[op]
+
+    def read(self, array: Expr, index: Expr, type: Type) -> Expr:
+        """Return an element of an array in memory."""
+        made: Expr = tree.call("vload3", type, index, array) if type.size == 3 else Index(type, array, index)
+        if type.is_bool:
+            made = as_bool(made if type.size == 1 else tree.call(_conversion("int", type.size), type, made))
+        return made
+
+    def write(self, array: Expr, e: Expr, type: Type, loc: Loc | None = None) -> tree.Stmt:
+        """Return the statement that stores this work item's element of an array."""
+        element = self.unit.element
+        if type.is_bool and type.size > 1:
+            e = tree.call(_conversion("uchar", type.size), type, tree.prefix("-", e))
+        if type.size == 3:
+            return Do(tree.call("vstore3", type, e, element, array), loc)
+        return Assign(Index(type, array, element), e, loc)
+
+    # Functions and loops
+
+    def step(self, test: Expr | None, step: Assign) -> Assign:
+        """Return `i += 1`, not `i += 1u`, where `i < n` holds: that cannot wrap."""
+        match test, step.value:
+            case Operator(_, "<", (i, _)), Operator(_, "+", (j, Literal(value=1))) if i == j == step.target:
+                return replace(step, value=tree.infix("+", i, number(1))) if i.type is INT else step
+        return step
+
+    def reference(self, variable: int) -> Expr:
+        """Return `&x`; a parameter by reference, or an array, is a pointer already."""
+        e = self.slots[variable]
+        if self.variables[variable].length is not None:
+            return e
+        return e.args[0] if isinstance(e, Operator) else tree.prefix("&", e)
+
+    def out_argument(self, e: Expr) -> Expr:
+        """Return `&x`."""
+        return tree.prefix("&", e)
+
+    def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
+        """Return the store into the output's array."""
+        return self.write(self.unit.arrays[variable.id], e, variable.type, loc)
+
+
+def as_component(e: Expr) -> Expr:
+    """Return a scalar as a component of a vector: a bool is -1 or 0."""
+    if e.type is not BOOL:
+        return e
+    return number(-int(e.value)) if isinstance(e, Literal) else tree.prefix("-", e, INT)
+
+
+def as_bool(e: Expr) -> Expr:
+    """Return `e != 0`."""
+    return tree.infix("!=", e, number(0))
+
+
+def _view(type: Type) -> str:
+    """Name the function that takes the same bits as another type."""
+    return f"as_{spelled(type)}"
+
+
+def _conversion(name: str, size: int = 1, rounding: str = "") -> str:
+    """Name the function that converts to a type."""
+    return f"convert_{name}{size if size > 1 else ''}{rounding}"
+
+
+def _narrow(e: Expr, type: Type) -> Expr:
+    """Return a mask as ints: comparisons of vectors of doubles give longs."""
+    return tree.call(_conversion("int", type.size), e.type, e) if type.base is Base.D and type.size > 1 else e

@@ -1,0 +1,73 @@
+"""Spells OpenCL C: types, numbers, vectors and conversions.
+
+Stage: emit, last.
+
+    Literal(float, 0.1)  ->  0.1f        Construct(int2, (a, b))  ->  (int2)(a, b)        Cast(uint, i)  ->  (uint)i
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shpy.backends.emit.spell_c import Level, Speller, is_negative
+from shpy.backends.emit.tree import BOOL, Cast, Construct, Declare, Expr, Literal, Own
+from shpy.backends.opencl.text.prologue import spelled
+from shpy.ir.types import Base, Type
+
+__all__ = ["ClSpeller", "element_type"]
+
+
+class ClSpeller(Speller):
+    """OpenCL C. A vector of bools is one of ints, -1 for true; a bool in it is written so."""
+
+    def base_name(self, type: Type) -> str:
+        """Spell `float3`."""
+        return spelled(type)
+
+    def number(self, e: Literal) -> tuple[str, Level]:
+        """Spell `0.1f`, `3`, `4u`, `true`; a double without a suffix."""
+        value, base = e.value, e.type.base
+        if base is Base.B:
+            return "true" if value else "false", Level.ATOM
+        if base is Base.U:
+            return f"{value}u", Level.ATOM
+        if base is Base.I:
+            text = "(-2147483647 - 1)" if value == -(2**31) else str(value)
+        else:
+            text = _float_text(float(value), base)
+        return text, Level.UNARY if is_negative(value) or value != value else Level.ATOM
+
+    def construct(self, e: Construct) -> tuple[str, Level]:
+        """Spell `(float3)(a, b)`."""
+        return f"({self.type_name(e.type)})({', '.join([self._component(a) for a in e.args])})", Level.UNARY
+
+    def _component(self, e: Expr) -> str:
+        if e.type is not BOOL:
+            return self.text(e)
+        return str(-int(e.value)) if isinstance(e, Literal) else f"-{self.at(e, Level.UNARY)}"
+
+    def cast(self, e: Cast) -> tuple[str, Level]:
+        """Spell `(uint)i`."""
+        return f"({self.type_name(e.type)}){self.at(e.of, Level.UNARY)}", Level.UNARY
+
+    def array(self, s: Declare) -> str:
+        """Spell `float a[8] = {0.0f};`."""
+        begin = 0 if s.value is None else self.text(s.value)
+        return f"{self.declaration(s.type, f'{s.name}[{s.length}]')} = {{{begin}}};"
+
+
+def element_type(type: Type) -> Type | Own:
+    """Return the type of an array's elements in memory: numbers of vectors of three, bytes of bools."""
+    if type.is_bool:
+        return Own("uchar" if type.size in (1, 3) else f"uchar{type.size}")
+    return type.scalar if type.size == 3 else type
+
+
+def _float_text(x: float, base: Base) -> str:
+    """Return the shortest text that reads back as the same number."""
+    if x != x:
+        return "NAN" if base is Base.F else "(double)NAN"
+    if x in (float("inf"), float("-inf")):
+        sign = "-" if x < 0 else ""
+        return f"{sign}INFINITY" if base is Base.F else f"({sign}(double)INFINITY)"
+    return f"{np.float32(x)!s}f" if base is Base.F else repr(x)
