@@ -51,35 +51,35 @@ class Operations:
 
     def convert(self, type: Type, e: Expr, source: Type) -> Expr:
         """Return the conversion from another base."""
-        raise NotImplementedError
+        raise KeyError(source)
 
     def table(self, let: Let, index: Expr) -> Expr:
         """Return the element of a table at an index, clamped on each axis."""
-        raise NotImplementedError
+        raise KeyError(let.op)
 
     def table_size(self, name: str) -> Expr:
         """Return the shape of a table."""
-        raise NotImplementedError
+        raise KeyError(name)
 
     def param(self, name: str) -> Expr:
         """Return a uniform."""
-        raise NotImplementedError
+        raise KeyError(name)
 
     def grid(self, op: str, type: Type) -> Expr:
         """Return `grid_index` or `grid_shape`."""
-        raise NotImplementedError
+        raise KeyError(op)
 
     def in_range(self, index: Expr, length: int) -> Expr:
         """Return the index, clamped to [0, length)."""
-        raise NotImplementedError
+        raise KeyError(length)
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
         """Name the function that does `op` for arguments of these types: the target's, or one of our own."""
-        raise NotImplementedError
+        raise KeyError(op)
 
     def called(self, function: str) -> str:
         """Name a function of the module as the text does."""
-        raise NotImplementedError
+        raise KeyError(function)
 
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return what a call hands on besides its arguments: tables, where they are no globals."""

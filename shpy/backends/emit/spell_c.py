@@ -96,23 +96,23 @@ class Speller:
 
     def base_name(self, type: Type) -> str:
         """Spell a type of the IR."""
-        raise NotImplementedError
+        raise KeyError(type)
 
     def number(self, e: Literal) -> Spelled:
         """Spell a number."""
-        raise NotImplementedError
+        raise KeyError(e)
 
     def construct(self, e: Construct) -> Spelled:
         """Spell a vector."""
-        raise NotImplementedError
+        raise KeyError(e)
 
     def cast(self, e: Cast) -> Spelled:
         """Spell a conversion."""
-        raise NotImplementedError
+        raise KeyError(e)
 
     def array(self, s: Declare) -> str:
         """Spell the declaration of an array."""
-        raise NotImplementedError
+        raise KeyError(s)
 
     def declaration(self, type: AnyType, name: str, passed: str = "") -> str:
         """Spell `float x`, and `float *x` of a pointer."""

@@ -98,7 +98,7 @@ class Body(Operations):
 
     def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
         """Return the statement that gives a direct output its value."""
-        raise NotImplementedError
+        raise KeyError(variable)
 
     def step(self, test: Expr | None, step: Assign) -> Assign:
         """Return the step of a `for`; `test` held when the iteration began, None if the iteration may change it."""

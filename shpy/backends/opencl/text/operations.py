@@ -102,7 +102,7 @@ class ClUnit(Unit):
 
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return what is handed on to a function."""
-        raise NotImplementedError
+        raise KeyError(function)
 
 
 class ClBody(Body):
