@@ -1,4 +1,4 @@
-"""What the functions of one text share: their names, and what each needs besides its arguments.
+"""One text of a target: the names that its functions share, and the needs of each besides its arguments.
 
 Stage: emit. A `Unit` is one text of a target. Where a target has no globals, a function is handed the tables, uniforms
 and place in the grid that it and those that it calls read.

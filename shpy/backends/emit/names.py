@@ -127,7 +127,7 @@ class Names:
         self._next: dict[str, int] = {}
 
     def scope(self) -> Names:
-        """A scope inside this one: what is taken here, now or later, is taken there, not the other way round."""
+        """Open a scope inside this one: names taken here, now or later, are taken there, not the other way round."""
         return Names(self.target, outer=self)
 
     def reserve(self, name: str) -> None:
@@ -138,11 +138,11 @@ class Names:
         return name in self._taken or (self.outer is not None and name in self.outer)
 
     def _count(self, stem: str) -> int:
-        """The last number that was put behind the stem here, or in a scope around this one."""
+        """Return the last number that was put behind the stem here, or in a scope around this one."""
         return self._next.get(stem) or (self.outer._count(stem) if self.outer else 1)
 
     def take(self, wanted: str | None, default: str = "t") -> str:
-        """An identifier as close to `wanted` as the target allows, from now on taken.
+        """Take an identifier as close to `wanted` as the target allows.
 
         `default` stands for a name that is missing or has no letter or digit in it; it must itself be legal.
         """
@@ -180,7 +180,7 @@ def legal(wanted: str, target: Target) -> str:
 
 
 def _spelled(character: str) -> str:
-    """An accent is dropped, a Greek letter spelled out; all else as it is."""
+    """Drop an accent, spell out a Greek letter, and replace any other character by an underscore."""
     if character.isascii():
         return character
     if unicodedata.combining(character):

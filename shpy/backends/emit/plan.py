@@ -1,4 +1,4 @@
-"""Which values get a name, where variables are declared, and what stands in the head of a loop.
+"""The plan of a function's text: names of values, places of declarations, the heads of loops.
 
 Stage: emit, before there is a tree. All of it is decided from the ids of values, variables and regions. A region is
 known by its number, counted in program order: the body is 0. A value that has one use, in its own region, and no name
@@ -35,7 +35,7 @@ _INFIX: Final = frozenset("add sub mul div and or xor shl shr eq ne lt le gt ge"
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """What a target wants of a plan."""
+    """The wishes that a target has for a plan."""
 
     apart: Callable[[set[int]], Collection[int]] = lambda inlined: ()
     """Gives the values that must have a name, of those that may stand where they are used."""
@@ -53,7 +53,7 @@ class Wishes:
 
 @dataclass(slots=True)
 class Plan:
-    """What `structure` asks about one function."""
+    """The answers to what `structure` asks about one function."""
 
     uses: Counter[int]
     regions: list[Region]

@@ -135,7 +135,7 @@ class Body(Operations):
 
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
-        """What is made inside is a block with names of its own."""
+        """Collect what is made inside as a block, with names of its own."""
         out, scope = self.out, self.scope
         self.out, self.scope = [], scope.scope()
         yield self.out

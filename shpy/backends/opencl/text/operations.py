@@ -76,7 +76,7 @@ _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
 
 class ClUnit(Unit):
-    """What the functions of one kernel share.
+    """One kernel: names, prologue and abilities of the compiler.
 
     `elementwise`: the compiler has the functions of ELEMENTWISE; `hides_zeros`: it must not know of a float that it is
     zero.
