@@ -30,7 +30,7 @@ SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uin
 
 
 def _powers_of_two(bias: int, mantissa: int, wide: str) -> str:
-    """Return the text of ldexp for floats of this bias and so many bits of mantissa; `wide` converts to ints of their size."""
+    """Return the text of ldexp for floats of this bias and mantissa; `wide` converts to ints of their size."""
     lowest, highest = 1 - bias, bias
     return f"""\
 // x * 2^n rounded once: by three powers of two, and what the first two round becomes 0 by the last.
