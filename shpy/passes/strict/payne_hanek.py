@@ -2,7 +2,8 @@
 
 Stage: improve. x * 2 / pi is wanted but for multiples of 4, and so only some of the digits of 2 / pi matter: those
 whose products with the digits of x are neither multiples of 4 nor too small. Digits are balanced, whole numbers of at
-most half of the radix in size, so that a column of products and its carry are exact in the float itself.
+most half of the radix in size, so that a column of products and its carry are exact in the float itself. GLSL has the
+same as a loop over the columns (`edges.glsl`), for a driver whose branches skip nothing.
 
     [high, low, k] = payne_hanek(x)    # x is k * pi / 2 + high + low, and some turns; high is at most pi / 4
 """
