@@ -1,4 +1,7 @@
-"""Every row of the op table on GLSL against its meaning: special values, vectors of all sizes, a million at random."""
+"""Operations on GLSL against their meaning: special values, all sizes, beside constants, a million at random.
+
+The conformance list runs each row and conversion over more values in every run, so those here are slow tests.
+"""
 
 from __future__ import annotations
 
@@ -141,6 +144,7 @@ def rows() -> list[Any]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "types"), rows())
 def test_an_op_means_what_the_table_says(name: str, types: tuple[Type, ...]) -> None:
     result = result_type(name, types)
@@ -149,6 +153,7 @@ def test_an_op_means_what_the_table_says(name: str, types: tuple[Type, ...]) -> 
     check(found, expected_of(name, arrays, result), arrays)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 @pytest.mark.parametrize("target", "fiub")
 @pytest.mark.parametrize("source", "fiub")

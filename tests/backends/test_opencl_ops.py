@@ -1,4 +1,8 @@
-"""Every row of the op table on OpenCL against its meaning, over special values and all sizes."""
+"""Every row of the op table on OpenCL against its meaning, over special values and all sizes.
+
+The conformance list runs each row, conversion and structural operation over more values in every run, so those here are
+slow tests; what stays are operations beside constants.
+"""
 
 from __future__ import annotations
 
@@ -124,6 +128,7 @@ def rows() -> list[Any]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "base", "shift"), rows())
 def test_op(name: str, base: str, shift: str) -> None:
     wanted = OPS[name].signature.partition(": ")[2].partition(" -> ")[0].split()
@@ -147,6 +152,7 @@ def test_op(name: str, base: str, shift: str) -> None:
     check(*cases)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("source", "target"), [(s, t) for s in "fdiub" for t in "fdiub" if s != t])
 def test_convert(source: str, target: str) -> None:
     cases = []
@@ -159,6 +165,7 @@ def test_convert(source: str, target: str) -> None:
     check(*cases)
 
 
+@pytest.mark.slow
 def test_half_rounds_to_binary16() -> None:
     cases = []
     for size in SIZES:
@@ -170,6 +177,7 @@ def test_half_rounds_to_binary16() -> None:
     check(*cases)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", "fdiub")
 def test_vectors_are_taken_apart_and_put_together(base: str) -> None:
     cases = []
@@ -188,6 +196,7 @@ def test_vectors_are_taken_apart_and_put_together(base: str) -> None:
     check(*cases)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", "fdiub")
 def test_a_component_at_an_index_is_clamped(base: str) -> None:
     cases = []
@@ -232,6 +241,7 @@ def test_a_sum_that_wraps_is_less() -> None:
     check(Case((t,), vec(Base.B), arrays, make, arrays[0] != 2**31 - 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", "fdiu")
 def test_literals_are_exact(base: str) -> None:
     t, special = vec(base, 4), SPECIAL[Base(base)]
