@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isqrt
-from typing import Any, ClassVar, Final, Literal, TypedDict
+from typing import Any, ClassVar, Final, TypedDict
 
 from raytracer.accel.choice import check
 from raytracer.accel.grid import MAX_PER_SIDE
@@ -140,14 +140,14 @@ class Path(Integrator):
 
 TRACERS: Final[Mapping[str, type[Integrator]]] = {"unified": Whitted, "staged": Staged}
 INTEGRATORS: Final = ("whitted", "path")
-Given = Integrator | Literal["whitted", "path"]
+Given = Integrator | str
 _NO_CUBE: Final = 'secondary rays go through a layered depth cube with tracer="unified" alone'
 
 
 class Options(TypedDict, total=False):
     """The keywords that name an integrator and its options one by one; None stands for the default."""
 
-    tracer: Literal["unified", "staged"]
+    tracer: str
     bounces: int | None
     samples: int | None
     precision: str

@@ -13,7 +13,7 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.kernels.surfaces import Interaction
-from raytracer.kernels.tracer import Path, Pixel, Tracer, mirrored
+from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
 from raytracer.kernels.walk import meet
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -89,7 +89,15 @@ class GlassTracer(Tracer):
         return pixel
 
     def meet_light(
-        self, path: Path, surface: Interaction, hit: Any, ray: Any, eye: Any, limit: Any, lightcol: Any, through: Any
+        self,
+        path: PathState,
+        surface: Interaction,
+        hit: Any,
+        ray: Any,
+        eye: Any,
+        limit: Any,
+        lightcol: Any,
+        through: Any,
     ) -> None:
         """Add the light of a shadow ray that has met nothing, or send it on through the glass that it has met."""
         through[:] = False
@@ -102,7 +110,7 @@ class GlassTracer(Tracer):
             path.scolor += self.surfaces.shade(surface, ray) * lightcol
 
     def branch(
-        self, path: Path, surface: Interaction, share: Any, waiting: Any, count: Any, rays: Any, ray: Any, eye: Any
+        self, path: PathState, surface: Interaction, share: Any, waiting: Any, count: Any, rays: Any, ray: Any, eye: Any
     ) -> None:
         """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits."""
         mirror, clear, bent = rays

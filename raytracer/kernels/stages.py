@@ -19,7 +19,7 @@ import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridIntersector, is_over
-from raytracer.kernels.tracer import Path, Pixel, Tracer
+from raytracer.kernels.tracer import PathState, Pixel, Tracer
 from raytracer.kernels.triangle import Hit, TriangleTest, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -67,7 +67,7 @@ class Nearest:
 
 @sh.struct
 class Light:
-    """The parts of a `Path` that neither the pixel nor the ray holds, and the colour of the current light."""
+    """The parts of a `PathState` that neither the pixel nor the ray holds, and the colour of the current light."""
 
     scolor: sh.Color3f
     rn: sh.Attrib2f
@@ -268,7 +268,7 @@ def _shading(tracer: Tracer) -> Any:
         hit: Any = nearest
         surface: Any = point
         finished = sh.Attrib1b(False)
-        path = Path(pixel.color, light.scolor, light.rn, light.r, light.shadows, ray.tracing, finished)
+        path = PathState(pixel.color, light.scolor, light.rn, light.r, light.shadows, ray.tracing, finished)
         tracer.settle(path, surface, pixel, hit, ray.direction, ray.eye, ray.limit, light.lightcol)
         with SH_IF(finished):
             state[:] = FINISHED

@@ -36,7 +36,7 @@ class Pixel(NamedTuple):
     rays: sh.Attrib1i
 
 
-class Path:
+class PathState:
     """The light that an eye ray and its mirrored rays have brought, and the purpose of the current ray.
 
     `color` is what is summed up, `scolor` the colour of the surface that was hit last; `rn` the product of the
@@ -50,7 +50,7 @@ class Path:
         self.shadows, self.tracing, self.finished = shadows, tracing, finished
 
     @classmethod
-    def eye_ray(cls, bounces: Any) -> Path:
+    def eye_ray(cls, bounces: Any) -> PathState:
         """Return the path of an eye ray that has met nothing yet."""
         color = sh.Color3f(0, 0, 0)
         scolor = sh.Color3f(0, 0, 0)
@@ -114,14 +114,14 @@ class Tracer:
                 SH_UNTIL(finished)
         return pixel
 
-    def begin(self) -> tuple[Path, Interaction, Pixel]:
+    def begin(self) -> tuple[PathState, Interaction, Pixel]:
         """Return the path, surface and pixel of an eye ray before its first hit."""
-        path = Path.eye_ray(self.bounces)
+        path = PathState.eye_ray(self.bounces)
         surface = Interaction(bool(self.surfaces.appearance.shades), self.surfaces.clear)
         rays = sh.Attrib1i(0)
         return path, surface, background_pixel(path.color, rays)
 
-    def aim(self, path: Path, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+    def aim(self, path: PathState, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the ray that comes next a shadow ray where lights are left to be seen."""
         if self.lights.count:
             with SH_IF(path.shadows > 0):
@@ -129,7 +129,15 @@ class Tracer:
                 self.lights.aim(path.shadows, surface, ray, eye, limit, lightcol)
 
     def settle(
-        self, path: Path, surface: Interaction, pixel: Pixel, hit: Hit, ray: Any, eye: Any, limit: Any, lightcol: Any
+        self,
+        path: PathState,
+        surface: Interaction,
+        pixel: Pixel,
+        hit: Hit,
+        ray: Any,
+        eye: Any,
+        limit: Any,
+        lightcol: Any,
     ) -> Any:
         """Take in what a ray has met, and make it the mirrored ray where all light is in; gives whether that is all."""
         tracing, finished, rays = path.tracing, path.finished, pixel.rays
