@@ -18,7 +18,7 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import COUNT_BITS, Bvh
-from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, Walk, farther, is_ray
+from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest, Walk, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -48,9 +48,9 @@ class BvhIntersector(Walk):
         self.steepest = min(float(working.max), FAR)
         self.vote = sh.any_lane if together else sh.Attrib1b
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit, self.accept)
+        hit = RayHit(limit, self.accept)
         self._collect_before(limit, hit, ray, eye, near, near, any_hit)
         return hit
 
@@ -96,7 +96,7 @@ class BvhIntersector(Walk):
         """Return True if the ray meets a node's box before `reach`."""
         return box(self.boxes[2 * node].xyz, self.boxes[2 * node + 1].xyz, reach)
 
-    def try_leaf(self, leaf: Any, near: Any, test: TriangleTest, hit: Hit) -> None:
+    def try_leaf(self, leaf: Any, near: Any, test: TriangleTest, hit: RayHit) -> None:
         """Try the triangles of a leaf."""
         item = leaf >> COUNT_BITS
         end = item + (leaf & ((1 << COUNT_BITS) - 1))

@@ -19,7 +19,7 @@ from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp
-from raytracer.kernels.triangle import Candidate, Hit
+from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight
 from shpy import SH_IF
@@ -104,7 +104,7 @@ class Emitters:
         found.incoming[:] = (pi / chance) * color
 
     def _aim_triangle(self, found: Aim, surface: Interaction, number: Any, density: Any, u: Any, v: Any) -> None:
-        hit = Hit(FAR)
+        hit = RayHit(FAR)
         over = u + v > 1
         hit.id[:] = number
         hit.uv[:] = sh.TexCoord2f(sh.cond(over, 1 - u, u), sh.cond(over, 1 - v, v))
@@ -120,7 +120,7 @@ class Emitters:
             if "emission" in self.surfaces.appearance.gives:
                 self.surfaces.arrive(hit, found.ray, surface.inter, Interaction(clear=self.surfaces.clear), emission)
             if self.surfaces.accept is not None:
-                emission *= sh.cond(self.surfaces.accept(Candidate(number, hit.uv)), 1.0, 0.0)
+                emission *= sh.cond(self.surfaces.accept(CandidateHit(number, hit.uv)), 1.0, 0.0)
             with SH_IF(cosine > 0):
                 found.incoming[:] = (cosine / (square * density)) * emission
                 found.density[:] = self.per_glow * glow.w * square / cosine
@@ -135,7 +135,7 @@ class Emitters:
             found.limit[:] = FAR
         found.around[:] = True
 
-    def density_of(self, hit: Hit, ray: Any, face: Any) -> Any:
+    def density_of(self, hit: RayHit, ray: Any, face: Any) -> Any:
         """Return the density, per steradian, with which `aim` chooses the direction to the triangle that was hit."""
         return self.per_glow * self.surfaces.glow_at(hit).w * hit.l * hit.l / abs(sh.dot(face, ray))
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.accel.grid import Grid
-from raytracer.kernels.triangle import AheadBound, Hit, Triangles, TriangleTest, Walk, farther, is_ray
+from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest, Walk, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
 
 
@@ -103,7 +103,7 @@ class GridIntersector(Walk):
         """Return the cells that a ray goes through from the distance `near` on."""
         return CellWalk(self.box, ray, eye, near)
 
-    def try_next(self, test: TriangleTest, item: Any, near: Any, hit: Hit) -> None:
+    def try_next(self, test: TriangleTest, item: Any, near: Any, hit: RayHit) -> None:
         """Try the triangle at `item` of the lists, and go on to the next one."""
         test(self.triangles, self.items[item], near, hit)
         item += 1
@@ -116,6 +116,6 @@ class GridIntersector(Walk):
         cells.advance()
 
 
-def is_over(cells: CellWalk, hit: Hit) -> Any:
+def is_over(cells: CellWalk, hit: RayHit) -> Any:
     """Return whether no cell can follow that has a hit as near."""
     return (cells.t >= cells.far) | (cells.t > farther(hit.l))

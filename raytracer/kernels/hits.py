@@ -1,6 +1,6 @@
 """The ways to keep more than the nearest hit of a ray: their number, or some that follow one another.
 
-Stage: kernel. A walk offers them the triangles that are met, as it does to `triangle.Hit`.
+Stage: kernel. A walk offers them the triangles that are met, as it does to `triangle.RayHit`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class HitCount:
     """The number of triangles met before `limit`, each of which is offered once."""
 
     def __init__(self, limit: Any) -> None:
-        l = sh.Attrib1f(limit)  # noqa: E741 - as in Hit
+        l = sh.Attrib1f(limit)  # noqa: E741 - as in RayHit
         count = sh.Attrib1i(0)
         self.l, self.id, self.count = l, -1, count
 

@@ -83,7 +83,7 @@ class LayeredIntersector(Walk):
             major = raster.largest_axis(ray)
             with SH_FOR(0, 3) as k:
                 axis = sh.cond(major + k >= 3, major + k - 3, major + k)
-                self.walk(Image(self.frame, way, axis), test, any_hit)
+                self.walk(ImageRay(self.frame, way, axis), test, any_hit)
                 SH_BREAK(any_hit & (hit.id >= 0))
             test.finish()
         if self.outside is not None:
@@ -97,7 +97,7 @@ class LayeredIntersector(Walk):
                 SH_BREAK(any_hit & (hit.id >= 0))
                 test(self.triangles, numbers[k], near, hit)
 
-    def walk(self, image: Image, test: Any, any_hit: Any) -> None:
+    def walk(self, image: ImageRay, test: Any, any_hit: Any) -> None:
         """Go through the blocks of an image."""
         hit = image.way.hit
         blocks = Cells(image, image.begin(), image.block, sh.Attrib2i(0, 0), image.blocks - 1)
@@ -112,7 +112,7 @@ class LayeredIntersector(Walk):
                 blocks.advance()
             SH_UNTIL((blocks.t > image.end()) | (any_hit & (hit.id >= 0)))
 
-    def walk_block(self, image: Image, blocks: Cells, test: Any, any_hit: Any) -> None:
+    def walk_block(self, image: ImageRay, blocks: Cells, test: Any, any_hit: Any) -> None:
         """Go through the texels of a block, and try their samples."""
         first = blocks.cell * image.block
         last = sh.min(first + image.block, image.resolution) - 1
@@ -165,7 +165,7 @@ class Way:
         self.end[:] = lower(self.end, farther(self.hit.l) - self.begin)
 
 
-class Image:
+class ImageRay:
     """A ray as one of the images sees it: column, row and depth at its start, and how they change along it."""
 
     def __init__(self, frame: Any, way: Way, axis: Any) -> None:
@@ -227,7 +227,7 @@ class Cells:
     They are those from `first` to `last`; beyond them `t` is FAR.
     """
 
-    def __init__(self, image: Image, t: Any, side: Any, first: Any, last: Any) -> None:
+    def __init__(self, image: ImageRay, t: Any, side: Any, first: Any, last: Any) -> None:
         self.image, self.side, self.first, self.last = image, side, first, last
         here, out = sh.Attrib1f(t), sh.Attrib1f(FAR)
         crossing = sh.Attrib2f(FAR, FAR)
@@ -255,7 +255,7 @@ class ExactTest:
         self.way, self.triangles = way, walk.triangles
         self.test = TriangleTest(way.ray, way.eye, walk.bound)
 
-    def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
+    def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:
         """Try the triangle."""
         self.test(self.triangles, sh.Attrib1i(sample.y), self.way.near, self.way.hit)
         self.way.shorten()
@@ -272,13 +272,13 @@ class DepthTest:
         self.pace = sh.length(way.ray)
         self.close = CLOSER if walk.test == "plane" and not walk.conservative else CLOSE
 
-    def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
+    def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:
         """Offer the sample to the way's hit."""
         depth = sh.float_from_bits(sample.x)
         s = sh.clamp((depth - image.depth) * image.per_depth, texels.t, lower(texels.out, image.end()))
         self.offer(image, abs(image.depth + s * image.deepening - depth) <= image.slack, s, sh.Attrib1i(sample.y))
 
-    def offer(self, image: Image, met: Any, s: Any, number: Any) -> None:
+    def offer(self, image: ImageRay, met: Any, s: Any, number: Any) -> None:
         """Offer what is `met` at a distance from the way's start, unless it may be the surface that the ray left."""
         way = self.way
         t = way.begin + s
@@ -318,7 +318,7 @@ class DepthTest:
 class PlaneTest(DepthTest):
     """The test of the plane of a sample's triangle, within the sample's texel."""
 
-    def __call__(self, image: Image, texels: Cells, sample: Any) -> None:
+    def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:
         """Offer the plane to the way's hit."""
         depth, slope = sh.float_from_bits(sample.x), sh.float_from_bits(sample.yz)
         middle = sh.Attrib2f(texels.cell) + 0.5

@@ -23,7 +23,7 @@ Axes = list[Any]
 """Coordinates along x, y and z, each of four triangles or boxes."""
 
 
-class Closest(NamedTuple):
+class ClosestWay(NamedTuple):
     """The way from a point to the closest one, and its triangle."""
 
     way: sh.Vector3f
@@ -114,9 +114,9 @@ def closest_point(walk: WideIntersector) -> Any:
     """Record the program that finds the way to the closest point of a mesh, in the kernel's coordinates."""
 
     @sh.program
-    def closest_point(point: sh.Point3f) -> Closest:
+    def closest_point(point: sh.Point3f) -> ClosestWay:
         best = ClosestPoint()
         walk.find_nearest(BoxDistances(point), TriangleDistances(point), best)
-        return Closest(best.way, best.id)
+        return ClosestWay(best.way, best.id)
 
     return closest_point

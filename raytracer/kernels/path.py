@@ -23,7 +23,7 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
-from raytracer.kernels.triangle import Hit
+from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER, meet, scene_walk
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
@@ -35,7 +35,7 @@ EYE, LIGHTS, DIMENSIONS = 4, 7, 13
 """The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
 
 
-class Sample:
+class PathSample:
     """A path on its way.
 
     `color` is the light that it has brought, `weight` the part of what comes along the ray that reaches the eye;
@@ -135,7 +135,7 @@ class PathTracer:
         row = row + self.first_row  # an exact float, so that bands make no difference
         rays = sh.Attrib1i(0)
         pixel = background_pixel(mean, rays)
-        path, surface = Sample(), Interaction(clear=self.surfaces.clear)
+        path, surface = PathSample(), Interaction(clear=self.surfaces.clear)
         pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
         ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
         path.number[:] = self.first_sample
@@ -168,7 +168,7 @@ class PathTracer:
         return pixel
 
     def step(
-        self, path: Sample, surface: Interaction, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any
+        self, path: PathSample, surface: Interaction, pixel: Pixel, ray: Any, eye: Any, pending: Any, around: Any
     ) -> None:
         """Trace the next ray of a path, and prepare the one after it."""
         limit = sh.Attrib1f(FAR)
@@ -189,7 +189,7 @@ class PathTracer:
         with SH_IF(~(path.lighting | path.finished)):
             self.scatter(path, surface, ray, eye)
 
-    def begin(self, eyes: EyeRays | PanoramaRays, path: Sample, ray: Any, eye: Any, row: Any, column: Any) -> None:
+    def begin(self, eyes: EyeRays | PanoramaRays, path: PathSample, ray: Any, eye: Any, row: Any, column: Any) -> None:
         """Make the eye ray of the next sample, anywhere in the pixel."""
         place = (sh.Attrib1u(sh.Attrib1i(row)) << 16) | sh.Attrib1u(column)
         path.key[:] = sh.hash(place, sh.Attrib1u(path.number), self.seed)
@@ -202,7 +202,7 @@ class PathTracer:
         path.finished[:] = False
 
     def aim(
-        self, path: Sample, surface: Interaction, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
+        self, path: PathSample, surface: Interaction, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
     ) -> None:
         """Make the ray to a light, with `limit` 0 where the light could not be seen."""
         found = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
@@ -214,7 +214,7 @@ class PathTracer:
         limit[:] = sh.cond(largest(pending) > 0, found.limit, 0.0)
         around[:] = found.around
 
-    def leave(self, path: Sample, surface: Interaction, ray: Any, pending: Any, around: Any) -> None:
+    def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any) -> None:
         """Take in the light of a ray that has met nothing."""
         brought = sh.Color3f(path.throughput)
         of_light = path.lighting
@@ -231,7 +231,7 @@ class PathTracer:
             brought *= self.emitters.around.radiance(ray)
         path.color += brought
 
-    def arrive(self, path: Sample, surface: Interaction, pixel: Pixel, hit: Hit, ray: Any, eye: Any) -> None:
+    def arrive(self, path: PathSample, surface: Interaction, pixel: Pixel, hit: RayHit, ray: Any, eye: Any) -> None:
         """Take in the light of the surface that was hit, and prepare what comes next."""
         emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
         reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
@@ -254,7 +254,7 @@ class PathTracer:
         if self.emitters.count:
             path.lighting[:] = ~(path.finished | path.mirror | path.clear)
 
-    def scatter(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
+    def scatter(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on in a direction that the surface chooses, or end."""
         with SH_IF(~(path.mirror | path.clear)):
             self.diffuse(path, surface, ray, eye)
@@ -271,14 +271,14 @@ class PathTracer:
             path.finished |= path.random(4) >= staying
         path.depth += 1
 
-    def refract(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
+    def refract(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Make the mirrored ray of a clear surface the refracted one, by the share that Fresnel's equations leave."""
         share, bent = refracted(surface)
         with SH_IF(path.clear & (path.random(6) >= share)):
             ray[:] = bent
             eye[:] = surface.beyond
 
-    def diffuse(self, path: Sample, surface: Interaction, ray: Any, eye: Any) -> None:
+    def diffuse(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""
         ray[:] = self.bsdf.sample(surface, *(path.random(k) for k in (1, 2, 3)))
         eye[:] = surface.inter

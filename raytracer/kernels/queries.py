@@ -25,7 +25,7 @@ _EXPONENT = 0x7F800000
 _QUARTER = 252 << 23
 
 
-class Nearest(NamedTuple):
+class NearestHit(NamedTuple):
     """A ray's nearest hit, and whether it is no ray."""
 
     t: sh.Attrib1f
@@ -97,10 +97,10 @@ def intersect(walk: Walk, exact: bool) -> Any:
     @sh.program
     def intersect(
         eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
-    ) -> Nearest:
+    ) -> NearestHit:
         given = GivenRay(eye, ray, near, limit, origin, scale, exact)
         hit = walk(given.ray, given.eye, given.near, given.limit, False)
-        return Nearest(given.outside(hit.l, hit.id), hit.id, hit.uv, given.wrong)
+        return NearestHit(given.outside(hit.l, hit.id), hit.id, hit.uv, given.wrong)
 
     return intersect
 

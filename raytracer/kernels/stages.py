@@ -20,7 +20,7 @@ from raytracer.accel.bounds import FAR
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridIntersector, is_over
 from raytracer.kernels.tracer import PathState, Pixel, Tracer
-from raytracer.kernels.triangle import Hit, TriangleTest, is_ray
+from raytracer.kernels.triangle import RayHit, TriangleTest, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 ACTIVE, WAIT, DEAD, INACTIVE, OVERFLOW, FINISHED = range(6)
@@ -58,9 +58,9 @@ class Items:
 
 @sh.struct
 class Nearest:
-    """A `Hit` in a stream."""
+    """A `RayHit` in a stream."""
 
-    l: sh.Attrib1f  # noqa: E741 - as in Hit
+    l: sh.Attrib1f  # noqa: E741 - as in RayHit
     uv: sh.TexCoord2f
     id: sh.Attrib1i
 
@@ -244,7 +244,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
     def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
         SH_DISCARD(state != WAIT)
-        hit = Hit.held_in(nearest, walk.accept)
+        hit = RayHit.held_in(nearest, walk.accept)
         test = TriangleTest(ray.direction, ray.eye, walk.bound)
         tests = sh.Attrib1i(0)
         with SH_DO():

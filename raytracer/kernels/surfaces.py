@@ -18,7 +18,7 @@ from raytracer.appearance.materials import CUTOFF
 from raytracer.kernels import shaders
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import Accept, Candidate, Hit, PlaneView, Triangles
+from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
 from raytracer.scene.layout import Layout, is_programmed
 
 ROUNDINGS = 7
@@ -94,7 +94,7 @@ class SurfaceTables:
         """The place in the scene that is 0 in the kernel; None if it is the scene's own."""
         return sh.Param(sh.Point3f, self.layout.origin, name="origin") if self.layout.origin.any() else None
 
-    def arrive(self, hit: Hit, ray: Any, eye: Any, surface: Interaction, emission: Any = None) -> Any:
+    def arrive(self, hit: RayHit, ray: Any, eye: Any, surface: Interaction, emission: Any = None) -> Any:
         """Fill in `surface` for a hit, and `emission` in a scene that glows; return the reflectivity."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
@@ -125,14 +125,14 @@ class SurfaceTables:
             return self.paint(hit, surface, self.material_at(hit))
         return self.describe(hit, surface, point, side, emission)
 
-    def behind(self, hit: Hit, ray: Any, eye: Any) -> Any:
+    def behind(self, hit: RayHit, ray: Any, eye: Any) -> Any:
         """Return the point that was hit, moved off the surface to the side that the ray comes out on."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
 
-    def passed(self, hit: Hit, ray: Any) -> Any:
+    def passed(self, hit: RayHit, ray: Any) -> Any:
         """Return the share (r, g, b) of the light at a hit that went through the material and leaves by the surface."""
         material = self.material_at(hit)
         clear = self.glass[2 * material].x
@@ -140,17 +140,17 @@ class SurfaceTables:
             clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
         return clear * self.kept(hit, self.comes_from_inside(hit, ray))
 
-    def comes_from_inside(self, hit: Hit, ray: Any) -> Any:
+    def comes_from_inside(self, hit: RayHit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
         corners = self.triangles[hit.id]
         return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
 
-    def kept(self, hit: Hit, inside: Any) -> Any:
+    def kept(self, hit: RayHit, inside: Any) -> Any:
         """Return the share of the light that a way inside leaves, by Beer's law: 1 for a way outside."""
         absorption = self.glass[2 * self.material_at(hit) + 1].rgb
         return sh.cond(inside, sh.exp(-(hit.l / self.scale) * absorption), sh.Color3f(1, 1, 1))
 
-    def place(self, hit: Hit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
+    def place(self, hit: RayHit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
         """Return the point that was hit, and how far it may be off the triangle's plane.
 
         It is that mean of the corners which `hit` says, or where the ray meets the plane if that is known far better.
@@ -163,15 +163,15 @@ class SurfaceTables:
         beside = PLANE_ROUNDINGS * self.roundoff * plane.error_at(t)
         return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
 
-    def material_at(self, hit: Hit | Candidate) -> Any:
+    def material_at(self, hit: RayHit | CandidateHit) -> Any:
         """Return the number of the material that was hit."""
         return 0 if self.material_of is None else self.material_of[hit.id]
 
-    def glow_at(self, hit: Hit) -> Any:
+    def glow_at(self, hit: RayHit) -> Any:
         """Return the emission of the material that was hit, and its expected brightness; see `glow_rows`."""
         return self.emissions[self.material_at(hit)]
 
-    def paint(self, hit: Hit, surface: Interaction, number: Any) -> Any:
+    def paint(self, hit: RayHit, surface: Interaction, number: Any) -> Any:
         """Set the surface's colour and coefficients to the numbers of its material; return its reflectivity."""
         row = self.materials[2 * number]
         surface.coefficients[:] = self.materials[2 * number + 1].xyz
@@ -185,21 +185,21 @@ class SurfaceTables:
         """The filter of candidate hits; None if no material has a cutout."""
         return self.is_there if "cutout" in self.appearance.gives else None
 
-    def is_there(self, hit: Hit | Candidate) -> Any:
+    def is_there(self, hit: RayHit | CandidateHit) -> Any:
         """Return whether a material's cutout leaves a surface at a point of a triangle."""
         return self.appearance.number_at("cutout", self.material_at(hit), lambda: self.uv_at(hit), 1.0) >= CUTOFF
 
-    def uv_at(self, hit: Hit | Candidate) -> Any:
+    def uv_at(self, hit: RayHit | CandidateHit) -> Any:
         """Interpolate the uv coordinates."""
         return barylerp(hit, *rows_of(self.uvs, hit))
 
-    def vertex_color(self, hit: Hit) -> Any:
+    def vertex_color(self, hit: RayHit) -> Any:
         """Interpolate the colours at the corners; white where there are none."""
         if self.colors is None:
             return sh.Color3f(1, 1, 1)
         return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
 
-    def describe(self, hit: Hit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
+    def describe(self, hit: RayHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients by textures and programs; return its reflectivity."""
         number = self.material_at(hit)
         reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
@@ -234,7 +234,7 @@ class SurfaceTables:
         place = point / self.scale
         return place if self.origin is None else place + self.origin
 
-    def object_at(self, hit: Hit) -> Any:
+    def object_at(self, hit: RayHit) -> Any:
         """Return the number of the mesh that was hit."""
         return 0 if self.object_of is None else self.object_of[hit.id]
 
@@ -322,13 +322,13 @@ def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
     return rows
 
 
-def rows_of(table: Any, hit: Hit | Candidate) -> tuple[Any, Any, Any]:
+def rows_of(table: Any, hit: RayHit | CandidateHit) -> tuple[Any, Any, Any]:
     """Return the rows of the three corners of the triangle that was hit."""
     first = 3 * hit.id
     return table[first], table[first + 1], table[first + 2]
 
 
-def barylerp(hit: Hit | Candidate, a: Any, b: Any, c: Any) -> Any:
+def barylerp(hit: RayHit | CandidateHit, a: Any, b: Any, c: Any) -> Any:
     """Interpolate linearly between `a`, `b` and `c` at the corners of the triangle that was hit."""
     return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
 

@@ -20,7 +20,7 @@ import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
-from raytracer.kernels.triangle import Hit
+from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, scene_walk
 from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -133,7 +133,7 @@ class Tracer:
         path: PathState,
         surface: Interaction,
         pixel: Pixel,
-        hit: Hit,
+        hit: RayHit,
         ray: Any,
         eye: Any,
         limit: Any,
@@ -177,7 +177,7 @@ class Tracer:
                 reflect(surface, ray, eye)
         return finished
 
-    def note(self, pixel: Pixel, hit: Hit, surface: Interaction) -> None:
+    def note(self, pixel: Pixel, hit: RayHit, surface: Interaction) -> None:
         """Set the layers to the first surface that the eye ray hits."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal

@@ -49,18 +49,18 @@ EDGE_ON = 2.0**24
 """1 / slope at which a triangle is seen so nearly edge-on that a mean of its corners may be anywhere between them."""
 
 
-class Candidate(NamedTuple):
-    """A point of a triangle that may become a hit, by the names of a `Hit`."""
+class CandidateHit(NamedTuple):
+    """A point of a triangle that may become a hit, by the names of a `RayHit`."""
 
     id: Any
     uv: Any
 
 
-Accept = Callable[[Candidate], Any]
+Accept = Callable[[CandidateHit], Any]
 """A filter of candidates: tells which of the points that a ray meets become hits."""
 
 
-class Hit:
+class RayHit:
     """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
 
     `kernels.hits` has other ways to keep hits. A walk asks each of them how far it has to go (`l`), and whether there
@@ -74,7 +74,7 @@ class Hit:
         self.l, self.uv, self.id, self.accept = l, uv, id, accept
 
     @classmethod
-    def held_in(cls, place: Any, accept: Accept | None = None) -> Hit:
+    def held_in(cls, place: Any, accept: Accept | None = None) -> RayHit:
         """Return the hit whose variables are those of `place`."""
         hit = cls.__new__(cls)
         hit.l, hit.uv, hit.id, hit.accept = place.l, place.uv, place.id, accept
@@ -100,7 +100,7 @@ class Hit:
         if self.accept is None:
             return nullcontext()
         wb, wc, whole = weights
-        return SH_IF(self.accept(Candidate(number, sh.TexCoord2f(wb, wc) / whole)))
+        return SH_IF(self.accept(CandidateHit(number, sh.TexCoord2f(wb, wc) / whole)))
 
 
 class Sight:
@@ -206,9 +206,9 @@ class Walk(ABC):
     triangles: Triangles
     accept: Accept | None = None
 
-    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> Hit:
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
-        hit = Hit(limit, self.accept)
+        hit = RayHit(limit, self.accept)
         self.collect(hit, ray, eye, near, near, any_hit)
         return hit
 
@@ -224,7 +224,7 @@ class TriangleTest:
         self.sight, self.bound = Sight(ray, eye), bound
         self.ray, self.eye = ray, eye
 
-    def __call__(self, triangles: Triangles, k: Any, near: Any, hit: Hit) -> None:
+    def __call__(self, triangles: Triangles, k: Any, near: Any, hit: RayHit) -> None:
         """Offer the triangle at place `k` to `hit`, which takes it if the ray meets it at a distance in [near, hit.l).
 
         A triangle without area, or edge-on, is never met.

@@ -1,6 +1,6 @@
 """The walk through an accelerator, whichever it is.
 
-Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a kernel calls with a ray for its `Hit`.
+Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a kernel calls with a ray for its `RayHit`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.grid_walk import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
-from raytracer.kernels.triangle import Accept, AheadBound, Hit, Triangles, Walk
+from raytracer.kernels.triangle import Accept, AheadBound, RayHit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.scene.layout import Layout
@@ -46,9 +46,9 @@ class SplitWalk:
 
 
 class Found(NamedTuple):
-    """The surface that a ray meets, by the names of a `Hit`."""
+    """The surface that a ray meets, by the names of a `RayHit`."""
 
-    l: sh.Attrib1f  # noqa: E741 - as in Hit
+    l: sh.Attrib1f  # noqa: E741 - as in RayHit
     id: sh.Attrib1i
     uv: sh.TexCoord2f
 
@@ -95,11 +95,11 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     return exact
 
 
-def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> Hit:
+def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> RayHit:
     """Find the nearest hit of a ray before `limit`; `is_eye` tells eye rays from others, `any_hit` as in `Walk`."""
     if not isinstance(walk, SplitWalk):
         return walk(ray, eye, 0.0, limit, any_hit)
-    hit = Hit(limit, walk.accept)
+    hit = RayHit(limit, walk.accept)
     with SH_IF(is_eye()):
         walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
     with SH_ELSE():

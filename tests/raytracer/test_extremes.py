@@ -14,7 +14,7 @@ from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
-from raytracer.kernels.triangle import Hit, Triangles, TriangleTest
+from raytracer.kernels.triangle import RayHit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.meshes.shapes import box, icosahedron, sphere
 from raytracer.scene.layout import Layout
@@ -94,7 +94,7 @@ def triangle_test(triangles):
 
     @sh.program
     def tried(k: sh.Attrib1i, eye: sh.Point3f, ray: sh.Vector3f) -> _Met:
-        hit = Hit(FAR)
+        hit = RayHit(FAR)
         TriangleTest(ray, eye)(rows, k, 0.0, hit)
         met = sh.Attrib1b(hit.id >= 0)
         return _Met(hit.l, met)
