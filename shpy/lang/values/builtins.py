@@ -303,3 +303,11 @@ def grid_index(n: int) -> Any:
 def grid_shape(n: int) -> Any:
     """Return the number of elements along numpy's axes, Attrib{n}i; n is the rank of the elements' shape."""
     return _grid("grid_shape", n)
+
+
+FUNCTIONS = {
+    name: thing
+    for name, thing in globals().items()
+    if not name.startswith("_") and getattr(thing, "__module__", None) == __name__
+}
+"""The functions of this module by their public names."""
