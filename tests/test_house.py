@@ -246,3 +246,9 @@ def test_ruff_ignores_moods_only_where_some_are_left():
     ignored = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["ruff"]["lint"]["per-file-ignores"]
     rooms = {pattern.removesuffix("/*") for pattern, rules in ignored.items() if "D401" in rules}
     assert rooms == {english.room(file) for file, _, _ in english.moods()}
+
+
+def test_the_table_of_sizes_is_up_to_date(request):
+    option = "--write" if request.config.getoption("--update-snapshots") else "--check"
+    done = subprocess.run([sys.executable, ROOT / "scripts/lines", option], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
