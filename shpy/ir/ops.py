@@ -178,10 +178,10 @@ _composite("f: T -> T", m.fract, "x - floor(x)", inline=True)
 _composite("f: T T -> T", m.mod, "x - y * floor(x / y)")
 _op("min", "n: T T -> T", m.minimum, "the number where one is NaN",
     "Return the smallest of two or more, component-wise; a NaN gives way to a number; ints too.",
-    parameters="a b", exact=True)  # fmt: skip
+    parameters="*args", exact=True)  # fmt: skip
 _op("max", "n: T T -> T", m.maximum, "the number where one is NaN",
     "Return the largest of two or more, component-wise; a NaN gives way to a number; ints too.",
-    parameters="a b", exact=True)  # fmt: skip
+    parameters="*args", exact=True)  # fmt: skip
 _composite("n: T T T -> T", m.clamp, "min(max(x, low), high)", inline=True, exact=True)
 _composite("f: T T T -> T", m.mix, "a * (1 - t) + b * t")
 _composite("f: T T -> T", m.step, "0 where x < edge, else 1", inline=True, exact=True)

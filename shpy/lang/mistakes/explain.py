@@ -11,12 +11,16 @@ from __future__ import annotations
 
 import ast
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import FrameType
 from typing import TypeAlias
 
+import numpy as np
+
 from shpy.ir.nodes import Loc
+from shpy.ir.ops import OPS
 from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library
 from shpy.lang.mistakes.rewrite import rewritten
 from shpy.lang.recording.location import user_frame
@@ -26,10 +30,12 @@ Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
 _Span: TypeAlias = tuple[int, int, int, int]
 
 _TESTING = frozenset({"bool", "min", "max", "any", "all", "sorted"})
-_SAME = frozenset(
-    "abs sign floor ceil round trunc mod min max sqrt exp exp2 log log2 log10 pow sin cos tan asin acos atan atan2 "
-    "sinh cosh tanh asinh acosh atanh fma ldexp radians degrees dot cross transpose any all isnan isinf".split()
-)
+_SAME = {row.name for row in OPS.values() if row.says and (hasattr(np, row.name) or hasattr(math, row.name))} | {
+    "radians",
+    "degrees",
+    "transpose",
+}
+"""The functions that numpy or math has by the same name."""
 _JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
 _CASTING = {
     "float32": "Attrib1f", "float64": "Attrib1d", "float16": "Attrib1h", "int32": "Attrib1i", "int64": "Attrib1i",

@@ -13,6 +13,8 @@ import difflib
 import sys
 from collections.abc import Iterable
 
+from shpy.ir.ops import OPS
+
 OTHER_NAMES = {
     "fabs": "abs", "absolute": "abs", "power": "pow", "arcsin": "asin", "arccos": "acos", "arctan": "atan",
     "arctan2": "atan2", "arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "minimum": "min", "maximum": "max",
@@ -62,7 +64,7 @@ _OF_VALUES = {
     "T": "{0}: a vector needs no transpose, m @ v and v @ m know", "length_squared": "sh.dot({0}, {0})",
 }  # fmt: skip
 
-_TWO = frozenset("dot cross distance reflect refract mix clamp min max mod pow atan2 step smoothstep cond".split())
+_TWO = frozenset(row.name for row in OPS.values() if len(row.takes) > 1)
 
 
 def is_in_library(name: str) -> bool:
