@@ -127,6 +127,10 @@ def _function(row: Op) -> Callable[..., Any]:
 
 
 _ROWS: Final = {row.name: _function(row) for row in OPS.values() if row.says}
+globals().update(_ROWS)
+inversesqrt = _ROWS["rsqrt"]
+floatBitsToUint = _ROWS["bits_from_float"]
+uintBitsToFloat = _ROWS["float_from_bits"]
 
 
 def atan(y: Any, x: Any = None) -> Any:
@@ -188,20 +192,9 @@ def grid_shape(n: int) -> Any:
     return _grid("grid_shape", n)
 
 
-FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
-    **_ROWS,
-    "all_lanes": all_lanes,
-    "any_lane": any_lane,
-    "atan": atan,
-    "degrees": degrees,
-    "floatBitsToUint": _ROWS["bits_from_float"],
-    "grid_index": grid_index,
-    "grid_shape": grid_shape,
-    "inversesqrt": _ROWS["rsqrt"],
-    "radians": radians,
-    "saturate": saturate,
-    "uintBitsToFloat": _ROWS["float_from_bits"],
+FUNCTIONS = {
+    name: thing
+    for name, thing in globals().items()
+    if not name.startswith("_") and getattr(thing, "__module__", None) == __name__
 }
-"""The functions by the names that users call them by; this module has them as well, and so has `shpy`."""
-
-globals().update(FUNCTIONS)
+"""The functions of this module by their public names."""
