@@ -20,8 +20,6 @@ from raytracer.errors import SceneError
 from raytracer.intersector import Intersector
 from raytracer.meshes import Mesh
 
-__all__ = ["RayMeshIntersector"]
-
 _SAME = 1e-8
 """Distance of locations that are taken for one, as a part of the mesh's size: trimesh's `tol.merge`."""
 _STEEP = 1e-4

@@ -16,8 +16,6 @@ from raytracer.rendering import render
 from raytracer.scene.scene import Scene
 from raytracer.scenes import SCENES
 
-__all__ = ["SIZE", "gallery"]
-
 SIZE: Final = (640, 480)
 _PATHS: Final = {"cornell": 512}
 """The samples of pictures that are path traced, as large as the shorter side along both."""

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from raytracer.errors import SceneError
 
-__all__ = ["PIXEL", "TRIANGLE", "check_fits", "check_triangles", "free_bytes"]
-
 PIXEL = 36
 """Bytes of a pixel in all layers of an `Image`."""
 

@@ -18,8 +18,6 @@ from raytracer.integrators.renderer import Progress, Renderer, Resume, checked_s
 from raytracer.scene.scene import Scene
 from raytracer.studies.tradeoff import fastest
 
-__all__ = ["render"]
-
 
 def render(
     scene: Scene,

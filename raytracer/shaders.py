@@ -17,8 +17,6 @@ import shpy as sh
 from raytracer.appearance.materials import Triple
 from raytracer.kernels.shaders import Hit, Surface
 
-__all__ = ["bumps", "checker", "cook_torrance", "marble", "oren_nayar", "spots", "toon", "wood"]
-
 OfHit = Callable[[Hit], Surface]
 OfLight = Callable[[Surface, sh.Vector3f], sh.Color3f]
 

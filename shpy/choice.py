@@ -23,8 +23,6 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.program import Program, program as record_program
 
-__all__ = ["Choice", "choice", "combinations", "with_picks"]
-
 
 @dataclass
 class _Picking:

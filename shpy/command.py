@@ -20,8 +20,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-__all__ = ["INTERRUPTED", "MOST", "Terminated", "progress_lines", "real", "run", "status_of", "whole"]
-
 INTERRUPTED = 130
 """The exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
 MOST = 100_000_000

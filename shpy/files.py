@@ -20,8 +20,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-__all__ = ["check_writable", "replacing"]
-
 _NAME: Final = ".unfinished-"
 _UNFINISHED: Final = re.compile(rf"{re.escape(_NAME)}[0-9a-f]{{16}}(\..*)?", re.DOTALL)
 _STALE: Final = 24 * 3600.0

@@ -24,8 +24,6 @@ import numpy as np
 
 from shpy.errors import ShpyWarning
 
-__all__ = ["ieee_arithmetic", "in_ieee_arithmetic", "keeps_denormals", "set_ieee_arithmetic", "was_flushing"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 

@@ -18,8 +18,6 @@ from shpy.errors import ShpyError
 from shpy.files import check_writable, replacing
 from shpy.packages import install
 
-__all__ = ["check_file", "check_output", "new_figure", "save_figure", "write_json"]
-
 
 def check_file(path: Path) -> None:
     """Raise ShpyError where no file can be made at `path`: before anything is measured."""

@@ -18,8 +18,6 @@ from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 from typing import Final
 
-__all__ = ["DISTRIBUTION", "extras", "install", "installed"]
-
 DISTRIBUTION: Final = "shpy-dsl"
 """The name under which pip knows shpy once it is installed. No package index has it."""
 _BUNDLES: Final = ("all", "dev")

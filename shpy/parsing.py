@@ -13,8 +13,6 @@ import ast
 import threading
 from typing import Any, Final
 
-__all__ = ["parse"]
-
 _LOCK: Final = threading.RLock()  # a callback of the garbage collector may record
 _ATTEMPTS: Final = 20
 """Attempts for a text, since threads that are not of this package parse too."""

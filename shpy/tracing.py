@@ -28,8 +28,6 @@ from shpy.lang.values.coerce import sequence
 from shpy.run.host import Shape, bind, common_shape, dtypes_at, streams, tables, uniforms
 from shpy.streams.stream import Stream
 
-__all__ = ["Step", "trace"]
-
 
 @dataclass(frozen=True)
 class Step:

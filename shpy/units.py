@@ -16,8 +16,6 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Budget", "relative", "steps", "ulp", "ulps"]
-
 Array = NDArray[Any]
 
 

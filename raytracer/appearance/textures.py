@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 import shpy as sh
 from raytracer.errors import SceneError
 
-__all__ = ["Texture"]
-
 logging.getLogger("PIL").addHandler(logging.NullHandler())
 """Pillow logs faults besides raising them; without a handler Python prints them."""
 Filter = Literal["linear", "nearest"]

@@ -26,8 +26,6 @@ from raytracer.kernels import stages
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.tracer import Pixel, Tracer
 
-__all__ = ["Log", "StagedTracer"]
-
 SPARSE = 1 / 4
 """Share of the rays of a band that are on their way, below which they are copied to streams of their own."""
 LEAST = 1 << 10

@@ -12,8 +12,6 @@ from typing import Any
 import shpy as sh
 from raytracer.scene.camera import Camera
 
-__all__ = ["EyeRays", "eye_rays_of"]
-
 
 class EyeRays:
     """The eye rays of a perspective picture; a band of it begins at the row `first_row`."""

@@ -16,8 +16,6 @@ from typing import Any, get_type_hints
 import shpy as sh
 from raytracer.errors import SceneError, place_of, users_line
 
-__all__ = ["Examined", "Hit", "Surface", "ask_shade", "ask_surface", "examine_shade", "examine_surface", "fields_of"]
-
 Sources = Mapping[str, Callable[[], Any]]
 """What records a value, by the value's name."""
 

@@ -35,8 +35,6 @@ from raytracer.studies.report import (
     table,
 )  # fmt: skip
 
-__all__ = ["Case", "Measured", "Study", "study"]
-
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
 COUNTED = ("A", "B")

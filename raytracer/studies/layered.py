@@ -37,8 +37,6 @@ from raytracer.studies.report import (
     table,
 )  # fmt: skip
 
-__all__ = ["FULL", "QUICK", "Plan", "Study", "cases", "study"]
-
 _TESTS = ("plane", "triangle", "sample")
 """The hit tests, those first without which the others mean little."""
 _MARKS = {"plane": "o", "triangle": "^", "sample": "s"}

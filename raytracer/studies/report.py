@@ -23,11 +23,6 @@ from typing import Any, TypeVar
 import shpy as sh
 from raytracer.errors import SceneError
 
-__all__ = [
-    "Told", "about", "counted_on", "csv_of", "devices_of", "finish", "in_time", "machine", "new_figure", "save_figure",
-    "table",
-]  # fmt: skip
-
 Told = Callable[[int, int], None]
 """Called with the measurements that are done and all measurements."""
 Case = TypeVar("Case")

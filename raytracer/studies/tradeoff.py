@@ -33,8 +33,6 @@ from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
 from raytracer.studies.report import Told, new_figure, save_figure
 
-__all__ = ["Candidate", "Tradeoff", "Variant", "errors", "reference", "tradeoff"]
-
 Pixels = NDArray[np.float64]
 """(H, W, 3), as sRGB in [0, 1]."""
 

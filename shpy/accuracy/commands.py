@@ -30,8 +30,6 @@ from shpy.outputs import check_output, write_json
 from shpy.program import Program
 from shpy.units import Budget
 
-__all__ = ["add_commands", "load", "parse_domain"]
-
 _COUNT, _SEED = whole(1, MOST), whole(0)
 _USUAL = (-10.0, 10.0)
 """The default range of a float."""

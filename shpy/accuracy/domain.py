@@ -23,8 +23,6 @@ from shpy.lang.values.structure import build_arrays, leaves
 from shpy.program import Program
 from shpy.run.host import dtypes_at
 
-__all__ = ["Domain", "Samples", "draw", "special_values"]
-
 Array = NDArray[Any]
 Domain = Mapping[str, Any]
 """For each input (or leaf of one, `ray.o`): (lo, hi), (lo, hi, "log"), an array, or a function of rng and count."""

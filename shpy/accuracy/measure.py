@@ -28,8 +28,6 @@ from shpy.testing.observers import Setting
 from shpy.testing.runs import Run, run
 from shpy.units import relative, ulps
 
-__all__ = ["Variant", "error_of", "measure", "variants"]
-
 Array = NDArray[Any]
 _PRECISIONS = ("f16", "f32", "f64")
 _MODES = ("strict", "relaxed", "fast")

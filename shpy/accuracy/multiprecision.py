@@ -22,8 +22,6 @@ try:
 except ImportError as error:
     raise ShpyError("a reference by mpmath needs mpmath", cure=f'{install("mpmath")}, or reference="f64"') from error
 
-__all__ = ["MP", "OPERATIONS", "Unsayable", "number"]
-
 MP: Any = mpmath.mp.clone()
 MP.prec = 240
 

@@ -26,8 +26,6 @@ import numpy as np
 
 from shpy.accuracy.report import columns
 
-__all__ = ["Comparison", "Point", "choose", "frontier", "names_of", "rivals", "separable", "timed"]
-
 PICK, FRONT, LIKE = "→", "*", "≈"
 """The marks of a table."""
 _NAMES: Final = {

@@ -15,8 +15,6 @@ from typing import Any, Final
 
 from shpy.accuracy.pareto import Comparison, Point
 
-__all__ = ["draw"]
-
 _MARKERS: Final = "os^DvP*X"
 _SERIES: Final = ("numpy", "opencl", "glsl")
 _MODES: Final = ("strict", "relaxed", "fast")

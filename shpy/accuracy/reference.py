@@ -33,8 +33,6 @@ from shpy.lang.recording.location import here
 from shpy.testing.observers import Setting
 from shpy.testing.runs import run
 
-__all__ = ["Exact", "Kind", "Truth", "evaluate"]
-
 Array = NDArray[Any]
 Kind = Literal["mpmath", "f64"]
 

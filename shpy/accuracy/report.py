@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from shpy.outputs import new_figure, save_figure
 
-__all__ = ["BINS", "Report", "Row", "columns"]
-
 Array = NDArray[Any]
 
 BINS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0, 256.0, 4096.0, 65536.0, 2.0**20)

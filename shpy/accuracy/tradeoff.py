@@ -33,8 +33,6 @@ from shpy.testing.observers import Setting
 from shpy.testing.runs import run
 from shpy.units import Budget
 
-__all__ = ["Candidate", "Tradeoff", "tradeoff"]
-
 _ENOUGH = 0.003
 """Seconds: shorter calls are timed several at once."""
 _UNSEEN = 4

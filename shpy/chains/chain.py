@@ -29,8 +29,6 @@ from shpy.lang.recording.pickling import OfOneProcess
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 
-__all__ = ["Chain", "Loop", "Repeat", "Sequence", "loop", "repeat", "sequence"]
-
 
 class Chain(OfOneProcess, ABC):
     """Kernels that run one after the other over named streams: see `sh.sequence`, `sh.repeat` and `sh.loop`.

@@ -27,8 +27,6 @@ from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.stream import Place
 
-__all__ = ["RUN_ARGUMENTS", "Member", "element_layout", "is_gathered"]
-
 RUN_ARGUMENTS = ("shape", "backend", "device", "precision")
 """Arguments of `Chain.run` besides the streams: no stream has these names."""
 

@@ -19,8 +19,6 @@ from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES, Value
 from shpy.program import Program
 
-__all__ = ["COUNT", "merge_of"]
-
 COUNT = CLASSES["Attrib", 1, Base.I]
 """The type of a status, and of the number of executions in which an element was written."""
 

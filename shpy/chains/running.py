@@ -31,8 +31,6 @@ from shpy.run.kernel import Kernel
 from shpy.streams.running import check_places
 from shpy.streams.stream import Place, Stream, _place, streams_in
 
-__all__ = ["ChainResult", "Node", "Run"]
-
 Shape = tuple[int, ...]
 _AHEAD = 256
 """Runs that are collected before they are started."""

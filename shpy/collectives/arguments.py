@@ -15,8 +15,6 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.types import Attrib1b, Attrib1i
 from shpy.streams.stream import Place, Stream
 
-__all__ = ["check_place", "check_stream", "indices_at", "mask_at", "shaped"]
-
 Shape = tuple[int, ...]
 
 

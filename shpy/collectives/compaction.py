@@ -15,8 +15,6 @@ from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.values.types import Attrib1i
 from shpy.streams.stream import Stream
 
-__all__ = ["Compacted", "compact"]
-
 
 class Compacted(NamedTuple):
     """The result of `sh.compact`: the elements, (n,), and the former index of each, (n,) ints."""

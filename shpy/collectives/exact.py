@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from shpy.collectives.programs import SPECIAL, WORDS
 
-__all__ = ["exact_sums", "sums_of_blocks"]
-
 _BLOCK = 1 << 18
 """Elements whose significands are taken apart together: temporary arrays then fit into the cache."""
 

@@ -32,8 +32,6 @@ from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
-__all__ = ["histogram"]
-
 
 @in_ieee_arithmetic
 def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, float] | None = None) -> Stream:

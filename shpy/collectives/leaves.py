@@ -24,8 +24,6 @@ from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Place, Stream
 
-__all__ = ["Leaves", "element_class", "is_mapped", "mapped", "mapping", "over_leaf", "run_over"]
-
 _TILE = 16
 """Elements that are counted together, at each level of a tree of counts."""
 _BITS = 32

@@ -21,27 +21,6 @@ from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program, program
 
-__all__ = [
-    "BLOCK",
-    "SPECIAL",
-    "WORDS",
-    "Lift",
-    "Reduction",
-    "accumulating",
-    "counts",
-    "extremes",
-    "folding",
-    "lifted_pairs",
-    "lifting",
-    "logic",
-    "places",
-    "quotient",
-    "scanning",
-    "scanning_fours",
-    "sums",
-    "width_for",
-]
-
 Lift = Callable[[Any, Any], Any]
 """Makes of an element and its index what the program combines."""
 _WIDTH = 16

@@ -43,8 +43,6 @@ from shpy.run import host
 from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Stream
 
-__all__ = ["reduce"]
-
 _METHODS = ("pairwise", "compensated", "exact")
 
 

@@ -35,8 +35,6 @@ from shpy.lang.data.tables import Table
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
-__all__ = ["scan"]
-
 Arrays = list[NDArray[Any]]
 
 

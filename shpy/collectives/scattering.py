@@ -32,8 +32,6 @@ from shpy.program import Program
 from shpy.run import host
 from shpy.streams.stream import Stream
 
-__all__ = ["gather", "scatter"]
-
 _AT_ONCE = 1 << 14
 """Values that are combined in one run: a driver may end loops of more iterations."""
 

@@ -24,8 +24,6 @@ from shpy.lang.values.types import Attrib1i
 from shpy.program import Program
 from shpy.streams.stream import Stream
 
-__all__ = ["argsort", "sort"]
-
 
 @in_ieee_arithmetic
 def sort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:

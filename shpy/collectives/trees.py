@@ -28,23 +28,6 @@ from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.stream import Place, Stream
 
-__all__ = [
-    "arrays_of",
-    "check_combination",
-    "combination",
-    "fold",
-    "fold_parts",
-    "fold_to_host",
-    "in_fours",
-    "leaf_types",
-    "memories_of",
-    "over_arrays",
-    "own_tree",
-    "retyped",
-    "run_level",
-    "run_pairs",
-]
-
 Shape = tuple[int, ...]
 _FEW = 64
 """Elements for which another text is not worth its compilation."""

@@ -44,8 +44,6 @@ from shpy.ir.ops import OPS, result_type
 from shpy.ir.traverse import defined
 from shpy.ir.types import Type
 
-__all__ = ["Builder", "LoopBuilder", "Operand", "Slot"]
-
 Operand = Value | int
 """A value, or its id."""
 

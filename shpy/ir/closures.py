@@ -40,8 +40,6 @@ from shpy.ir.ops import OPS
 from shpy.ir.traverse import defined, test_length, variables_of
 from shpy.ir.types import Base, Type
 
-__all__ = ["Array", "Compiled", "Compiler", "Ended", "LaneOracle", "Run", "Trace"]
-
 Array = NDArray[Any]
 Trace = Callable[[Loc | None, str, Any, tuple[int, ...]], None]
 """Called with the line, the name and the new value of each named value and of each variable that is stored into, and

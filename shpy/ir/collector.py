@@ -15,8 +15,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["uncollected"]
-
 
 class _Pause:
     """The number of blocks of all threads that pause the collector, and its state before the first block."""

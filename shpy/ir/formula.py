@@ -21,8 +21,6 @@ from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 
-__all__ = ["Formula", "components", "named", "number", "operation", "precision_of", "where"]
-
 Values = Any
 """A numpy array, or a Formula."""
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from shpy.ir.ops import OPS, Op, Tolerance
 
-__all__ = ["table_of_operations"]
-
 
 def table_of_operations() -> str:
     """One row an operation, in the order of the table."""

@@ -52,8 +52,6 @@ from shpy.ir.nodes import (
 from shpy.ir.text import LETTERS, unquote
 from shpy.ir.types import Type, type_named
 
-__all__ = ["parse"]
-
 _SPOKEN = {
     "WORD": "a name",
     "STRING": "a name in quotes",

@@ -20,8 +20,6 @@ from shpy.ir.nodes import Function, Let, Param, Table, Variable
 from shpy.ir.text import quote
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["Scope", "check_constant", "check_index", "counted", "spoken_types", "structural_type"]
-
 Types = tuple[Type, ...]
 
 

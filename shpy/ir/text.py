@@ -47,8 +47,6 @@ from shpy.ir.nodes import (
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Type
 
-__all__ = ["LETTERS", "Anchor", "Line", "lines", "print_module", "quote", "unquote"]
-
 LETTERS: Final = "xyzw"
 """The components, as swizzles and stores name them."""
 

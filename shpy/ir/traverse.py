@@ -16,23 +16,6 @@ from itertools import chain
 from shpy.ir.nodes import Break, Call, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import LANE_OPS
 
-__all__ = [
-    "continues",
-    "defined",
-    "grid_rank",
-    "is_straight",
-    "limited_loops",
-    "loops",
-    "map_regions",
-    "regions_of",
-    "results",
-    "rewrite",
-    "test_length",
-    "uses",
-    "variables_of",
-    "walk",
-]
-
 _LEAVES = (Let, Store)
 """Nearly all statements."""
 

@@ -46,8 +46,6 @@ from shpy.ir.text import LETTERS, Anchor, Line, lines, quote
 from shpy.ir.traverse import continues
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["verify"]
-
 _BEFORE, _AFTER = 8, 3
 _BOOL = vec(Base.B)
 

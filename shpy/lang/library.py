@@ -269,6 +269,3 @@ def sample(texture: Any, uv: Any) -> Any:
     color = CLASSES["Color", texture.type.size, Base.F]
     wraps = texture.wraps if texture.known else ()
     return color(routine(CLASSES["Attrib", texture.AXES, Base.F](uv), texture.filter, wraps))
-
-
-__all__ = ["WRAPS", "Wrap", "filtered", "hash", "noise", "pcg", "sample", "trip_count", "unit_float"]

@@ -16,8 +16,6 @@ from shpy.ir.traverse import variables_of
 from shpy.ir.types import Base
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
-__all__ = ["hold_bools_as_ints"]
-
 
 def hold_bools_as_ints(module: Module) -> Module:
     """Return the module without local arrays of bools; the same object if it has none."""

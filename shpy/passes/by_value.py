@@ -27,8 +27,6 @@ from shpy.ir.traverse import rewrite
 from shpy.passes.liveness import annotate, stored_in
 from shpy.passes.returns import returns_outside_loops
 
-__all__ = ["pass_by_value", "takes_array"]
-
 
 def takes_array(function: Function) -> bool:
     """Whether an array comes by reference."""

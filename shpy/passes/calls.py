@@ -23,8 +23,6 @@ from shpy.passes.leaving import ExitBuilder
 from shpy.passes.names import fresh
 from shpy.passes.returns import returns_outside_loops
 
-__all__ = ["CallBuilder", "Callees", "LaneFacts", "LaneFunction"]
-
 
 @dataclass(frozen=True, slots=True)
 class LaneFacts:

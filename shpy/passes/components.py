@@ -28,8 +28,6 @@ from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, R
 from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.traverse import rewrite, walk
 
-__all__ = ["COMPONENTS", "GEOMETRY", "SCALED", "take_apart"]
-
 COMPONENTS = "xyzw"
 SCALED = frozenset({"length", "distance", "normalize"})
 """What a target may do itself, and knows best for whole vectors."""

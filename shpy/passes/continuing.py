@@ -24,8 +24,6 @@ from shpy.ir.traverse import continues
 from shpy.ir.types import Base, vec
 from shpy.passes.rewriter import falls_through
 
-__all__ = ["without_continuing"]
-
 
 def without_continuing(b: Builder, loop: Loop) -> Loop:
     """Return a loop of the function that `b` builds without its continuing part; inner Loops stay the same objects."""

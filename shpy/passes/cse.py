@@ -18,8 +18,6 @@ from shpy.ir.nodes import Function, Let, Module, Region
 from shpy.ir.ops import COMMUTATIVE, LANE_OPS
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
-__all__ = ["merge_common"]
-
 _Key = tuple[object, ...]
 
 

@@ -36,8 +36,6 @@ from shpy.ir.nodes import (
 from shpy.ir.traverse import walk
 from shpy.passes.rewriter import Functions, each_function
 
-__all__ = ["remove_dead", "remove_unused_functions", "without_dead"]
-
 
 def remove_dead(module: Module) -> Module:
     """Return the module without statements and variables that have no effect."""

@@ -36,8 +36,6 @@ from shpy.ir.nodes import (
 from shpy.ir.traverse import variables_of
 from shpy.passes.rewriter import Functions, each_function
 
-__all__ = ["remove_dead_stores", "without_dead_stores"]
-
 
 def remove_dead_stores(module: Module) -> Module:
     """Return the module without stores that nobody reads; values that fed them stay for `remove_dead`."""

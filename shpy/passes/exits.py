@@ -47,8 +47,6 @@ from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
 from shpy.passes.size import callee_of
 
-__all__ = ["DEVICE_TURNS", "LOOPED", "Ending", "few_turns", "make_exits_explicit", "may_be_stopped"]
-
 DEVICE_TURNS = 65_535
 """Iterations in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
 

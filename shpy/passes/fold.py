@@ -29,8 +29,6 @@ from shpy.passes.identities import simplify
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 from shpy.passes.vectors import rearrange
 
-__all__ = ["fold"]
-
 
 def fold(module: Module, *, fixed: bool = True) -> Module:
     """Return the module with its constants computed.

@@ -18,8 +18,6 @@ from shpy.ir.nodes import Let, Module
 from shpy.ir.traverse import walk
 from shpy.passes.known import Known
 
-__all__ = ["forget_data"]
-
 
 def forget_data(module: Module) -> Module:
     """Return the module without initial values, and with as much of its tables' shapes as its text depends on."""

@@ -24,8 +24,6 @@ from shpy.passes.library import Library
 from shpy.passes.precision import Rebase, retype_ports, rounded
 from shpy.passes.rewriter import each_function
 
-__all__ = ["lower_half"]
-
 _EXACT = frozenset("const load swizzle construct splat component param table call half".split()) | {
     name for name, op in OPS.items() if op.exact
 }

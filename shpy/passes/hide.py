@@ -19,8 +19,6 @@ from shpy.ir.nodes import Call, Function, Let, Module, Store, Value
 from shpy.ir.traverse import walk
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
-__all__ = ["hide_derivable"]
-
 _CHOOSING = frozenset({"cond", "construct", "splat", "swizzle", "component", "neg", "abs", "min", "max"})
 """Operations that give one of their operands, or its opposite: they make no zero of numbers that are not zero."""
 _FETCHED = frozenset({"load", "param", "table", "half"})

@@ -18,8 +18,6 @@ from shpy.ir.nodes import Attr, Let
 from shpy.ir.ops import COMMUTATIVE
 from shpy.ir.types import Base, Type
 
-__all__ = ["Known", "simplify"]
-
 
 class Known(Protocol):
     """What a rule may ask: how a value was made, its constant components, its type."""

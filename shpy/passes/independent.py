@@ -18,8 +18,6 @@ from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Let, Module, Stmt, Store
 from shpy.ir.traverse import rewrite, walk
 
-__all__ = ["inline_independent"]
-
 
 def inline_independent(module: Module) -> Module:
     """Return the module without calls of such functions; the same object if there is none."""

@@ -45,8 +45,6 @@ from shpy.passes.returns import returns_outside_loops
 from shpy.passes.rewriter import falls_through
 from shpy.passes.size import check_growth
 
-__all__ = ["inline_calls"]
-
 _MOST_STATEMENTS = 50_000
 """A function that would become larger is refused: text and compile time would grow without bound."""
 _DEEPEST_GUARD = 8

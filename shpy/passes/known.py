@@ -17,8 +17,6 @@ from shpy.ir.nodes import Call, Function, Let, Store, Variable
 from shpy.ir.traverse import results, walk
 from shpy.ir.types import Base
 
-__all__ = ["Known"]
-
 Span = tuple[int, int]
 
 _SPANS = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1), Base.B: (0, 1)}

@@ -16,8 +16,6 @@ from shpy.passes.liveness import Note
 from shpy.passes.slots import Slots
 from shpy.passes.uniformity import LoopFacts, varies
 
-__all__ = ["BOOL", "Here", "LaneBuilder", "Scope", "of_all_lanes"]
-
 BOOL = vec(Base.B)
 
 

@@ -18,8 +18,6 @@ from shpy.ir.nodes import Break, Continue, Discard, Function, If, Return, Variab
 from shpy.passes.lanes import BOOL, Here, LaneBuilder
 from shpy.passes.liveness import Note
 
-__all__ = ["ExitBuilder"]
-
 
 class ExitBuilder(LaneBuilder):
     """A LaneBuilder that knows exits; each method tells whether nothing comes after it in its region."""

@@ -21,8 +21,6 @@ from shpy.ir.types import Base, Type
 from shpy.passes.names import fresh
 from shpy.passes.terms import Term, define, where
 
-__all__ = ["BOUNDED", "CORRECTABLE", "PARTS", "Library", "definition"]
-
 
 def _odd(x: Term, error: Term) -> Term:
     """Return the sum x + error rounded to odd, where x is that sum rounded to nearest (Boldo and Melquiond 2008)."""

@@ -26,8 +26,6 @@ from shpy.ir.nodes import Break, Continue, Discard, Function, If, Let, Loop, Reg
 from shpy.ir.traverse import regions_of, walk
 from shpy.passes.uniformity import LoopFacts
 
-__all__ = ["Note", "annotate", "loops", "stored_in"]
-
 Set = frozenset[int]
 Bits = int
 """A set of variables, the bit 1 << id for each: statements are many, and so may be the variables that are live."""

@@ -25,8 +25,6 @@ from shpy.ir.types import Base
 from shpy.passes.library import BOUNDED, PARTS, Library, definition
 from shpy.passes.rewriter import Rewriter, each_function
 
-__all__ = ["lower"]
-
 
 def lower(
     module: Module,

@@ -9,8 +9,6 @@ Stage: improve.
 
 from __future__ import annotations
 
-__all__ = ["fresh"]
-
 
 def fresh(name: str, taken: set[str]) -> str:
     """Return the name, or the first of name_2, name_3, ... that is free; from now on it is taken."""

@@ -33,8 +33,6 @@ from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import without_dead
 from shpy.passes.vectorize import VectorModule
 
-__all__ = ["find_neighbours"]
-
 _INT = vec(Base.I)
 _RANKS = (1, 2)
 

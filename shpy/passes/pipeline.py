@@ -31,8 +31,6 @@ from shpy.passes.promote import promote
 from shpy.passes.share import WORTH_SHARING, share_calls
 from shpy.passes.size import inlined_sizes
 
-__all__ = ["Prepared", "Target", "optimise", "prepare", "with_strict_functions"]
-
 _ROUNDS = 3
 """How often constants may make branches go, which makes more constants."""
 

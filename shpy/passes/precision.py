@@ -23,8 +23,6 @@ from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
 from shpy.ir.types import Base, Type
 from shpy.passes.rewriter import Rewriter, each_function
 
-__all__ = ["Precision", "Rebase", "retype_ports", "rounded", "set_precision"]
-
 Precision = Literal["f16", "f32", "f64"]
 
 _BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}

@@ -30,8 +30,6 @@ from shpy.passes.dead import remove_dead
 from shpy.passes.dead_stores import remove_dead_stores
 from shpy.passes.rewriter import Functions, Rewriter, each_function, falls_through
 
-__all__ = ["promote"]
-
 Piece = tuple[int, int]
 """A component of a value: (value's id, which)."""
 

@@ -15,8 +15,6 @@ from shpy.ir.nodes import Discard, If, Let, Module, Port, Stmt, Store, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
 
-__all__ = ["find_rejection"]
-
 _SHARE = 4
 """The least ratio of the statements of the whole program to those of the condition."""
 

@@ -24,8 +24,6 @@ from shpy.ir.constants import Base, vec
 from shpy.ir.nodes import Break, Discard, Function, If, Let, Loc, Loop, Region, Return, Status, Stmt, Store
 from shpy.ir.traverse import walk
 
-__all__ = ["returns_outside_loops"]
-
 
 def returns_outside_loops(function: Function, status: int | None = None) -> Function:
     """Return the function with every Return inside a loop replaced; `status` is the variable that holds the status."""

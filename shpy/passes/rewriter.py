@@ -23,8 +23,6 @@ from shpy.ir.nodes import EXITS, Attr, Call, Function, If, Let, Loc, Loop, Modul
 from shpy.ir.traverse import defined
 from shpy.ir.types import Type
 
-__all__ = ["Functions", "Rewriter", "each_function", "falls_through"]
-
 Functions = Mapping[str, Function]
 
 

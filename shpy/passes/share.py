@@ -46,8 +46,6 @@ from shpy.passes.exits import may_be_stopped
 from shpy.passes.rewriter import Rewriter
 from shpy.passes.size import callee_of, inlined_sizes
 
-__all__ = ["WORTH_SHARING", "share_calls"]
-
 WORTH_SHARING = 20_000
 """Statements of a whole program, all calls inlined, from which on calls share code."""
 _LARGE = 60

@@ -16,8 +16,6 @@ from shpy.errors import CompileError
 from shpy.ir.nodes import Call, Function, Let, Module, Stmt
 from shpy.ir.traverse import walk
 
-__all__ = ["callee_of", "calls_of", "check_growth", "check_size", "count_ops", "inlined_sizes", "kept_apart"]
-
 MOST_STATEMENTS = 100_000
 """Statements of a whole program, each function counted once, that a driver's compiler is given at most."""
 WORTH_KEEPING = 20_000

@@ -15,8 +15,6 @@ from dataclasses import replace
 from shpy.ir.constants import Base, vec
 from shpy.ir.nodes import Variable
 
-__all__ = ["Slots"]
-
 _FUNCTION = -1
 
 

@@ -20,8 +20,6 @@ from shpy.passes.dead import remove_dead
 from shpy.passes.dead_stores import remove_dead_stores
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
-__all__ = ["select_outputs", "specialise"]
-
 Constants = Mapping[str, tuple[int, ...]]
 
 

@@ -18,8 +18,6 @@ from shpy.ir.nodes import Function, Let, Stmt, Value
 from shpy.ir.traverse import rewrite
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["Term", "define", "joined", "replaced", "where"]
-
 
 class _Definition(Builder):
     """Builds a definition; `names` are those of its values."""

@@ -15,8 +15,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-__all__ = ["LoopFacts", "varies"]
-
 _UNIFORM = frozenset({"any_lane", "all_lanes", "lane_any", "table_size", "grid_shape"})
 _VARYING = frozenset({"grid_index", "lane_mask", "neighbour"})
 

@@ -58,8 +58,6 @@ from shpy.passes.lanes import BOOL, Here, Scope, of_all_lanes
 from shpy.passes.liveness import Note, annotate, stored_in
 from shpy.passes.uniformity import varies
 
-__all__ = ["VectorModule", "vectorize"]
-
 _WORTH_SKIPPING = 8
 """A masked region of fewer operations is run even if no lane is active."""
 _FREE = frozenset({"const", "load", "swizzle", "splat", "param"})

@@ -22,8 +22,6 @@ from itertools import groupby
 from shpy.ir.nodes import Let
 from shpy.passes.identities import Found, Known
 
-__all__ = ["rearrange"]
-
 
 def rearrange(known: Known, let: Let) -> Found:
     """Return a simpler equivalent of a swizzle, construct or component, or None."""

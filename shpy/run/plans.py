@@ -23,8 +23,6 @@ from shpy.ir.types import Base
 from shpy.lang.programs.record import Recorded
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, leaves
 
-__all__ = ["KEPT", "Plan", "plan_of", "signature"]
-
 KEPT: Final = 64
 """Plans of a kernel, at most."""
 _LARGEST: Final = float(np.finfo(np.float16).max)

@@ -13,8 +13,6 @@ from typing import Any, Final, Literal
 
 from shpy.ieee import in_ieee_arithmetic
 
-__all__ = ["StreamReductions", "bind_reductions"]
-
 _bound: Final[dict[str, Callable[..., Any]]] = {}
 
 

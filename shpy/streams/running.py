@@ -26,16 +26,6 @@ from shpy.lang.values.types import Attrib1b
 from shpy.run import host
 from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
 
-__all__ = [
-    "Prepared",
-    "StreamResult",
-    "check_places",
-    "prepare",
-    "prepare_known",
-    "run_prepared",
-    "signature_of_streams",
-]
-
 Shape = tuple[int, ...]
 
 

@@ -31,8 +31,6 @@ from shpy.run import host
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
 
-__all__ = ["Place", "Stream", "StreamTable"]
-
 Shape = tuple[int, ...]
 
 

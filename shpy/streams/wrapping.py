@@ -16,8 +16,6 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, layout_of
 from shpy.lang.values.value import CLASSES
 
-__all__ = ["extents_of", "owner_of"]
-
 Shape = tuple[int, ...]
 
 

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from shpy.units import steps
 
-__all__ = ["EXACT", "Array", "Bound", "differing", "flat_leaves", "is_denormal"]
-
 Array = NDArray[Any]
 
 

@@ -32,8 +32,6 @@ from shpy.program import Program
 from shpy.testing.arrays import Array
 from shpy.testing.observers import Setting
 
-__all__ = ["Denormal", "Denormals", "find_denormals", "meets_denormals"]
-
 _LEAST = {"f16": 2.0**-14, "f32": 2.0**-126, "f64": 2.0**-1022}
 _PLACE, _VALUE = vec(Base.U), vec(Base.D)
 

@@ -30,8 +30,6 @@ from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
 from shpy.units import steps
 
-__all__ = ["Divergence", "Row", "first_divergence"]
-
 Sides = tuple[Observer, Observer]
 
 _BEFORE, _AFTER = 6, 2

@@ -29,8 +29,6 @@ from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
 from shpy.units import steps
 
-__all__ = ["Agreement", "assert_equivalent"]
-
 
 @dataclass(frozen=True)
 class Agreement:

@@ -20,8 +20,6 @@ from shpy.testing.denormals import Denormal, find_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import Run
 
-__all__ = ["Excused", "Flush"]
-
 
 @dataclass(frozen=True)
 class Flush:

@@ -29,8 +29,6 @@ from shpy.run.kernel import Kernel
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, Watched, watch
 
-__all__ = ["Observer", "Seen", "Setting", "observer"]
-
 _LAST = 2**32 - 2
 """A target that no event reaches."""
 

@@ -14,8 +14,6 @@ from typing import Any
 
 import pytest
 
-__all__ = ["pytest_addoption", "pytest_configure", "pytest_generate_tests", "shpy_backend"]
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the two options."""

@@ -27,18 +27,6 @@ from shpy.passes.pipeline import with_strict_functions
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 
-__all__ = [
-    "INTERPRETER",
-    "Interpreted",
-    "Reference",
-    "flushes_denormals",
-    "interpreter_of",
-    "kernel",
-    "require",
-    "split_options",
-    "targets",
-]
-
 INTERPRETER = "interpreter"
 _WIDTHS = {"opencl": (1, *WIDTHS)}
 """How many elements a backend runs together in comparisons that name the backend alone."""

@@ -15,8 +15,6 @@ from shpy.testing.arrays import EXACT, Array, Bound, flat_leaves
 from shpy.testing.observers import Setting
 from shpy.testing.reference import flushes_denormals, kernel
 
-__all__ = ["Run", "parted", "run"]
-
 
 @dataclass(frozen=True)
 class Run:

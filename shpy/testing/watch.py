@@ -24,8 +24,6 @@ from shpy.ir.traverse import defined, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.exits import make_exits_explicit
 
-__all__ = ["OPERANDS", "Site", "Watched", "watch"]
-
 OPERANDS = 4
 """How many operands of an event are kept, at most."""
 

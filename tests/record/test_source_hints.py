@@ -10,7 +10,7 @@ import pytest
 from source_text import made
 
 from shpy.ir.nodes import Loc
-from shpy.lang.mistakes.check import explain_bool, explain_conversion
+from shpy.lang.mistakes.explain import explain_bool, explain_conversion
 
 
 class Asked(Exception):

@@ -22,12 +22,9 @@ from types import CodeType
 
 from shpy.errors import ShpyWarning
 from shpy.ir.nodes import Loc
-from shpy.lang.mistakes.explain import explain_bool, explain_conversion
 from shpy.lang.mistakes.flow import Flow
 from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
 from shpy.lang.recording.tree import definition
-
-__all__ = ["check_source", "explain_bool", "explain_conversion"]
 
 
 def check_source(function: object, *, is_value: Callable[[object], bool]) -> None:

@@ -24,8 +24,6 @@ from shpy.lang.recording.location import is_users
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.value import Value
 
-__all__ = ["explain_python_error"]
-
 _CALLED = re.compile(r"'(\w+)' object is not callable")
 _HASHED = re.compile(r"unhashable type: '(\w+)'")
 _KINDS: dict[str, tuple[type, str]] = {

@@ -10,7 +10,7 @@ from typing import Never
 import numpy as np
 
 from shpy.errors import RecordError
-from shpy.lang.mistakes.check import explain_bool, explain_conversion
+from shpy.lang.mistakes.explain import explain_bool, explain_conversion
 from shpy.lang.recording.location import here
 from shpy.lang.values.abstract import AbstractValue
 

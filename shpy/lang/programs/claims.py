@@ -24,8 +24,6 @@ from shpy.ir.types import Type
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.value import CLASSES
 
-__all__ = ["checked"]
-
 _ROW = re.compile(r"(?P<head>[^.\[\]]+)\[(?P<row>\d)\]")
 _KINDS = {cls.__name__: cls.type for cls in CLASSES.values()}
 

@@ -20,8 +20,6 @@ from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
 
-__all__ = ["MASK", "guarded"]
-
 MASK = CLASSES["Attrib", 1, Base.B]
 
 

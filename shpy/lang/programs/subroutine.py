@@ -33,8 +33,6 @@ from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, is_value, layout_from, layout_of, leaves
 from shpy.lang.values.value import Value
 
-__all__ = ["Subroutine", "subroutine"]
-
 
 class Subroutine:
     """A function of the language that is emitted as one. Call it with values.

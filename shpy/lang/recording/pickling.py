@@ -10,8 +10,6 @@ from typing import Any, ClassVar, NoReturn, Self
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 
-__all__ = ["OfOneProcess"]
-
 
 class OfOneProcess:
     """A value that does not change, so that its copies are itself, and that cannot be pickled."""

@@ -24,8 +24,6 @@ import numpy as np
 from shpy.lang.recording.location import is_users
 from shpy.lang.values.value import Value
 
-__all__ = ["Same", "snapshot"]
-
 _MOST_PARTS: Final = 4096
 _MOST_BYTES: Final = 1 << 20
 """Larger objects have no snapshot: recording a function again is quicker than comparing them."""

@@ -29,8 +29,6 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.builtins import cond, grid_index
 from shpy.lang.values.value import CLASSES, Value
 
-__all__ = ["dFdx", "dFdy"]
-
 
 def dFdx(x: Any) -> Any:
     """Return the difference of x along the columns: at the odd column of a pair minus at the even one.

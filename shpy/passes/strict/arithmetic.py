@@ -14,8 +14,6 @@ from typing import Final
 from shpy.ir.types import Base
 from shpy.passes.terms import Term, where
 
-__all__ = ["CORRECTED"]
-
 
 def _mantissa(bits: Term) -> Term:
     """Return the mantissa with its hidden bit: 2**23 up to 2**24."""

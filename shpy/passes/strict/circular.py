@@ -27,8 +27,6 @@ from shpy.passes.strict.parts import (
 from shpy.passes.strict.payne_hanek import FAR
 from shpy.passes.terms import Term, joined, replaced, where
 
-__all__ = ["acos", "asin", "atan", "atan2", "cos", "sin", "tan"]
-
 Pair = tuple[Term, Term]
 Triple = tuple[Term, Term, Term]
 

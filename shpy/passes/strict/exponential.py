@@ -23,8 +23,6 @@ from shpy.passes.strict.parts import (
 )
 from shpy.passes.terms import Term, where
 
-__all__ = ["cosh", "exp", "exp2", "sinh", "tanh", "two_to_the"]
-
 # Beyond these e to the x, or 2 to the x, is 0 or infinite.
 _EXP_ENDS: Final = {Base.F: (-105.0, 90.0), Base.D: (-747.0, 711.0)}
 _EXP2_ENDS: Final = {Base.F: (-152.0, 130.0), Base.D: (-1077.0, 1026.0)}

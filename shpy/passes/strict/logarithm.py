@@ -42,8 +42,6 @@ from shpy.passes.strict.parts import (
 )
 from shpy.passes.terms import Term, where
 
-__all__ = ["acosh", "asinh", "atanh", "log", "log2", "log10", "pow_"]
-
 Pair = tuple[Term, Term]
 INFINITY: Final = float("inf")
 NAN: Final = float("nan")

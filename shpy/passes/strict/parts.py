@@ -18,23 +18,6 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base
 from shpy.passes.terms import Term
 
-__all__ = [
-    "MAGIC",
-    "TINY",
-    "Numbers",
-    "constants",
-    "exact_quotient_rest",
-    "fast_two_sum",
-    "halves_of",
-    "polynomial",
-    "scaled_by",
-    "sign_bit",
-    "split",
-    "two_product",
-    "two_sum",
-    "whole_and_shifted",
-]
-
 Pair = tuple[Term, Term]
 Numbers = Mapping[Base, tuple[float, ...]]
 

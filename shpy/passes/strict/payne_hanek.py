@@ -18,8 +18,6 @@ from shpy.passes.strict.coefficients import PI, TWO_BY_PI_DIGITS
 from shpy.passes.strict.parts import constants, fast_two_sum, two_product, whole_and_shifted
 from shpy.passes.terms import Term, joined, replaced, where
 
-__all__ = ["BOUNDED", "FAR", "payne_hanek"]
-
 FAR: Final = 2.0**20
 """From here on x may be; it is scaled to less than FAR times the radix."""
 

@@ -30,8 +30,6 @@ from shpy.testing.certify.report import (
 )
 from shpy.testing.certify.sections import INPUTS, SECTIONS, Ran, run_section, sections
 
-__all__ = ["certify", "chosen_sections", "targets"]
-
 _ABOUT = """\
 Programs in strict mode, the default, give the same bits on every device. This runs programs whose results are known
 on the devices below, and compares every bit."""

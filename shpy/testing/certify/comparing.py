@@ -18,8 +18,6 @@ from shpy.testing.certify.golden import digest
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 
-__all__ = ["Work", "compare", "compare_arrays"]
-
 
 @dataclass(frozen=True)
 class Work:

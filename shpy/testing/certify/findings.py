@@ -13,8 +13,6 @@ from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.conformance.running import flushes_denormals
 
-__all__ = ["SHOWN", "Check", "Finding", "Section", "Target", "Verdict"]
-
 Verdict = Literal["same", "denormals", "refused", "absent", "differs", "failed"]
 """`denormals`: the same bits but where a denormal arises; `absent`: it cannot be checked here."""
 SHOWN = 3

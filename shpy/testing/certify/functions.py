@@ -23,8 +23,6 @@ from shpy.testing.certify.inputs import PARTS, everything, pairs, scattered, swe
 from shpy.testing.conformance.operations import program as program_of
 from shpy.testing.reference import flushes_denormals
 
-__all__ = ["SWEPT", "arguments", "bound_checks", "errors", "function", "input_checks", "sweep_checks"]
-
 SWEPT: Final = (*sorted(TRANSCENDENTALS), "sqrt", "rsqrt", "div", "mod", "fma")
 """The functions of the language that are more than one instruction of every processor."""
 _PAIRS: Final = 1 << 19

@@ -20,8 +20,6 @@ import numpy as np
 from shpy.outputs import write_json
 from shpy.testing.arrays import Array
 
-__all__ = ["FILE", "KERNELS", "digest", "golden", "write"]
-
 FILE: Final = Path(__file__).with_name("golden.json")
 KERNELS: Final = Path(__file__).with_name("kernels")
 """The examples' kernels as IR text: the examples are not installed with the package."""

@@ -11,8 +11,6 @@ import numpy as np
 
 from shpy.testing.arrays import Array
 
-__all__ = ["PARTS", "everything", "fractions", "no_denormals", "pairs", "scattered", "sweep"]
-
 MANTISSAS = 2048
 """Mantissas for each exponent and sign."""
 PARTS = 64

@@ -20,8 +20,6 @@ from shpy.testing.certify.findings import SHOWN, Check, Finding, Target
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import fractions
 
-__all__ = ["EXAMPLES", "SCENES", "example", "example_checks", "picture", "picture_checks"]
-
 EXAMPLES: Final = ("mandelbrot", "planet", "marble", "dents", "blur", "life", "nbody")
 SCENES: Final = ("boxes", "mirror-box", "mixed")
 _SIZE: Final = (64, 48)

@@ -23,19 +23,6 @@ from shpy.testing.certify.findings import SHOWN, Finding, Target
 from shpy.testing.certify.golden import FILE
 from shpy.testing.certify.sections import Ran
 
-__all__ = [
-    "FORMAT",
-    "certificate",
-    "device_lines",
-    "device_of",
-    "difference_lines",
-    "duration",
-    "left_line",
-    "section_line",
-    "verdict",
-    "verdict_lines",
-]
-
 FORMAT = 1
 """The version of the JSON's layout."""
 _PACKAGES = (DISTRIBUTION, "numpy", "pyopencl", "moderngl", "mpmath")

@@ -23,8 +23,6 @@ from shpy.testing.certify.functions import bound_checks, input_checks, sweep_che
 from shpy.testing.certify.pictures import example_checks, picture_checks
 from shpy.testing.conformance.cases import Case, all_cases
 
-__all__ = ["INPUTS", "SECTIONS", "Progress", "Ran", "run_section", "sections"]
-
 SECTIONS: Final = ("conformance", "functions", "accuracy", "examples", "pictures")
 INPUTS: Final = "inputs"
 """The section that takes hours: run with `--full` alone."""

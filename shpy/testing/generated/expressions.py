@@ -53,8 +53,6 @@ from shpy.testing.generated.syntax import (
     Variable,
 )
 
-__all__ = ["CORE", "OTHERS", "Expressions"]
-
 CORE = (F, I, vec("f", 3), B)
 """Every program has a variable of each of these types."""
 

@@ -19,8 +19,6 @@ from shpy.lang.values.structure import build_arrays, layout_of, leaves
 from shpy.program import Program
 from shpy.testing.generated.syntax import F3, F, I, U, Variable
 
-__all__ = ["INPUTS", "NUMBERS", "elements", "inputs"]
-
 NUMBERS: dict[Base, tuple[float, ...]] = {
     Base.F: (0, 1, 2, -1, 0.5, -0.0, -2.5, 0.1, 3, 1e-3, 1e10, -1e30, float("inf"), float("nan")),
     Base.I: (0, 1, 2, -1, 3, -7, 31, 33, 1000, -(2**31), 2**31 - 1),

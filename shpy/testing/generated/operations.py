@@ -13,24 +13,6 @@ from typing import Final
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base
 
-__all__ = [
-    "COMPARE",
-    "FLOAT_BINARY",
-    "FLOAT_TERNARY",
-    "FLOAT_UNARY",
-    "FUNCTIONS",
-    "GEOMETRY",
-    "INT_BINARY",
-    "INT_TERNARY",
-    "INT_UNARY",
-    "LOGIC",
-    "REDUCING",
-    "SHIFTS",
-    "TESTS",
-    "drawn",
-    "pool",
-]
-
 
 def pool(base: Base, takes: str, gives: str = "T", *, componentwise: bool = True) -> tuple[str, ...]:
     """Return the operations for a base that take these letters and give this one (see `ir/ops.py`)."""

@@ -58,8 +58,6 @@ from shpy.testing.generated.syntax import (
     WriteStruct,
 )
 
-__all__ = ["PARAMS", "TABLES", "UNIFORMS", "Generated", "class_of", "record", "source"]
-
 SYMBOLS = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "floordiv": "//", "floormod": "%", "and": "&", "or": "|",
     "xor": "^", "shl": "<<", "shr": ">>", "eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">=",

@@ -43,8 +43,6 @@ from shpy.testing.generated.syntax import (
     WriteStruct,
 )
 
-__all__ = ["Statements", "flat"]
-
 MAX_ITERATIONS = 4
 
 

@@ -43,8 +43,6 @@ from shpy.testing.generated.syntax import (
     Variable,
 )
 
-__all__ = ["programs", "trees"]
-
 OUTPUTS = 7
 """A device may have eight attachments, and where elements end is one."""
 _A, _V, _N, _H = Name(F, "a"), Name(F3, "v"), Name(I, "n"), Name(U, "h")

@@ -14,8 +14,6 @@ from shpy.ir.traverse import uses, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.testing.metamorphic.surgery import Place, Surgeon, leaves_a_loop
 
-__all__ = ["CHANGES", "Change"]
-
 Change = Callable[[Surgeon], Function | None]
 
 _B, _I = vec(Base.B), vec(Base.I)

@@ -30,8 +30,6 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import map_regions, results, test_length
 
-__all__ = ["Place", "Surgeon", "leaves_a_loop"]
-
 
 @dataclass(frozen=True)
 class Place:

@@ -19,8 +19,6 @@ from shpy.program import Program
 from shpy.testing.metamorphic.changes import CHANGES
 from shpy.testing.metamorphic.surgery import Surgeon
 
-__all__ = ["variants"]
-
 
 class Variant(Program):
     """A program that was changed: `changes` names how."""
