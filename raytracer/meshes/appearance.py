@@ -1,7 +1,7 @@
 """Materials of mesh files as materials of Phong's model.
 
-Stage: scene description. The readers of files give an `Appearance`: a metallic-roughness material (glTF 2.0, section
-3.9 and appendix B) or the words of an MTL file. These two functions are the only place that knows what becomes of them.
+Stage: scene description. Takes a `MetallicRoughness`, the material of glTF 2.0 (section 3.9 and appendix B), or the
+words of an MTL file. No other file knows how they are translated.
 
 >>> metallic_roughness(MetallicRoughness(roughness=0.5)).shininess
 7.5

@@ -10,7 +10,8 @@ Stage: scene description. Everything that `render` needs but the size of the pic
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -21,8 +22,11 @@ from numpy.typing import NDArray
 
 from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
-from raytracer.meshes.folder import shown
-from raytracer.meshes.placing import placed
+from raytracer.memory import check_triangles
+from raytracer.meshes.folder import Notices, shown
+from raytracer.meshes.from_trimesh import parts_of
+from raytracer.meshes.instance import Instance
+from raytracer.meshes.mesh import Mesh
 from raytracer.meshes.shapes import floor
 from raytracer.scene.camera import Camera, radius_of
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight, PointLight
@@ -151,6 +155,42 @@ class Scene:
         if name not in BUILTIN:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(BUILTIN)}")
         return BUILTIN[name]()
+
+
+def placed(things: Any) -> tuple[Mesh, ...]:
+    """Return the meshes of a Mesh, Instance, trimesh.Trimesh or trimesh.Scene, or of several of them, in order.
+
+    Raises SceneError for anything else, and where the triangles exceed the memory.
+    """
+    single = isinstance(things, Mesh | Instance) or _of_trimesh(things)
+    if not single and (isinstance(things, str | bytes) or not isinstance(things, Iterable)):
+        raise _stranger(things)
+    parts = [part for thing in ([things] if single else things) for part in _parts(thing)]
+    check_triangles(sum(len(part.mesh if isinstance(part, Instance) else part) for part in parts))
+    return tuple(part.placed if isinstance(part, Instance) else part for part in parts)
+
+
+def _parts(thing: Any) -> Iterator[Mesh | Instance]:
+    if isinstance(thing, Mesh | Instance):
+        yield thing
+    elif _of_trimesh(thing):
+        notices = Notices(f"trimesh.{type(thing).__name__}")
+        yield from parts_of(thing, notices)
+        notices.warn()
+    else:
+        raise _stranger(thing)
+
+
+def _of_trimesh(thing: Any) -> bool:
+    """Return True for a mesh or scene of trimesh. Who has one has imported trimesh, so this imports nothing."""
+    trimesh = sys.modules.get("trimesh")
+    return trimesh is not None and isinstance(thing, trimesh.Trimesh | trimesh.Scene)
+
+
+def _stranger(thing: Any) -> SceneError:
+    cure = "; Scene.load reads a file" if isinstance(thing, str) or hasattr(thing, "__fspath__") else ""
+    made = "a Mesh, Instance, trimesh.Trimesh or trimesh.Scene, or several of them"
+    return SceneError(f"a scene is made of {made}, not of {type(thing).__name__} {str(thing)[:60]!r}{cure}")
 
 
 def _listed(names: Sequence[str]) -> str:

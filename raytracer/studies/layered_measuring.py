@@ -103,7 +103,7 @@ class Measured:
     """The cost of a case and its errors.
 
     `build_seconds` is the least of some builds; `frame_seconds` that of some pictures, None if there was none, beside
-    `bvh_seconds` with the BVH alone; `layers` and `samples` are 0 for what is no cube; `errors` as `trade.errors`.
+    `bvh_seconds` with the BVH alone; `layers` and `samples` are 0 for what is no cube; `errors` as `tradeoff.errors`.
     """
 
     case: Case
