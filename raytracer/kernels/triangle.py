@@ -63,8 +63,8 @@ Accept = Callable[[CandidateHit], Any]
 class RayHit:
     """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
 
-    `kernels.queries` has other ways to keep hits. A walk asks each of them how far it has to go (`l`), and whether there
-    is a hit (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter.
+    `kernels.queries` has other ways to keep hits. A walk asks each of them how far it has to go (`l`) and for its hit
+    (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter.
     """
 
     def __init__(self, limit: Any, accept: Accept | None = None) -> None:

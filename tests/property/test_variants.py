@@ -11,6 +11,8 @@ import random
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
+from property.metamorphic.changes import CHANGES
+from property.metamorphic.variants import variants
 
 import shpy as sh
 from shpy import SH_BREAK, SH_FOR, SH_IF
@@ -18,8 +20,6 @@ from shpy.ir.builder import Builder
 from shpy.ir.nodes import Module, Port
 from shpy.ir.types import vec
 from shpy.testing.generated.inputs import elements
-from shpy.testing.metamorphic.changes import CHANGES
-from shpy.testing.metamorphic.variants import variants
 from shpy.testing.observers import Setting
 from shpy.testing.runs import parted, run
 
@@ -111,7 +111,7 @@ def test_a_wrong_operation_would_show(monkeypatch):
     module = Module("plain", (Port("x", "Attrib1f"),), (Port("y", "Attrib1f"),), (), (), (b.finish(),))
     program = sh.Program.from_ir(module)
     spoiled = 0
-    monkeypatch.setattr("shpy.testing.metamorphic.changes.truth", lambda b, value: b.const(vec("b"), [False]))
+    monkeypatch.setattr("property.metamorphic.changes.truth", lambda b, value: b.const(vec("b"), [False]))
     for variant in variants(program, 40):
         (found,) = variant(np.float32([3, 4]))
         spoiled += found.tolist() != [9, 16]

@@ -13,11 +13,12 @@ import random
 from collections.abc import Iterator
 from dataclasses import replace
 
+from property.metamorphic.changes import CHANGES
+from property.metamorphic.surgery import Surgeon
+
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
 from shpy.program import Program
-from shpy.testing.metamorphic.changes import CHANGES
-from shpy.testing.metamorphic.surgery import Surgeon
 
 
 class Variant(Program):

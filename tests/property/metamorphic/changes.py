@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from property.metamorphic.surgery import Place, Surgeon, leaves_a_loop
+
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import EXITS, Break, Function, If, Let, Loop, Region, Stmt, Store, Value
 from shpy.ir.ops import LANE_OPS, OPS
 from shpy.ir.traverse import uses, walk
 from shpy.ir.types import Base, Type, vec
-from shpy.testing.metamorphic.surgery import Place, Surgeon, leaves_a_loop
 
 Change = Callable[[Surgeon], Function | None]
 
