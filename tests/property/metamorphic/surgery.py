@@ -42,7 +42,7 @@ class Place:
 
     @property
     def statements(self) -> Region:
-        """What stands there."""
+        """The statement at the place."""
         return self.region[self.start : self.stop]
 
 
@@ -156,7 +156,7 @@ class Surgeon:
 
 
 def leaves_a_loop(statements: Region) -> bool:
-    """Whether a Break or Continue among them goes to a loop around them."""
+    """Return True if a Break or Continue among them goes to a loop around them."""
     pending = list(statements)
     while pending:
         match pending.pop():
