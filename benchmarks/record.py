@@ -24,7 +24,7 @@ from raytracer.scene.layout import Layout
 from shpy import SH_FOR, SH_IF
 from shpy.backends.base import Options
 from shpy.backends.glsl import TARGET as GLSL
-from shpy.backends.glsl.printer import Printer
+from shpy.backends.glsl.text.shader import print_shader
 from shpy.backends.numpy.device.run import TARGET as NUMPY
 from shpy.backends.numpy.printer import print_python
 from shpy.backends.opencl.device.run import TARGET as OPENCL
@@ -49,7 +49,7 @@ def opencl_text(module: Module) -> str:
 
 
 def glsl_text(module: Module) -> str:
-    return Printer(prepare(module, Options(), GLSL).module).shader().source
+    return print_shader(prepare(module, Options(), GLSL).module).source
 
 
 TEXTS: dict[str, Callable[[Module], str]] = {"numpy": numpy_text, "opencl": opencl_text, "glsl": glsl_text}

@@ -17,7 +17,7 @@ from shpy.backends.glsl import backend
 from shpy.backends.glsl.device import run as runtime
 from shpy.backends.glsl.device.context import Context
 from shpy.backends.glsl.device.run import refused, row_length
-from shpy.backends.glsl.shader import Shader
+from shpy.backends.glsl.text.interface import Shader
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Loc, Module, Port
 from shpy.ir.types import vec

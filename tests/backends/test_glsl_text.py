@@ -8,7 +8,7 @@ import pytest
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
-from shpy.backends.glsl.prologue import Prologue, helpers
+from shpy.backends.glsl.text.prologue import Prologue, helpers
 from shpy.ir.types import Base, vec
 
 heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")

@@ -108,6 +108,10 @@ class Body(Operations):
         """Return a loop with what the target adds to it."""
         return made
 
+    def called(self, function: str) -> str:
+        """Name a function of the module as the text does."""
+        return self.unit.functions[function]
+
     # The function
 
     def begin(self, *, returns: bool) -> None:
@@ -120,14 +124,18 @@ class Body(Operations):
 
     def statements(self) -> None:
         """Make the function's statements, with a return at its end where it gives a value."""
-        function = self.function
-        if self.region(function.body, 0):
-            return
-        for variable in self.planned.declared.get((0, len(function.body)), ()):
+        if not self.ended() and self.gives_value:
+            self.out.append(self.leave())
+
+    def ended(self) -> bool:
+        """Append the statements of the body; return whether its end cannot be reached."""
+        body = self.function.body
+        if self.region(body, 0):
+            return True
+        for variable in self.planned.declared.get((0, len(body)), ()):
             if self._is_missing(variable):
                 self.declare_zero(self.variables[variable])
-        if self.gives_value:
-            self.out.append(self.leave())
+        return False
 
     def leave(self, loc: Loc | None = None) -> tree.Stmt:
         """Return the statement that leaves the function."""

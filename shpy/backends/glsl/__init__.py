@@ -22,8 +22,8 @@ from shpy.backends.device.probe import notes_of, refuse_wrong
 from shpy.backends.glsl.device.context import Context, Limits, open_context
 from shpy.backends.glsl.device.memory import GlslSpace
 from shpy.backends.glsl.device.run import Program, Runtime, unsupported
-from shpy.backends.glsl.printer import Printer
-from shpy.backends.glsl.spelling import FAST, NATIVE
+from shpy.backends.glsl.text.operations import FAST, NATIVE
+from shpy.backends.glsl.text.shader import print_shader
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
 from shpy.ir.nodes import Loc, Module, Value, Variable
 from shpy.ir.traverse import defined, variables_of
@@ -114,7 +114,7 @@ class GlslBackend:
 
         def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
             steady = few_turns(part)
-            printer = Printer(
+            shader = print_shader(
                 part,
                 flagged=flagged,
                 limited=options.loop_limit is not None,
@@ -124,7 +124,7 @@ class GlslBackend:
                 stores_apart=limits.stores_apart,
                 rejects=rejects,
             )
-            return runtime.build(printer.shader(), module.entry.loc, steady=steady)
+            return runtime.build(shader, module.entry.loc, steady=steady)
 
         prepared = prepare(module, options, target)
         _refuse(prepared.module)

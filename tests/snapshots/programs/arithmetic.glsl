@@ -15,7 +15,12 @@ uniform int each_v;  // 0 where one value serves all elements
 layout(location = 0) out float out_0;
 layout(location = 1) out vec3 out_1;
 
-void arithmetic(precise float a, precise float b, precise vec3 v, precise out float result0, precise out vec3 result1) {  // snapshot_programs.py:21
+void arithmetic(  // snapshot_programs.py:21
+    precise float a,
+    precise float b,
+    precise vec3 v,
+    precise out float result0,
+    precise out vec3 result1) {
     precise float quadratic = (a * a + 2.0 * a * b - b * b) / (1.0 - a * b);  // snapshot_programs.py:23
     precise vec3 scaled = -v * (a - (b - 1.0)) + 0.5;  // snapshot_programs.py:24
     result0 = quadratic;  // snapshot_programs.py:25

@@ -63,7 +63,16 @@ float mod1(precise float x, precise float y) {
     return result;
 }
 
-void edges(precise float x, precise float y, precise out float result0, precise out float result1, precise out float result2, out int result3, precise out float result4, precise out float result5, out uint result6) {  // snapshot_programs.py:160
+void edges(  // snapshot_programs.py:160
+    precise float x,
+    precise float y,
+    precise out float result0,
+    precise out float result1,
+    precise out float result2,
+    out int result3,
+    precise out float result4,
+    precise out float result5,
+    out uint result6) {
     result0 = sh_min(x, y);  // snapshot_programs.py:162
     result1 = sh_sign(x);
     result2 = roundEven(x);

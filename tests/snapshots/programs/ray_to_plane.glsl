@@ -17,7 +17,13 @@ layout(location = 0) out vec3 out_o;
 layout(location = 1) out vec3 out_d;
 layout(location = 2) out int out_status;
 
-void ray_to_plane(precise vec3 ray_o, precise vec3 ray_d, precise float height, precise out vec3 o, precise out vec3 d, out int status) {  // snapshot_programs.py:148
+void ray_to_plane(  // snapshot_programs.py:148
+    precise vec3 ray_o,
+    precise vec3 ray_d,
+    precise float height,
+    precise out vec3 o,
+    precise out vec3 d,
+    out int status) {
     o = vec3(zero);
     d = vec3(zero);
     status = 1;

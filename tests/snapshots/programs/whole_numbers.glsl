@@ -47,7 +47,16 @@ uint pcg(uint x) {  // library.py:40
     return result;
 }
 
-void whole_numbers(int a, int b, uint u, out int result0, out int result1, out int result2, out uint result3, precise out float result4, out int result5) {  // snapshot_programs.py:155
+void whole_numbers(  // snapshot_programs.py:155
+    int a,
+    int b,
+    uint u,
+    out int result0,
+    out int result1,
+    out int result2,
+    out uint result3,
+    precise out float result4,
+    out int result5) {
     result0 = sh_floordiv(a, b);  // snapshot_programs.py:157
     result1 = sh_floormod(a, b);
     result2 = (a << 2) ^ (b & ~a);

@@ -151,10 +151,6 @@ class ClBody(Body):
         e = self.unit.params[name]
         return as_bool(e) if e.type is BOOL else e
 
-    def called(self, function: str) -> str:
-        """Name a function of the module."""
-        return self.unit.functions[function]
-
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return what a call hands on."""
         return self.unit.handed(function)

@@ -1,4 +1,4 @@
-"""What the printer hands to the runtime: the text of a shader, and which name in it stands for what.
+"""A shader as the runtime takes it: its text, and the thing that each name in it stands for.
 
 Stage: between emit and run.
 """
@@ -44,6 +44,7 @@ class TableTexture:
 
     name: str
     type: Type
+    rank: int
     sampler: str
     shape: str
 

@@ -1,0 +1,321 @@
+"""Operations as GLSL has them.
+
+Stage: emit. What GLSL does in its own way:
+
+- `precise` keeps the order of operations and stops contraction; it belongs to variables;
+- a literal zero would be folded all the same (`0.0 * x` is 0 to Mesa, NaN or not), so zeros that take part in
+  arithmetic are a global that the driver does not know; `passes/hide.py` adds it to what the driver could derive;
+- a shift by 32 or more is undefined: what is not known to be less is masked.
+
+    mul %x, 0  ->  x * zero            lt %v, %w  ->  lessThan(v, w)            shr %u, %n  ->  u >> (n & 31u)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import ClassVar, Final
+
+import numpy as np
+
+from shpy.backends.emit import tree
+from shpy.backends.emit.entry import Unit
+from shpy.backends.emit.operations import COMPARISONS
+from shpy.backends.emit.structure import Body
+from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
+from shpy.backends.glsl.text.exactness import precise_conditions, precise_operands
+from shpy.backends.glsl.text.interface import RUNNING
+from shpy.backends.glsl.text.prologue import Prologue
+from shpy.ir.nodes import Let, Loop, Module, Store
+from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.types import Base, Type, vec
+
+__all__ = ["FAST", "NATIVE", "GlslBody", "GlslUnit"]
+
+NATIVE: Final = frozenset({"clamp"})
+"""Composite operations that are one call here, with exactly the table's meaning."""
+
+GEOMETRIC: Final = frozenset({"dot", "length", "distance", "normalize", "cross", "reflect", "refract", "faceforward"})
+FAST: Final = (TRANSCENDENTALS - {"log10"}) | GEOMETRIC | {"rsqrt"}
+"""Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
+
+_KEPT: Final = frozenset({"add", "sub", "mul", "div", "sqrt", "neg", *COMPARISONS})
+"""Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x, and `x + -x` for 0."""
+
+# The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
+_OWN: Final[Mapping[str, str]] = {
+    "abs": "abs",
+    "floor": "floor",
+    "ceil": "ceil",
+    "round": "roundEven",
+    "trunc": "trunc",
+    "sqrt": "sqrt",
+    "any": "any",
+    "all": "all",
+    "float_from_bits": "uintBitsToFloat",
+    **{name: name for name in FAST},
+    "atan2": "atan",
+    "rsqrt": "inversesqrt",
+}
+_OWN_OF_INTS: Final = frozenset({"min", "max", "clamp", "sign"})
+_PROLOGUE: Final[Mapping[str, str]] = {"bits_from_float": "sh_bits"}
+"""Operations whose function in the prologue is not called `sh_` and the operation's name."""
+_OF_VECTORS: Final[Mapping[str, str]] = {
+    "eq": "equal",
+    "ne": "notEqual",
+    "lt": "lessThan",
+    "le": "lessThanEqual",
+    "gt": "greaterThan",
+    "ge": "greaterThanEqual",
+}
+_FLOAT: Final = vec(Base.F)
+_ONE_ITERATION: Final = "one iteration: so that returns do not nest what follows them"
+
+
+class GlslUnit(Unit):
+    """One shader: names, prologue and abilities of the device.
+
+    `exact`: operations keep their order; without `precise`, by hiding each result from the driver. `fuses`: the
+    device's own `fma` rounds once; `stores_apart`: it stores where each element's own index says. `flagged`: loops tell
+    whether they finished, for the device may stop them of its own accord; `limited`: loops without a known bound have a
+    limit of ours. Functions that are `sheltered` stand in a loop of one iteration.
+    """
+
+    target = "glsl"
+
+    def __init__(
+        self,
+        module: Module,
+        *,
+        exact: bool = True,
+        precise: bool = True,
+        fuses: bool = False,
+        stores_apart: bool = True,
+        flagged: bool = False,
+        limited: bool = True,
+        sheltered: Collection[str] = (),
+    ) -> None:
+        super().__init__(module)
+        self.exact, self.fuses, self.stores_apart = exact, fuses, stores_apart
+        self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
+        self.kept_apart = exact and not precise
+        self.prologue = Prologue(exact=exact, precise=precise)
+        self.globals.reserve("main")
+        self.zero = Name(_FLOAT, self.globals.take("zero"))
+        self.params: dict[str, Name] = {}
+        self.used: set[str] = set()
+        """Names of the runtime, and that of the unknown zero, as far as the text has them."""
+
+    def runtime_name(self, name: str, type: Type) -> Name:
+        """Use a name that the runtime gives a value."""
+        self.used.add(name)
+        self.globals.reserve(name)
+        return Name(type, name)
+
+    def unknown_zero(self) -> Name:
+        """Use the zero that the driver does not know."""
+        self.used.add(self.zero.text)
+        return self.zero
+
+    def read_table(self, name: str) -> str:
+        """Name the function that reads a table, which the text is to have."""
+        raise KeyError(name)
+
+    def shape_of(self, name: str) -> Name:
+        """Return the shape of a table."""
+        raise KeyError(name)
+
+    def place(self, op: str, type: Type) -> Expr:
+        """Return `grid_index` or `grid_shape`."""
+        raise KeyError(op)
+
+
+class GlslBody(Body):
+    """Makes the tree of one function."""
+
+    unit: GlslUnit
+    returns_expressions: ClassVar[bool] = False
+    """What is returned is a variable, for `precise` belongs to variables."""
+
+    # Literals and conversions
+
+    def literal(self, type: Type, component: float | int | bool) -> Expr:
+        """Return a number; a float zero is the global that the driver does not know."""
+        if type.is_float and self.unit.exact and np.float32(component) == 0:
+            zero = self.unit.unknown_zero()
+            return tree.prefix("-", zero) if np.signbit(component) else zero
+        return Literal(type, component)
+
+    def _known_zero(self, e: Expr) -> Expr:
+        """Return a literal zero for the unknown one: in comparisons that is the same."""
+        if e.splat == self.unit.zero:
+            return Construct(e.type, (Literal(_FLOAT, 0.0),))
+        return Literal(_FLOAT, 0.0) if e == self.unit.zero else e
+
+    def convert(self, type: Type, e: Expr, source: Type) -> Expr:
+        """Return `float(i)`; floats become ints by a function that saturates."""
+        unit = self.unit
+        if type.is_bool:
+            zero = Literal(source.scalar, 0)
+            if source.size == 1:
+                return tree.infix("!=", e, zero, type)
+            return tree.call("notEqual", type, e, Construct(source, (zero,)))
+        if source.is_float and type.is_int:
+            return tree.call(unit.prologue.use("sh_int" if type.base is Base.I else "sh_uint", (source,)), type, e)
+        if source.is_bool and type.is_float and unit.exact:
+            # Mesa makes products with what it knows to be 0 or 1 choices, although 0 * inf is NaN.
+            one, unknown = Literal(_FLOAT, 1.0), unit.unknown_zero()
+            if type.size == 1:
+                return tree.choice(e, one, unknown)
+            return tree.call("mix", type, Construct(type, (unknown,)), Construct(type, (one,)), e)
+        return Cast(type, e)
+
+    # Operations
+
+    def apart(self, inlined: set[int]) -> Collection[int]:
+        """Return the conditions on floats, and what else would lose its order."""
+        if not self.unit.exact:
+            return ()
+        conditions = precise_conditions(self.function, self.unit.callees)
+        return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees)
+
+    def operation(self, let: Let) -> Expr:
+        """Return the expression of one Let; `sh_keep(a + b)` stays apart from others where nothing is `precise`."""
+        made, type = super().operation(let), let.value.type
+        if self.unit.kept_apart and let.op in _KEPT and self.types[let.args[0]].is_float:
+            return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, made)
+        return made
+
+    def args(self, let: Let) -> list[Expr]:
+        """Return the operands; where nothing is `precise`, hide what is subtracted, and what divides itself.
+
+        The driver finds equal numbers that the IR does not show, as components of vectors and where it inlines calls,
+        and takes `x - x` for 0, although NaN and infinity give NaN.
+        """
+        found = super().args(let)
+        if self.unit.kept_apart and let.op in ("sub", "div") and self.types[let.args[0]].is_float:
+            if let.args[0] == let.args[1] or (let.op == "sub" and self._reads(found[1])):
+                type = self.types[let.args[1]]
+                found[1] = tree.call(self.unit.prologue.use("sh_apart", (type,)), type, found[1])
+        return found
+
+    def _reads(self, e: Expr) -> bool:
+        """Return whether an expression depends on anything but numbers."""
+        return any(isinstance(part, Name) and part != self.unit.zero for part in tree.walk(e))
+
+    def function_of(self, op: str, types: tuple[Type, ...]) -> str:
+        """Name GLSL's function, or one of the prologue."""
+        if op in _OWN:
+            return _OWN[op]
+        if (op == "fma" and self.unit.fuses) or (op in _OWN_OF_INTS and not types[0].is_float):
+            return op
+        return self.unit.prologue.use(_PROLOGUE.get(op, f"sh_{op}"), types)
+
+    def infix(self, let: Let) -> Expr:
+        """Return `a + b`; GLSL has no operators of vectors of bools, and shifts by less than 32 alone."""
+        type = let.value.type
+        if type.is_bool and type.size > 1:
+            return self.plain_call(let)
+        made = super().infix(let)
+        if let.op in ("shl", "shr") and isinstance(made, tree.Operator) and not self.known.within(let.args[1], 0, 31):
+            a, b = made.args
+            return replace(made, args=(a, tree.infix("&", b, number(31, b.type.scalar))))
+        return made
+
+    def comparison(self, let: Let) -> Expr:
+        """Return `a < b`, `lessThan(a, b)` of vectors."""
+        a, b = map(self._known_zero, self.args(let))
+        if self.types[let.args[0]].size > 1:
+            return tree.call(_OF_VECTORS[let.op], let.value.type, a, b)
+        return tree.infix(COMPARISONS[let.op], a, b, let.value.type)
+
+    def op_abs(self, let: Let) -> Expr:
+        """Return `abs(a)`; a uint is its own."""
+        return self.arg(let.args[0]) if let.value.type.base is Base.U else self.plain_call(let)
+
+    def op_sign(self, let: Let) -> Expr:
+        """Return the sign; of a uint it is 0 or 1."""
+        if let.value.type.base is not Base.U:
+            return self.plain_call(let)
+        return tree.call("min", let.value.type, *self.args(let), Literal(vec(Base.U), 1))
+
+    def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
+        """Return `mix(b, a, c)`, which GLSL has for floats alone."""
+        if type.is_float:
+            return tree.call("mix", type, b, a, c)
+        return tree.call(self.unit.prologue.use("sh_select", (type.based(Base.B), type, type)), type, c, a, b)
+
+    def not_vector(self, e: Expr) -> Expr:
+        """Return `not(e)`."""
+        return tree.call("not", e.type, e)
+
+    def op_component(self, let: Let) -> Expr:
+        """Return `v[clamp(i, 0, 2)]`."""
+        vector, index = self.args(let)
+        size = self.types[let.args[0]].size
+        return vector if size == 1 else Index(let.value.type, vector, self.in_range(index, size))
+
+    def in_range(self, index: Expr, length: int) -> Expr:
+        """Return `clamp(i, 0, 7)`."""
+        return tree.call("clamp", index.type, index, number(0), number(length - 1))
+
+    # What the runtime gives
+
+    def param(self, name: str) -> Expr:
+        """Return a uniform."""
+        return self.unit.params[name]
+
+    def table(self, let: Let, index: Expr) -> Expr:
+        """Return `heights_at(i)`."""
+        return tree.call(self.unit.read_table(str(let.attr)), let.value.type, index)
+
+    def table_size(self, name: str) -> Expr:
+        """Return the uniform of a table's shape."""
+        return self.unit.shape_of(name)
+
+    def grid(self, op: str, type: Type) -> Expr:
+        """Return `sh_grid_index2()`, `sh_grid_shape.xy`."""
+        return self.unit.place(op, type)
+
+    # Statements
+
+    def store_element(self, s: Store, index: int, e: Expr) -> None:
+        """Append a store into an array; at each constant index in turn, where a device takes none that varies."""
+        at, variable = self.exprs[index], self.variables[s.variable]
+        if self.unit.stores_apart or isinstance(at, Literal):
+            super().store_element(s, index, e)
+            return
+        k = Name(INT, "sh_i")
+        stored = self.assign(s, Index(variable.type, self.slots[s.variable], k), e)
+        chosen = at if at.type is INT else Cast(INT, at)
+        test = tree.If(tree.infix("==", k, chosen, BOOL), (stored,))
+        step = tree.Assign(k, tree.infix("+", k, number(1)))
+        less = tree.infix("<", k, number(variable.length or 0), BOOL)
+        self.out.append(tree.Loop((test,), (Declare(INT, k.text, number(0)),), less, step, loc=s.loc))
+
+    def statements(self) -> None:
+        """Make the function's statements, in a loop of one iteration if it is sheltered."""
+        if self.function.name not in self.unit.sheltered:
+            super().statements()
+            return
+        running = self.unit.runtime_name(RUNNING, BOOL)
+        with self.block() as inside:
+            if not self.ended():
+                inside.append(tree.If(running, (self.leave(),)))
+        self.out.append(tree.Loop(tuple(inside), test=running, loc=self.function.loc, note=_ONE_ITERATION))
+        if self.gives_value:
+            self.out.append(Exit("return", self.zero(self.function.outputs[0].type)))
+
+    def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
+        """Return a loop with an end that the compiler cannot rule out, if the device may stop it.
+
+        Without one the compiler concludes that what follows the loop is reached through `ended = true` alone. A limit
+        is such an end.
+        """
+        unit = self.unit
+        if not unit.flagged or s.turns == 1 or (unit.limited and s.turns is None):
+            return made
+        running = unit.runtime_name(RUNNING, BOOL)
+        if made.again is not None:
+            return replace(made, again=tree.infix("&&", made.again, running))
+        return replace(made, test=running if made.test is None else tree.infix("&&", made.test, running))

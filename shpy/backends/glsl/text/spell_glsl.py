@@ -1,0 +1,73 @@
+"""Spells GLSL: types, numbers, vectors and conversions.
+
+Stage: emit, last.
+
+    Literal(float, 0.1)  ->  0.1        Construct(ivec2, (a, b))  ->  ivec2(a, b)        Cast(uint, i)  ->  uint(i)
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from shpy.backends.emit.spell_c import Level, Speller, is_negative
+from shpy.backends.emit.tree import AnyType, Cast, Construct, Declare, Literal
+from shpy.backends.glsl.text.prologue import spelled
+from shpy.ir.types import Base, Type
+
+__all__ = ["GlslSpeller"]
+
+_WRITTEN_OUT: Final = 16
+"""Elements of an array whose zeros are listed; more are stored by a loop."""
+
+
+class GlslSpeller(Speller):
+    """GLSL; `exact`: floats and bools are `precise`."""
+
+    def __init__(self, *, exact: bool) -> None:
+        super().__init__()
+        self.exact = exact
+
+    def base_name(self, type: Type) -> str:
+        """Spell `vec3`."""
+        return spelled(type)
+
+    def declaration(self, type: AnyType, name: str, passed: str = "") -> str:
+        """Spell `precise inout float x`: how a parameter is passed comes last, as it must before GLSL 4.20."""
+        precise = "precise " if self.exact and isinstance(type, Type) and (type.is_float or type.is_bool) else ""
+        how = f"{passed} " if passed else ""
+        return f"{precise}{how}{super().declaration(type, name)}"
+
+    def number(self, e: Literal) -> tuple[str, Level]:
+        """Spell `0.1`, `3`, `4u`, `true`; by their bits floats that drivers do not read, or flush."""
+        value, base = e.value, e.type.base
+        if base is Base.B:
+            return "true" if value else "false", Level.ATOM
+        if base is Base.U:
+            return f"{value}u", Level.ATOM
+        if base is Base.I and value == -(2**31):
+            return "(-2147483647 - 1)", Level.ATOM
+        level = Level.UNARY if is_negative(value) else Level.ATOM
+        if base is Base.I:
+            return str(value), level
+        rounded = np.float32(value)
+        if not np.isfinite(rounded) or 0 < abs(rounded) < np.finfo(np.float32).tiny:
+            return f"uintBitsToFloat(0x{rounded.view(np.uint32):08x}u)", Level.POSTFIX
+        return str(rounded), level
+
+    def construct(self, e: Construct) -> tuple[str, Level]:
+        """Spell `vec3(a, b)`."""
+        return f"{spelled(e.type)}({self.listed(e.args)})", Level.POSTFIX
+
+    def cast(self, e: Cast) -> tuple[str, Level]:
+        """Spell `float(i)`."""
+        return f"{spelled(e.type)}({self.text(e.of)})", Level.POSTFIX
+
+    def array(self, s: Declare) -> str:
+        """Spell the declaration of an array of zeros: written out where it is short."""
+        declared, length = f"{self.declaration(s.type, s.name)}[{s.length}]", s.length or 0
+        zero = "" if s.value is None else self.text(s.value)
+        if length <= _WRITTEN_OUT:
+            return f"{declared} = {self.type_name(s.type)}[{length}]({', '.join([zero] * length)});"
+        return f"{declared}; for (int sh_i = 0; sh_i < {length}; sh_i++) {{ {s.name}[sh_i] = {zero}; }}"
