@@ -1,4 +1,4 @@
-"""Which conditions and operands must be named, so that they can be `precise`.
+"""The conditions and operands that must be named, so that they can be `precise`.
 
 Stage: emit, before a function is printed. Mesa turns `!(a < b)` into `a >= b`, which is something else where one is
 NaN, and it negates conditions of its own accord (of an `if` with a `return` on both sides, say). It takes `a + b == a`
@@ -22,7 +22,7 @@ _COMPARISONS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 
 
 def precise_conditions(function: Function, callees: Mapping[str, Function]) -> set[int]:
-    """The bool values that compare floats and are used in anything but a bool or float expression or variable."""
+    """Return the bool values that compare floats and are used in anything but a bool or float expression or variable."""
     types = {v.id: v.type for v in defined(function)}
     slots = {s.id: s.type for s in (*function.outputs, *function.variables)}
     slots |= {s.id: s.type for s in function.inputs if isinstance(s, Variable)}

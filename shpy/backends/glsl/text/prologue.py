@@ -70,7 +70,7 @@ class Helper:
         return frozenset(re.findall(r"\b(sh_\w+)\(", self.text[self.text.index("{") :]))
 
     def sized(self, size: int) -> str:
-        """The same function of vectors, component by component."""
+        """Return the same function of vectors, component by component."""
         wide = {scalar: f"{_VECTORS[base]}{size}" for base, scalar in SCALARS.items()}
         takes = ", ".join(
             f"{_PRECISE if t in _ROUNDED else ''}{wide[t]} {p}"
