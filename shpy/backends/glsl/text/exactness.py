@@ -22,7 +22,7 @@ _COMPARISONS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 
 
 def precise_conditions(function: Function, callees: Mapping[str, Function]) -> set[int]:
-    """Return the bool values that compare floats and are used in anything but a bool or float expression or variable."""
+    """Return the bools that compare floats and are used in anything but a bool or float expression or variable."""
     types = {v.id: v.type for v in defined(function)}
     slots = {s.id: s.type for s in (*function.outputs, *function.variables)}
     slots |= {s.id: s.type for s in function.inputs if isinstance(s, Variable)}
