@@ -27,7 +27,8 @@ from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.registry import backends
 from shpy.errors import CompileError, ShpyError
 from shpy.testing.certify.sections import mixed
-from shpy.testing.conformance.cases import Case, all_cases
+from shpy.testing.conformance.cases import Case
+from shpy.testing.conformance.catalogue import all_cases
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "drivers.md"

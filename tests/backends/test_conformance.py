@@ -15,7 +15,8 @@ from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL
 from shpy.ir.traverse import walk
 from shpy.testing.conformance import operations, zeros
-from shpy.testing.conformance.cases import Case, all_cases, differs
+from shpy.testing.conformance.cases import Case, differs
+from shpy.testing.conformance.catalogue import all_cases
 
 CASES = all_cases()
 NAMES = [case.name for case in CASES]

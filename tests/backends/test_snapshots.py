@@ -15,7 +15,7 @@ from backends.running import TARGETS
 import shpy as sh
 from benchmarks.record import glsl_text, numpy_text, opencl_text
 from shpy.backends.base import Options
-from shpy.backends.opencl.device.run import PACKET_TARGET
+from shpy.backends.opencl.device.targets import PACKET_TARGET
 from shpy.backends.opencl.packet_prologue import Abilities
 from shpy.backends.opencl.packets import print_packets
 from shpy.passes.pipeline import optimise, prepare

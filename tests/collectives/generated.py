@@ -8,8 +8,7 @@ from backends.running import LANES
 
 import shpy as sh
 from shpy.backends.base import Collectives
-from shpy.backends.numpy.device.memory import NumpySpace
-from shpy.backends.opencl.device.memory import OpenCLSpace
+from shpy.backends.registry import backend as backend_named
 
 MOVED = ("numpy", "opencl", "glsl")
 """Targets of what moves elements: kernels of the backend's own, which know no lanes, or programs on GLSL."""
@@ -85,8 +84,7 @@ def moved(request):
 @pytest.fixture(params=["numpy", "opencl"])
 def by_programs(request, monkeypatch):
     """A backend on which programs move elements, as they do where the backend has no kernels for it."""
-    for space in (NumpySpace, OpenCLSpace):
-        monkeypatch.setattr(space, "collectives", Collectives())
+    monkeypatch.setattr(backend_named(request.param).space(None), "collectives", Collectives())
     return request.param
 
 

@@ -66,7 +66,7 @@ def test_the_digits_of_devices_with_small_caches(monkeypatch):
     rng = np.random.default_rng(7)
     bits = rng.integers(0, 2**32, 70_001, np.uint32)
     given = stream(bits, sh.Attrib1u, "opencl")
-    own = opencl.collectives(given.place.space, given.leaf_entries()[0].memory.machine)
+    own = opencl.collectives(given.place.space)
     memory = given.leaf_entries()[0].memory
     assert_same_bits(own.sort(memory, False).read(), np.sort(bits))
     assert_same_bits(own.order(memory, True, None).read(), order_of(bits, True).astype(np.int32))

@@ -21,7 +21,7 @@ from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
 from shpy.testing.certify.report import left_line, section_line, verdict, verdict_lines
 from shpy.testing.certify.sections import Ran, run_section
-from shpy.testing.conformance.cases import all_cases
+from shpy.testing.conformance.catalogue import all_cases
 
 ROOT = Path(__file__).parents[2]
 everywhere = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])

@@ -21,7 +21,8 @@ from shpy.errors import CompileError, ShpyWarning
 from shpy.testing.certify.findings import Check, Finding, Section, Target
 from shpy.testing.certify.functions import bound_checks, input_checks, sweep_checks
 from shpy.testing.certify.pictures import example_checks, picture_checks
-from shpy.testing.conformance.cases import Case, all_cases
+from shpy.testing.conformance.cases import Case
+from shpy.testing.conformance.catalogue import all_cases
 
 SECTIONS: Final = ("conformance", "functions", "accuracy", "examples", "pictures")
 INPUTS: Final = "inputs"

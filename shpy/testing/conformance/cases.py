@@ -1,4 +1,4 @@
-"""The conformance list: what a case is, and the one list of all of them.
+"""The cases of the conformance list.
 
 A case is a program with the arrays to run it on. The interpreter says what it must give (and `expected`, where that is
 known without it); every target must agree, to the bit.
@@ -248,11 +248,3 @@ def by_decorator(cases: list[Case]) -> Callable[..., Callable[[F], F]]:
         return add
 
     return case
-
-
-def all_cases() -> list[Case]:
-    """Return the list: operations, edges, control flow, data."""
-    from shpy.testing.conformance import control, data, edges, operations, zeros
-
-    parts = (operations, edges, zeros, control, data)
-    return [case for part in parts for case in part.cases()]

@@ -10,16 +10,14 @@ collective operations are programs, since they only read by index.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Collectives
+from shpy.backends.glsl.device.context import Context
+from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace
 from shpy.ir.types import Base, vec
-
-if TYPE_CHECKING:
-    from shpy.backends.glsl.device.context import Context
-    from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace
 
 __all__ = ["collectives"]
 

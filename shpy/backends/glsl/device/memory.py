@@ -4,7 +4,7 @@ Stage: run. Element i of a stream stands at (i % FOLD, i / FOLD), as those of ta
 where it is. OpenGL leaves open what a fragment reads from a texture that the draw writes, so an output is always
 another texture than every input. All that touches GL runs on the context's thread.
 
-    space = Space(runtime)
+    space = GlslSpace(store, collectives)
     memory = space.allocate(4, vec(Base.F, 3), np.dtype(np.float32))
     space.start([executable.ready(call)])
     memory.read()
@@ -15,20 +15,26 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, Executable
-from shpy.backends.glsl.device.context import VERTEX, check
-from shpy.backends.glsl.device.textures import FOLD, FORMATS, Target, as_texels, read, rounded, shown_texture, write
+from shpy.backends.glsl.device.context import VERTEX, Context, check
+from shpy.backends.glsl.device.textures import (
+    FOLD,
+    FORMATS,
+    Store,
+    Target,
+    as_texels,
+    read,
+    rounded,
+    shown_texture,
+    write,
+)
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
-
-if TYPE_CHECKING:
-    from shpy.backends.glsl.device.run import Runtime
 
 __all__ = ["GlslMemory", "GlslSpace", "own"]
 
@@ -159,21 +165,16 @@ class GlslSpace:
     overwrites = False
     on_host = False
 
-    def __init__(self, runtime: Runtime) -> None:
-        self._runtime = runtime
-        self._context = runtime.context
+    def __init__(self, store: Store, collectives: Callable[[GlslSpace, Context], Collectives]) -> None:
+        """Take textures from a store; `collectives` makes the operations that the device does itself."""
+        self._store = store
+        self._context = store.context
+        self.collectives = collectives(self, self._context)
         self._programs: dict[tuple[str, str], Any] = {}
         self._depths: dict[tuple[int, int], Any] = {}
         self._started = 0
         self._dropped: list[tuple[tuple[Any, ...], Target]] = []
         """Memory that is gone. The context's thread gives it back before it takes other memory."""
-
-    @cached_property
-    def collectives(self) -> Collectives:
-        """The operations that a GL device does by drawing points: scatters."""
-        from shpy.backends.glsl.device.collective import collectives  # here: few processes need it
-
-        return collectives(self, self._context)
 
     def call(self, job: Callable[[], Any]) -> Any:
         """Run a job on the context's thread."""
@@ -221,7 +222,7 @@ class GlslSpace:
         return made
 
     def _taken(self, size: tuple[int, int], width: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
-        store = self._runtime.store
+        store = self._store
         while self._dropped:
             dropped, target = self._dropped.pop()
             store.give_back(dropped, target, target.bytes)

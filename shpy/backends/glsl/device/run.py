@@ -18,6 +18,7 @@ import numpy as np
 
 from shpy.backends.base import Array, Call, DeviceCall, TableData, TableMemory
 from shpy.backends.device.pace import Pace
+from shpy.backends.glsl.device.collective import collectives
 from shpy.backends.glsl.device.context import Context, check
 from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace, own
 from shpy.backends.glsl.device.textures import FOLD, Lent, Store, Target, read
@@ -54,7 +55,7 @@ class Runtime:
     def __init__(self, context: Context) -> None:
         self.context = context
         self.store = Store(context)
-        self.space = GlslSpace(self)
+        self.space = GlslSpace(self.store, collectives)
         self._programs: weakref.WeakValueDictionary[tuple[Any, ...], Program] = weakref.WeakValueDictionary()
 
     def build(self, shader: Shader, loc: Loc | None, *, steady: bool = True) -> Program:

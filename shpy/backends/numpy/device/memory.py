@@ -2,7 +2,7 @@
 
 Stage: run.
 
-    memory = SPACE.allocate(4, vec(Base.F, 3), np.dtype(np.float32))
+    memory = NumpySpace(COLLECTIVES).allocate(4, vec(Base.F, 3), np.dtype(np.float32))
     memory.array                                # (4, 3)
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Type
 
-__all__ = ["SPACE", "NumpyMemory", "NumpySpace", "over_arrays"]
+__all__ = ["NumpyMemory", "NumpySpace", "over_arrays"]
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -75,12 +75,8 @@ class NumpySpace:
     overwrites = True
     on_host = True
 
-    @property
-    def collectives(self) -> Collectives:
-        """numpy's own functions."""
-        from shpy.backends.numpy.device.collective import COLLECTIVES  # here: it makes memory of this module
-
-        return COLLECTIVES
+    def __init__(self, collectives: Collectives) -> None:
+        self.collectives = collectives
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
         """Memory for `count` elements, whatever it holds; ShpyError where there is not so much."""
@@ -133,9 +129,6 @@ class NumpySpace:
 
     def finish(self) -> None:
         """Do nothing: whatever was started has ended."""
-
-
-SPACE: Final = NumpySpace()
 
 
 def over_arrays(run: Callable[[Call], Array | None], call: DeviceCall) -> Callable[[], None]:

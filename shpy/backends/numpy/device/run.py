@@ -19,7 +19,8 @@ import numpy as np
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options, TableData
 from shpy.backends.dump import dump
 from shpy.backends.numpy.apart import Layout, lay_out
-from shpy.backends.numpy.device.memory import SPACE, NumpySpace, over_arrays
+from shpy.backends.numpy.device.collective import COLLECTIVES
+from shpy.backends.numpy.device.memory import NumpySpace, over_arrays
 from shpy.backends.numpy.printer import Printed, print_python
 from shpy.backends.numpy.tables import Listed, Place, TableView, places_of
 from shpy.errors import BackendUnavailable, CompileError
@@ -31,8 +32,10 @@ from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.rejecting import find_rejection
 
-__all__ = ["TILE", "NumpyBackend", "NumpyExecutable", "backend"]
+__all__ = ["SPACE", "TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
+SPACE: Final = NumpySpace(COLLECTIVES)
+"""The host's memory."""
 TILE: Final = 32_768
 """Lanes that run together."""
 LARGE_TILE: Final = 65_536

@@ -9,20 +9,16 @@ a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest fi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Collectives, NodeTypes, Precision
 from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
-from shpy.backends.opencl.device.memory import WORDS, OpenCLMemory, held
+from shpy.backends.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, held
 from shpy.backends.opencl.device.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, vec
-
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.driver import Machine
-    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["collectives"]
 
@@ -190,17 +186,17 @@ _KEYS: Final = {
 """An expression of the word x, by the kind and size of what it holds, whose unsigned order is that of the numbers."""
 
 
-def collectives(space: OpenCLSpace, machine: Machine) -> Collectives:
+def collectives(space: OpenCLSpace) -> Collectives:
     """Return the operations that this device does itself."""
-    own = _OpenCLCollectives(space, machine)
+    own = _OpenCLCollectives(space)
     tree = own.tree if own.on_cpu else None
     return Collectives(own.select, own.take, own.put, own.sort, own.order, own.tally, tree)
 
 
 class _OpenCLCollectives:
-    def __init__(self, space: OpenCLSpace, machine: Machine) -> None:
+    def __init__(self, space: OpenCLSpace) -> None:
         self._space = space
-        self._machine = machine
+        machine = self._machine = space.machine
         self.on_cpu = bool(machine.device.type & machine.cl.device_type.CPU)
         self._digit = _CPU_DIGIT if self.on_cpu else _DIGIT
 
@@ -260,7 +256,7 @@ class _OpenCLCollectives:
 
     def tree(self, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
         """Make the kernels that fold and scan with a program."""
-        return tree_of(self._space, self._machine, module, types, precision)
+        return tree_of(self._space, module, types, precision)
 
     def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
         """Sort scalars digit by digit; gives them and, if `indexed`, the indices that they had."""

@@ -2,8 +2,8 @@
 
 Stage: run. PoCL generates code anew for each local size, for a global offset that is not 0, and for the first launch
 of 65,535 or more work items along an axis. So a kernel has one local size, its second argument is where a dispatch
-begins (0 whenever no run is under way), and its first launch has `ANY_SIZE` work items, most of them idle: that code
-serves smaller launches too.
+begins (0 whenever no run is under way), and its first launch has `driver.ANY_SIZE` work items, most of them idle:
+that code serves smaller launches too.
 
     launch(machine, kernel, args, Items(4096), LOCAL_SIZE, pace, 1)
     start = starter(machine, kernel, args, Items(64, 48), PACKETS, pace, 16, brief=False)
@@ -12,21 +12,17 @@ serves smaller launches too.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from shpy.backends.device.pace import Pace
+from shpy.backends.opencl.device.driver import Machine
 
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.driver import Machine
-
-__all__ = ["ANY_SIZE", "LOCAL_SIZE", "PACKETS", "Items", "launch", "starter"]
+__all__ = ["LOCAL_SIZE", "PACKETS", "Items", "launch", "starter"]
 
 LOCAL_SIZE: Final = 64
 """Work items of a group."""
 PACKETS: Final = 16
 """Packets of a group: each is as much work as many elements."""
-ANY_SIZE: Final = 1 << 16
-"""Work items of the first launch of a kernel: they are idle in microseconds, wherever they run."""
 
 
 class Items(NamedTuple):

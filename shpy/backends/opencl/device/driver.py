@@ -29,8 +29,6 @@ from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes
 from shpy.backends.device.processes import Driver
 from shpy.backends.opencl.device.absence import explain_absence, explain_cache
 from shpy.backends.opencl.device.compiler_trials import TRIALS
-from shpy.backends.opencl.device.dispatch import ANY_SIZE
-from shpy.backends.opencl.device.memory import OpenCLSpace
 from shpy.backends.opencl.device.trial import Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
@@ -67,6 +65,8 @@ _CPU_SECONDS = 0.5
 """Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
 _POOLED_BYTES = 1 << 28
 """Buffers that are kept for the next run, in bytes a device."""
+ANY_SIZE = 1 << 16
+"""Work items of the first launch of a kernel: they are idle in microseconds, wherever they run."""
 _WORTH_LENDING = 1 << 16
 """Smaller arrays are copied in less time than it takes to make a buffer of their memory."""
 
@@ -191,9 +191,8 @@ class Machine:
         self._uploads: list[Any] = []
         """Copies to the device that may be under way: they keep their arrays."""
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
-        self.space = OpenCLSpace(self)
         self.may_take_long = False
-        """True if a run over streams that may not be brief was started since the space was last waited for."""
+        """True if a run over streams that may not be brief was started since its end was last waited for."""
         self.dropped: list[Any] = []
         """Buffers of memory that is gone. They are given back by whoever holds the lock next."""
 

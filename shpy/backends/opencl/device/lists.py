@@ -14,17 +14,14 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import DeviceCall, Executable
-from shpy.backends.opencl.device.memory import WORDS, held
+from shpy.backends.opencl.device.memory import WORDS, OpenCLSpace, held
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, vec
-
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["Lists"]
 

@@ -3,7 +3,7 @@
 Stage: run. Everything is started on one queue, which runs it in order, so a buffer that nobody holds any longer may be
 taken again at once. The host waits when it reads, and now and then, so that what is started does not pile up.
 
-    space = machine.space
+    space = OpenCLSpace(machine, collectives, Lists)
     memory = space.allocate(4, vec(Base.F, 3), np.dtype(np.float32))
     space.start([executable.ready(call)])
     memory.read()
@@ -16,22 +16,20 @@ import sys
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, Final
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable, too_large
-from shpy.backends.opencl.device.dispatch import ANY_SIZE, LOCAL_SIZE
+from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
+from shpy.backends.opencl.device.driver import ANY_SIZE, Machine
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type
 
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.driver import Machine
-
-__all__ = ["MEMORY", "WORDS", "OpenCLMemory", "OpenCLSpace", "held"]
+__all__ = ["MEMORY", "WORDS", "OpenCLMemory", "OpenCLSpace", "held", "own"]
 
 MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """The dtype of a component in a buffer, by base."""
@@ -82,7 +80,7 @@ _FEW: Final = 16
 class OpenCLMemory:
     """A buffer of `count` elements: see `base.Memory`."""
 
-    machine: Machine
+    space: OpenCLSpace
     buffer: Any
     count: int
     type: Type
@@ -102,7 +100,7 @@ class OpenCLMemory:
         from pyopencl.array import Array as DeviceArray  # here: it takes long to import
 
         self._give_up()
-        return DeviceArray(self.machine.queue, self._shape, self._held, data=self.buffer)
+        return DeviceArray(self.space.machine.queue, self._shape, self._held, data=self.buffer)
 
     def _give_up(self) -> None:
         """Leave the buffer to whoever holds it: it is freed with its last array, and not used for other memory."""
@@ -127,18 +125,20 @@ class OpenCLMemory:
     def write(self, array: Array) -> None:
         """Copy a host array to the device."""
         if self.count:
-            with self.machine.lock:
+            machine = self.space.machine
+            with machine.lock:
                 given = np.ascontiguousarray(array, self._held)
-                self.machine.cl.enqueue_copy(self.machine.queue, self.buffer, given)
+                machine.cl.enqueue_copy(machine.queue, self.buffer, given)
 
     def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Copy the elements to the host."""
         count = (self.count if end is None else end) - begin
         found = np.empty((count, *self._shape[1:]), self._held)
         if count:
-            with self.machine.lock:
-                self.machine.space.finish(copies=True)
-                self.machine.download(found, self.buffer, begin * self.type.size * self._held.itemsize)
+            machine = self.space.machine
+            with machine.lock:
+                self.space.finish(copies=True)
+                machine.download(found, self.buffer, begin * self.type.size * self._held.itemsize)
         return found.astype(self.dtype, copy=False)
 
 
@@ -163,21 +163,22 @@ class OpenCLSpace:
     overwrites = True
     on_host = False
 
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
+    def __init__(
+        self,
+        machine: Machine,
+        collectives: Callable[[OpenCLSpace], Collectives],
+        lists: Callable[[OpenCLSpace, Executable, Executable], Callable[[DeviceCall], Callable[[], None]]],
+    ) -> None:
+        """Open the memory of a device; `collectives` and `lists` make what the device does with it."""
+        self.machine = machine
+        self.collectives = collectives(self)
+        self._lists = lists
         self._started = 0
         self._kernels: dict[tuple[str, str], Any] = {}
 
-    @cached_property
-    def collectives(self) -> Collectives:
-        """Kernels of the device's own."""
-        from shpy.backends.opencl.device.collective import collectives  # here: few processes need it
-
-        return collectives(self, self._machine)
-
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """Return a buffer for `count` elements, whatever it holds; ShpyError where there is not so much."""
-        machine = self._machine
+        machine = self.machine
         # A kernel may read a vector of three as four, and whole packets.
         size = count * type.size * held(type, dtype).itemsize
         if size > sys.maxsize // 2:  # whose next power of two is no size
@@ -187,14 +188,14 @@ class OpenCLSpace:
                 buffer = machine.take(max(size, 1))
             except (machine.cl.MemoryError, machine.cl.LogicError) as error:
                 raise too_large(count, type, dtype) from error
-        memory = OpenCLMemory(machine, buffer, count, type, dtype)
+        memory = OpenCLMemory(self, buffer, count, type, dtype)
         memory.pooling = weakref.finalize(memory, machine.dropped.append, buffer)
         memory.pooling.atexit = False
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """Return the memory of a contiguous pyopencl.array.Array of this device's context."""
-        machine = self._machine
+        machine = self.machine
         wanted = held(type, dtype)
         if getattr(native, "context", None) != machine.context:
             raise ShpyTypeError(
@@ -207,15 +208,15 @@ class OpenCLSpace:
                 f"a stream of {type!r} shares a contiguous pyopencl array of {wanted}, not {native.dtype}",
                 cure=f"array.astype(np.{wanted})",
             )
-        return OpenCLMemory(machine, native.base_data, native.size // type.size, type, dtype)
+        return OpenCLMemory(self, native.base_data, native.size // type.size, type, dtype)
 
     def view(self, memory: OpenCLMemory, type: Type, count: int) -> OpenCLMemory:
         """Return the same buffer as elements of another size."""
-        return OpenCLMemory(self._machine, memory.buffer, count, type, memory.dtype, memory)
+        return OpenCLMemory(self, memory.buffer, count, type, memory.dtype, memory)
 
     def copy(self, source: OpenCLMemory, target: OpenCLMemory) -> None:
         """Copy all elements."""
-        machine = self._machine
+        machine = self.machine
         size = source.count * source.type.size * held(source.type, source.dtype).itemsize
         if size:
             with machine.lock:
@@ -225,7 +226,7 @@ class OpenCLSpace:
         """Return a copy of `count` elements from `begin` on."""
         made = self.allocate(count, source.type, source.dtype)
         each = source.type.size * held(source.type, source.dtype).itemsize
-        machine = self._machine
+        machine = self.machine
         with machine.lock:
             size, offset = count * each, begin * each
             machine.cl.enqueue_copy(machine.queue, made.buffer, source.buffer, byte_count=size, src_offset=offset)
@@ -241,7 +242,7 @@ class OpenCLSpace:
     def count(self, status: OpenCLMemory) -> Counts:
         """Count what the statuses say."""
         found = np.array([0, 0, -1], np.int32).view(np.uint32)
-        machine = self._machine
+        machine = self.machine
         with machine.lock:
             counts = machine.upload(found)
             if status.count:
@@ -267,7 +268,7 @@ class OpenCLSpace:
 
         A `group` of several is filled with idle work items, which the kernel has to leave alone.
         """
-        machine = self._machine
+        machine = self.machine
         with machine.lock:
             kernel = self._kernels.get((name, text))
             if kernel is None:  # to make one takes PoCL far longer than to run it
@@ -291,7 +292,7 @@ class OpenCLSpace:
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other on the queue."""
-        machine = self._machine
+        machine = self.machine
         with machine.lock:
             for run in runs:
                 run()
@@ -300,9 +301,7 @@ class OpenCLSpace:
 
     def lists(self, guarded: Executable, plain: Executable) -> Callable[[DeviceCall], Callable[[], None]]:
         """Return what prepares a run over a list of the elements that are alive."""
-        from shpy.backends.opencl.device.lists import Lists  # here: it needs this module
-
-        return Lists(self, guarded, plain).ready
+        return self._lists(self, guarded, plain)
 
     def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
         """Return what copies vectors of three to vectors of four, as the tables of packets have them."""
@@ -315,7 +314,7 @@ class OpenCLSpace:
 
         `copies`: the caller copies to the host next, which waits for brief runs by itself.
         """
-        machine = self._machine
+        machine = self.machine
         with machine.lock:
             if not self._started:
                 return
@@ -325,3 +324,9 @@ class OpenCLSpace:
             else:
                 machine.waiter.wait(machine.cl.enqueue_marker(machine.queue))
             self._started, machine.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
+
+
+def own(memory: Any) -> OpenCLMemory:
+    """Return the memory, which is one of this backend."""
+    assert isinstance(memory, OpenCLMemory)
+    return memory

@@ -18,7 +18,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -27,30 +27,30 @@ from shpy.backends.base import Array, Call, Device, DeviceCall, Executable, Opti
 from shpy.backends.device.pace import Pace
 from shpy.backends.device.probe import refuse_wrong
 from shpy.backends.opencl.device.beside import Beside, Compiled, Facts
-from shpy.backends.opencl.device.dispatch import ANY_SIZE, LOCAL_SIZE, PACKETS, Items, launch, starter
-from shpy.backends.opencl.device.driver import Machine, devices, machine_of
-from shpy.backends.opencl.device.memory import MEMORY, OpenCLMemory, OpenCLSpace
+from shpy.backends.opencl.device.collective import collectives
+from shpy.backends.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, launch, starter
+from shpy.backends.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
+from shpy.backends.opencl.device.lists import Lists
+from shpy.backends.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged_array
+from shpy.backends.opencl.device.targets import PACKET_TARGET, TARGET
 from shpy.backends.opencl.device.widths import Choosing, measured_widths, next_width
 from shpy.backends.opencl.packet_types import WIDER, WIDTHS
 from shpy.backends.opencl.packets import print_packets
 from shpy.backends.opencl.text.kernel import Kernel, print_kernel
-from shpy.backends.opencl.text.operations import ELEMENTWISE, FAST
+from shpy.backends.opencl.text.operations import ELEMENTWISE
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loc, Module, Status, Table
-from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.tabledata import TableData
 from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type, vec
 from shpy.passes.exits import few_turns
 from shpy.passes.library import CORRECTABLE
-from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.pipeline import Prepared, prepare
 from shpy.passes.size import check_growth, check_size
 
-TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
-PACKET_TARGET: Final = replace(TARGET, vector=True)
 _MOST_STATEMENTS: Final = 1 << 26
 """All calls followed: PoCL follows every path of calls, inlined or not, so its time doubles with each level."""
 _GROUPS: Final = 4
@@ -98,7 +98,12 @@ class OpenCLBackend:
 
     def space(self, device: int | None) -> OpenCLSpace:
         """Return the memory of a device."""
-        return machine_of(device).space
+        return _space_of(machine_of(device))
+
+
+@cache
+def _space_of(machine: Machine) -> OpenCLSpace:
+    return OpenCLSpace(machine, collectives, lambda *kernels: Lists(*kernels).ready)
 
 
 def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
@@ -114,7 +119,7 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
     seconds = time.perf_counter() - start
     spread = _GROUPS * PACKETS * machine.device.max_compute_units
     builder = Beside(machine, partial(_compiled_elsewhere, first.prepared, options), partial(_loaded, first, options))
-    return Choosing(first, machine.widths, builder, seconds, key, machine.space, measured, spread)
+    return Choosing(first, machine.widths, builder, seconds, key, _space_of(machine), measured, spread)
 
 
 def _compiled_elsewhere(prepared: Prepared, options: Options, facts: Facts, lanes: int) -> Compiled:
@@ -330,7 +335,7 @@ class OpenCLExecutable:
         row = self._row_length(call.shape)
         args: list[Any] = [np.uint64(count), self._start, *self._row(row), *self._shape(call.shape)]
         for i in kernel.inputs:
-            memory = _own(call.inputs[i])
+            memory = own(call.inputs[i])
             args += [memory.buffer, np.int32(memory.count == count)]
         with machine.lock:
             tables = [self._table(call.tables[table.name], table) for table in kernel.tables]
@@ -338,7 +343,7 @@ class OpenCLExecutable:
             args += [buffer, shape]
         args += self._params(call.params)
         results = (*call.outputs, *(() if call.status is None else (call.status,)))
-        args += [_own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
+        args += [own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
         # A kernel holds its arguments, so each run that is to be repeated has one of its own. To make one takes longer
         # than a small run, so those of runs that are gone are used again.
         compiled = self.compiled if once else self._spare_kernel()
@@ -377,12 +382,12 @@ class OpenCLExecutable:
         machine = self.machine
         padded = self.kernel.lanes > 1 and table.type.size == 3
         if isinstance(data, TableMemory):
-            memory = _own(data.memory)
+            memory = own(data.memory)
             shape = _argument(np.array(data.shape, np.int32))
             if not padded:
                 return memory.buffer, shape, None
-            wide = machine.space.allocate(memory.count, vec(table.type.base, 4), memory.dtype)
-            return wide.buffer, shape, machine.space.padding(memory, wide)
+            wide = memory.space.allocate(memory.count, vec(table.type.base, 4), memory.dtype)
+            return wide.buffer, shape, memory.space.padding(memory, wide)
         dtype = np.dtype(MEMORY[table.type.base])
         shape = _argument(np.array(data.array.shape[: table.rank], np.int32))
         return machine.table(data, dtype, table.type.size, padded=padded), shape, None
@@ -472,11 +477,6 @@ class OpenCLExecutable:
                 where = written if status is None else written.reshape(-1, *[1] * (out.ndim - 1))
                 np.copyto(out, array, casting="unsafe", where=where)
         return status
-
-
-def _own(memory: Any) -> OpenCLMemory:
-    assert isinstance(memory, OpenCLMemory)
-    return memory
 
 
 def _held(type: Type) -> Any:

@@ -13,14 +13,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from shpy.backends.base import Call, DeviceCall, Executable
-
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.memory import OpenCLSpace
+from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["Sample", "sample_of", "sample_on_device"]
 

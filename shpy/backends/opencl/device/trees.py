@@ -2,7 +2,7 @@
 
 Stage: compile and run. Few elements are one part, so a sum of them is one dispatch; see `packet_trees` for the text.
 
-    tree = tree_of(space, machine, module, NodeTypes((F,), (F,), lifted=False), "f32")
+    tree = tree_of(space, module, NodeTypes((F,), (F,), lifted=False), "f32")
     tree.fold([memory], [sums])
 """
 
@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Array, NodeTypes, Options, Precision
 from shpy.backends.device.probe import refuse_wrong
-from shpy.backends.opencl.device.run import PACKET_TARGET
+from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
+from shpy.backends.opencl.device.targets import PACKET_TARGET
 from shpy.backends.opencl.packet_trees import FOLD, SCAN, print_trees, tree_block
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
@@ -24,10 +25,6 @@ from shpy.ir.types import Base
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
-
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.driver import Machine
-    from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
 
 __all__ = ["OpenCLTree", "tree_of"]
 
@@ -64,7 +61,7 @@ class OpenCLTree:
 
     def reduce(self, given: Sequence[Any]) -> list[Array]:
         """Reduce one part to the host."""
-        with self.results[0].machine.lock:
+        with self.space.machine.lock:
             self.fold(given, self.results)
             return [memory.read() for memory in self.results]
 
@@ -80,10 +77,9 @@ class OpenCLTree:
         self.space.enqueue(self.text, name, parts, args, brief=count <= _ALONE)
 
 
-def tree_of(
-    space: OpenCLSpace, machine: Machine, module: Module, types: NodeTypes, precision: Precision
-) -> OpenCLTree | None:
+def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
     """Print and build; None for programs that are large, may stop, or need more than their two elements."""
+    machine = space.machine
     lanes = machine.lanes
     if lanes == 1:
         return None

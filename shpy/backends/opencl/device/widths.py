@@ -21,16 +21,14 @@ import threading
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final, Protocol
 
 from shpy.backends.base import Array, Call, DeviceCall, Executable
 from shpy.backends.device import store
+from shpy.backends.opencl.device.memory import OpenCLSpace
 from shpy.backends.opencl.device.samples import Sample, sample_of, sample_on_device
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
-
-if TYPE_CHECKING:
-    from shpy.backends.opencl.device.memory import OpenCLSpace
 
 __all__ = ["Builder", "Choosing", "Pending", "Sized", "measured_widths", "next_width"]
 

@@ -1,0 +1,18 @@
+"""The functions that OpenCL C has, for the passes that replace all others.
+
+Stage: compile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from shpy.backends.opencl.text.operations import FAST
+from shpy.ir.ops import TRANSCENDENTALS
+from shpy.passes.pipeline import Target
+
+__all__ = ["PACKET_TARGET", "TARGET"]
+
+TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
+PACKET_TARGET: Final = replace(TARGET, vector=True)
