@@ -12,13 +12,13 @@ import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m
 # isort: split
 
 from raytracer.appearance.materials import Material
+from raytracer.appearance.programs import Hit, Surface
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Path, Staged, Whitted
 from raytracer.integrators.renderer import Renderer
 from raytracer.intersector import AllHits, Closest, Hits, Intersector
-from raytracer.kernels.shaders import Hit, Surface
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Instance, Mesh
 from raytracer.rendering import render

@@ -16,8 +16,8 @@ import numpy as np
 import shpy as sh
 from raytracer import shaders
 from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.programs import Hit, Surface
 from raytracer.appearance.textures import Texture
-from raytracer.kernels.shaders import Hit, Surface
 from raytracer.meshes import Mesh
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.meshes.teapot import teapot as newells_teapot

@@ -15,7 +15,7 @@ from math import pi
 
 import shpy as sh
 from raytracer.appearance.materials import Triple
-from raytracer.kernels.shaders import Hit, Surface
+from raytracer.appearance.programs import Hit, Surface
 
 OfHit = Callable[[Hit], Surface]
 OfLight = Callable[[Surface, sh.Vector3f], sh.Color3f]

@@ -1,1 +1,1 @@
-"""The appearance of surfaces: materials and their textures."""
+"""The appearance of surfaces: materials, textures, and programs of users."""

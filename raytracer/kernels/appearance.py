@@ -14,8 +14,7 @@ import numpy as np
 
 import shpy as sh
 from raytracer.appearance.materials import PICTURED
-from raytracer.errors import SceneError, place_of
-from raytracer.kernels.shaders import (
+from raytracer.appearance.programs import (
     Hit,
     Surface,
     ask_shade,
@@ -23,6 +22,7 @@ from raytracer.kernels.shaders import (
     examine_shade,
     examine_surface,
 )
+from raytracer.errors import SceneError, place_of
 from raytracer.kernels.textures import Atlas
 from raytracer.scene.layout import Layout
 from shpy import SH_IF

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.bounds import FAR
+from raytracer.appearance.programs import converted
 from raytracer.errors import place_of
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
-from raytracer.kernels.shaders import converted
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout

@@ -14,8 +14,8 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bounds import FAR, highest
 from raytracer.accel.space import Rows
+from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
-from raytracer.kernels import shaders
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
@@ -204,7 +204,7 @@ class SurfaceTables:
         number = self.material_at(hit)
         reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
         diffuse, specular, shininess = (sh.Attrib1f(surface.coefficients[k]) for k in range(3))
-        seen = shaders.Hit(
+        seen = programs.Hit(
             {
                 "position": lambda: self.world(point),
                 "normal": lambda: surface.normal,
@@ -248,7 +248,7 @@ class SurfaceTables:
         """Return the colour under white light from direction `light`."""
         if not self.appearance.shades:
             return self.phong(surface, light)
-        seen = shaders.Surface.known(
+        seen = programs.Surface.known(
             {
                 "color": lambda: surface.color,
                 "diffuse": lambda: surface.coefficients.x,

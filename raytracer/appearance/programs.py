@@ -1,4 +1,4 @@
-"""Programs of users in the tracer: what they are handed, what they give back, and what of it they use.
+"""Programs of users for surfaces: their inputs, their results, and the fields that they use.
 
 Stage: kernel. A material's `surface` runs once for each hit, its `shade` once for each light that is seen, as surface
 shaders and their illuminance loops do (Hanrahan and Lawson 1990). Each distinct one is recorded once, in a branch of
