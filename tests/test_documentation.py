@@ -1,8 +1,8 @@
 """The code in the documents runs, prints what they say, and is emitted as they show it.
 
 In a document, a block `python` is run after those before it; a block `text` that follows is what it printed; a block
-`emitted BACKEND` is the text of the program that was recorded last; `<!-- operations -->` begins the table of
-operations. `pytest --update-snapshots` writes all of these anew.
+`emitted BACKEND` is the text of the program that was recorded last; `<!-- operations -->` begins a table
+made of the rows of `ir/ops.py`. `pytest --update-snapshots` writes all of these anew.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from PIL import Image as pillow
 
 import shpy as sh
 from raytracer.meshes.shapes import knot
-from shpy.ir.listing import table_of_operations
+from shpy.ir.listing import table_of_functions, table_of_operations
 
 ROOT = Path(__file__).parents[1]
 RUN = [
@@ -28,7 +28,18 @@ RUN = [
     "docs/raytracer.md", "docs/raytracer-files.md", "docs/tutorial.md",
 ]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
-OPERATIONS = re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL)
+TABLES = [
+    (
+        "docs/numerics.md",
+        re.compile(r"(?<=<!-- operations -->\n).*?(?=<!-- end of operations -->)", re.DOTALL),
+        table_of_operations,
+    ),
+    (
+        "docs/language.md",
+        re.compile(r"(?<=<!-- functions -->\n).*?(?=<!-- end of functions -->)", re.DOTALL),
+        table_of_functions,
+    ),
+]
 
 
 @dataclass
@@ -108,11 +119,12 @@ def test_the_code_runs_and_prints_what_the_document_says(name, tmp_path, monkeyp
     compared(path, found, snapshots.update)
 
 
-def test_the_table_of_operations_is_that_of_the_code(snapshots):
-    path = ROOT / "docs/numerics.md"
+@pytest.mark.parametrize(("file", "place", "table"), TABLES, ids=["operations", "functions"])
+def test_the_table_is_that_of_the_code(file, place, table, snapshots):
+    path = ROOT / file
     text = path.read_text()
-    assert len(OPERATIONS.findall(text)) == 1
-    compared(path, OPERATIONS.sub(lambda _: f"\n{table_of_operations()}\n", text), snapshots.update)
+    assert len(place.findall(text)) == 1
+    compared(path, place.sub(lambda _: f"\n{table()}\n", text), snapshots.update)
 
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

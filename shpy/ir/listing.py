@@ -1,4 +1,4 @@
-"""The table of operations as Markdown: what docs/numerics.md shows.
+"""The table of operations as Markdown: docs/numerics.md shows it, docs/language.md the functions that users call.
 
 Stage: represent. Takes `ops.OPS`, gives text.
 
@@ -10,13 +10,31 @@ from __future__ import annotations
 
 from shpy.ir.ops import OPS, Op, Tolerance
 
+__all__ = ["table_of_functions", "table_of_operations"]
+
 
 def table_of_operations() -> str:
-    """One row an operation, in the order of the table."""
-    rows = [("operation", "types", "exact meaning", "strict", "relaxed"), ("---",) * 5]
+    """Return one row an operation, in the order of the table."""
+    rows = [("operation", "types", "exact meaning", "strict", "relaxed")]
     rows += [
         (_name(op), f"`{op.signature}`", op.doc, _spoken(op.tolerance), _spoken(op.relaxed)) for op in OPS.values()
     ]
+    return _table(rows)
+
+
+def table_of_functions() -> str:
+    """Return one row for each operation that users call by its name."""
+    rows = [("function", "what it does")]
+    rows += [
+        (f"`sh.{op.name}({', '.join(op.parameters)})`", op.says.removeprefix("Return "))
+        for op in OPS.values()
+        if op.says
+    ]
+    return _table(rows)
+
+
+def _table(rows: list[tuple[str, ...]]) -> str:
+    rows.insert(1, ("---",) * len(rows[0]))
     return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in rows)
 
 
