@@ -209,6 +209,14 @@ def smoothstep(a: Values, b: Values, x: Values) -> Values:
 
 
 @operation
+def smootherstep(a: Values, b: Values, x: Values) -> Values:
+    """Return the quintic step from 0 at a to 1 at b, level and without curvature at both; step(a, x) where a = b."""
+    t = named("t", clamp((x - a) / (b - a), 0, 1))
+    curve = t * t * t * (t * (6 * t - 15) + 10)
+    return where(np.equal(a, b), step(a, x), curve)
+
+
+@operation
 def dot(a: Values, b: Values) -> Values:
     """Return the scalar product, summed from the first component on."""
     if isinstance(a, np.ndarray) and a.ndim > 1:  # the same sum, in less time

@@ -186,6 +186,11 @@ _composite("n: T T T -> T", m.clamp, "min(max(x, low), high)", inline=True, exac
 _composite("f: T T T -> T", m.mix, "a * (1 - t) + b * t")
 _composite("f: T T -> T", m.step, "0 where x < edge, else 1", inline=True, exact=True)
 _composite("f: T T T -> T", m.smoothstep, "step(a, x) where a = b")
+_composite(
+    "f: T T T -> T",
+    m.smootherstep,
+    "6t^5 - 15t^4 + 10t^3 of t = clamp((x - a) / (b - a), 0, 1); step(a, x) where a = b",
+)
 _op("sqrt", "f: T -> T", m.in_f32(np.sqrt), "correctly rounded", "Return the square root, correctly rounded.")
 _composite("f: T -> T", m.rsqrt, "1 / sqrt(x), rounded twice", inline=True)
 _op("ldexp", "f: T I -> T", m.ldexp, "x * 2**n rounded once",

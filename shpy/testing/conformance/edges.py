@@ -109,6 +109,16 @@ def smoothstep_between_equals_is_step(a: sh.Attrib1f, x: sh.Attrib1f):
     return sh.smoothstep(a, a, x), sh.step(a, x)
 
 
+@case(x=f(-1, 0, 0.25, 0.5, 0.75, 1, 2, INF, -INF), expected=f(0, 0, 0.103515625, 0.5, 0.896484375, 1, 1, 1, 0))
+def smootherstep_from_end_to_end(x: sh.Attrib1f):
+    return sh.smootherstep(0, 1, x)
+
+
+@case(a=f(1, 1, 1, -0.0, 2), x=f(0.5, 1, 1.5, 0, NAN), expected=(f(0, 1, 1, 1, 1), f(0, 1, 1, 1, 1)))
+def smootherstep_between_equals_is_step(a: sh.Attrib1f, x: sh.Attrib1f):
+    return sh.smootherstep(a, a, x), sh.step(a, x)
+
+
 @case(x=f(0, 1, 100, 3e3, 1e4, 1e5, 2.0**20, -2.0**20), ulp=1,
       expected=lambda x: (np.sin(x.astype(np.float64)), np.cos(x.astype(np.float64))))  # fmt: skip
 def sin_and_cos_up_to_a_million(x: sh.Attrib1f):
