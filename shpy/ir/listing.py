@@ -8,6 +8,8 @@ Stage: represent. Takes `ops.OPS`, gives text.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from shpy.ir.ops import OPS, Op, Tolerance
 
 __all__ = ["table_of_functions", "table_of_operations"]
@@ -33,8 +35,9 @@ def table_of_functions() -> str:
     return _table(rows)
 
 
-def _table(rows: list[tuple[str, ...]]) -> str:
-    rows.insert(1, ("---",) * len(rows[0]))
+def _table(rows: Sequence[tuple[str, ...]]) -> str:
+    head, *rest = rows
+    rows = (head, ("---",) * len(head), *rest)
     return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in rows)
 
 
