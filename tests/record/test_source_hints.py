@@ -10,7 +10,7 @@ import pytest
 from source_text import made
 
 from shpy.ir.nodes import Loc
-from shpy.lang.mistakes.explain import explain_bool, explain_conversion
+from shpy.lang.mistakes.explain import explain
 
 
 class Asked(Exception):
@@ -30,9 +30,7 @@ class Symbol:
     def _ask(self, kind: str) -> NoReturn:
         frame = sys._getframe(2)
         loc = Loc(frame.f_code.co_filename, frame.f_lineno)
-        if kind == "bool":
-            raise Asked(explain_bool(loc, frame), explain_bool(loc))
-        raise Asked(explain_conversion(loc, kind, frame), explain_conversion(loc, kind))
+        raise Asked(explain(loc, kind, frame), explain(loc, kind))
 
     def __bool__(self) -> bool:
         self._ask("bool")
@@ -181,21 +179,21 @@ def test_hints_spell_names_as_the_file_does() -> None:
     text = "import shpy as lang\nfrom shpy import SH_FOR\n\nif 0 < x < 1: pass\nint(x)\nrange(x)\n"
     file = made(f"{text}def f(): ...\n".replace("0 < x < 1", "False").replace("(x)", "")).__code__.co_filename
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    assert explain_bool(Loc(file, 4)) == (
+    assert explain(Loc(file, 4), "bool") == (
         "Python joins the chain `0 < x < 1` with `and`, while recording",
         "with lang.SH_IF((0 < x) & (x < 1)):",
     )
-    assert explain_conversion(Loc(file, 5), "int") == (computed("int(x)"), "lang.Attrib1i(x)")
-    assert explain_conversion(Loc(file, 6), "index") == (
+    assert explain(Loc(file, 5), "int") == (computed("int(x)"), "lang.Attrib1i(x)")
+    assert explain(Loc(file, 6), "index") == (
         "`range(x)` counts while recording, and its bound is known only when the program runs",
         "with SH_FOR(x) as i:",
     )
 
 
 def test_no_hint_without_text_or_reason() -> None:
-    assert explain_bool(None) is None
-    assert explain_conversion(None, "int") is None
-    assert explain_bool(Loc("no such file", 3)) is None
+    assert explain(None, "bool") is None
+    assert explain(None, "int") is None
+    assert explain(Loc("no such file", 3), "bool") is None
     file = made("def f(x):\n    y = x\n    return y\n").__code__.co_filename
-    assert explain_bool(Loc(file, 2)) is None
-    assert explain_conversion(Loc(file, 2), "int") is None
+    assert explain(Loc(file, 2), "bool") is None
+    assert explain(Loc(file, 2), "int") is None

@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
+from shpy.lang.mistakes import findings
 from shpy.lang.recording.location import called_frames, loc_in
 from shpy.lang.recording.tree import definition
 from shpy.lang.values.abstract import Symbolic
@@ -79,37 +79,29 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
             continue
         code, leaving = entry.frame.f_code, entry.frame.f_lasti
         if entry.frame is frames[0] and _returns(code, leaving):
-            raise RecordError(
-                f"Python's `return` inside `with {written}` happens while recording, whatever the block's condition is",
-                loc=loc,
-                cure="SH_RETURN(…)",
-            )
+            raise findings.leaves(loc, "return", written, "SH_RETURN(…)")
         now = dict(_places(entry.frame))
         for place, old in entry.held.items():
             new = now.get(place, _GONE)
             if not _rebound(old, new):
                 continue
-            use, when = _first_read(code, leaving, place), "used after it"
+            use, when = _first_read(code, leaving, place), "after it"
             if loop and old is not None:
                 again = _first_read(code, entry.offset, place)
                 if again is not None and again[0] <= leaving:
-                    use, when = again, "used in its next iteration"
+                    use, when = again, "in its next iteration"
                 elif test is not None and place.name in getattr(getattr(test, "__code__", None), "co_freevars", ()):
-                    use, when = (0, test.__code__.co_firstlineno), "used in its next iteration"
+                    use, when = (0, test.__code__.co_firstlineno), "in its next iteration"
             if use is not None:
                 where = loc_in(code.co_filename, _line_of_store(code, entry.offset, leaving, place))
-                raise RecordError(
-                    f"`{place}` is rebound inside `with {written}` and {when} (line {use[1]}): Python rebinds the name "
-                    "once, while recording, whatever happens at run time",
-                    loc=where,
-                    cure=_store_instead(place, old, new),
-                )
+                cure = _declaration(place, old, new)
+                raise findings.rebound(where, str(place), written, f"{when} (line {use[1]})", cure)
 
 
-def _store_instead(place: Place, old: Any, new: Any) -> str:
+def _declaration(place: Place, old: Any, new: Any) -> str:
     """Return the cure: a store, and a declaration before the block where there is nothing to store into."""
     if old is None:
-        return f"make `{place}` a value before the block, `{place}[:] = …` inside it"
+        return findings.stored(f"make `{place}` a value", f"{place}[:] = …")
     if not isinstance(old, _NUMBERS):
         return f"{place}[:] = …"
     kind = "b" if isinstance(old, bool | np.bool_) else "i" if isinstance(old, int | np.integer) else "f"
@@ -117,7 +109,7 @@ def _store_instead(place: Place, old: Any, new: Any) -> str:
         kind = "f"
     made = f"sh.{type(new).__name__}" if isinstance(new, Value) else f"sh.Attrib1{kind}"
     local = place.attribute or str(place)  # what is stored into an object would outlive the recording
-    return f"`{local} = {made}({old})` before the block, `{local}[:] = …` inside it"
+    return findings.stored(f"`{local} = {made}({old})`", f"{local}[:] = …")
 
 
 # What a frame holds

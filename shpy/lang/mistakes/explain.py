@@ -3,8 +3,8 @@
 Stage: record. The value's `__bool__` knows only that Python wants to know whether it is true; the text says for which
 construct, and so which cure fits. Takes the line that runs; gives the sentence and what to write, or None.
 
-    if 0 < x < 1:       # explain_bool(loc) → ("Python's `0 < x < 1` …", "with SH_IF((0 < x) & (x < 1)):")
-    n = int(x)          # explain_conversion(loc, "int") → ("`int(x)` …", "sh.Attrib1i(x)")
+    if 0 < x < 1:       # explain(loc, "bool") → ("Python's `0 < x < 1` …", "with SH_IF((0 < x) & (x < 1)):")
+    n = int(x)          # explain(loc, "int") → ("`int(x)` …", "sh.Attrib1i(x)")
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import FrameType
-from typing import TypeAlias
+from typing import NoReturn, TypeAlias, TypeGuard
 
 import numpy as np
 
+from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.ops import OPS
 from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library
 from shpy.lang.mistakes.rewrite import rewritten
-from shpy.lang.recording.location import user_frame
+from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.tree import parsed, quoted
+from shpy.lang.values.abstract import AbstractValue
 
 Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
 _Span: TypeAlias = tuple[int, int, int, int]
@@ -43,6 +45,25 @@ _CASTING = {
 }  # fmt: skip
 
 
+_NUMBER = "{} needs a number, and this value has none while the program is recorded"
+_UNSEEN: dict[str, Hint] = {
+    "bool": (
+        "Python needs to know here whether a value holds, and it has none while the program is recorded",
+        "with SH_IF(c): for a branch, & | ~ for and, or, not, sh.cond(c, a, b) for a choice",
+    ),
+    "array": (
+        "{} has no value while the program is recorded, so numpy cannot take it",
+        "the function of the same name in shpy, sh.sin(x) for np.sin(x); sh.Table(array, type)[i] for array[i]",
+    ),
+    "int": (_NUMBER.format("int()"), "sh.Attrib1i(x)"),
+    "float": (_NUMBER.format("float()"), "sh.Attrib1f(x)"),
+    "index": (_NUMBER.format("an index of a Python object"), "sh.Table(list, sh.Attrib1f)[x]"),
+    "round": (_NUMBER.format("round()"), "sh.round(x)"),
+    "trunc": (_NUMBER.format("math.trunc()"), "a value of the language"),
+}
+"""The sentence and the cure where the text does not tell which construct asks."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Site:
     """A place where Python asks: the construct, what it tests, and the outermost construct that must be rewritten."""
@@ -52,37 +73,36 @@ class _Site:
     whole: ast.AST
 
 
-def explain_bool(loc: Loc | None, frame: FrameType | None = None) -> Hint | None:
-    """Why Python wanted to know whether a value is true on this line; `frame` is the user's, where known."""
+def refuse(value: AbstractValue, asked: str) -> NoReturn:
+    """Raise RecordError for a symbolic value that Python or numpy asked for a bool, a number or an array."""
+    loc = here()
+    sentence, unseen = _UNSEEN[asked]
+    hint = explain(loc, "index" if asked == "array" else asked)
+    message, cure = hint or (sentence.format(value._called()), unseen)
+    raise RecordError(message, loc=loc, cure=cure)
+
+
+def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint | None:
+    """Return why Python wanted a bool or a number on this line; `frame` is the user's, where known.
+
+    `asked` is what it wanted: bool, int, float, index, round or math.
+    """
     if loc is None:
         return None
     try:
         roots, spelling = _statements(loc), _Spelling.of(loc.file)
-        sites = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
-        site = _chosen(sites, loc, frame) or _in_a_call(roots, loc, frame)
-        return None if site is None else _bool_hint(site, spelling)
-    except RecursionError:  # an expression deeper than Python's stack: the error comes without this hint
-        return None
-
-
-def explain_conversion(loc: Loc | None, kind: str, frame: FrameType | None = None) -> Hint | None:
-    """Why Python wanted a number on this line; `kind` is what it asked: int, float, index, round or math."""
-    if loc is None:
-        return None
-    try:
-        asking = [
-            (n, root)
-            for root in _statements(loc)
-            for n in _in_order(root)
-            if isinstance(n, ast.expr) and _asks(n, kind)
-        ]
-        asking.sort(key=lambda found: isinstance(found[0], ast.Call) and isinstance(found[0].func, ast.Attribute))
-        site = _chosen([_Site(n, n, root) for n, root in asking], loc, frame)
+        if asked == "bool":
+            tests = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
+            site = _chosen(tests, loc, frame) or _in_a_call(roots, loc, frame)
+            return None if site is None else _bool_hint(site, spelling)
+        asking = [_Site(n, n, root) for root in roots for n in _in_order(root) if _asks(n, asked)]
+        asking.sort(key=lambda site: isinstance(site.node, ast.Call) and isinstance(site.node.func, ast.Attribute))
+        site = _chosen(asking, loc, frame)
         if site is None:
             return None
         index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
-        return _conversion_hint(site.tested, _Spelling.of(loc.file), index.id if isinstance(index, ast.Name) else "i")
-    except RecursionError:  # as above
+        return _conversion_hint(site.tested, spelling, index.id if isinstance(index, ast.Name) else "i")
+    except RecursionError:  # an expression deeper than Python's stack: the error comes without this hint
         return None
 
 
@@ -200,7 +220,7 @@ def _of_the_host(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant)
 
 
-def _asks(node: ast.expr, kind: str) -> bool:
+def _asks(node: ast.AST, kind: str) -> TypeGuard[ast.expr]:
     """Return whether the expression may ask a value for this kind of number."""
     match node:
         case ast.Call(func=ast.Name(id=name)):

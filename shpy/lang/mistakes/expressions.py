@@ -12,10 +12,10 @@ from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.explain import conversion_of
-from shpy.lang.mistakes.facts import NO_OBJECT, Block, Change, Fact, Place, State, Use
+from shpy.lang.mistakes.facts import NO_OBJECT, Block, Change, Fact, State, Use, copy_instead, store_instead
 from shpy.lang.mistakes.kinds import Judge, Kind, Known
 from shpy.lang.recording.scope import Scope, bound_names
-from shpy.lang.recording.tree import FunctionNode
+from shpy.lang.recording.tree import FunctionNode, quoted
 
 
 class Expressions:
@@ -30,7 +30,7 @@ class Expressions:
         self.definitions: list[FunctionNode] = []
         self.called: list[object] = []
         self.judge = Judge(scope, self._known)
-        self.read_paths: set[Place] = set()
+        self.read_paths: set[str] = set()
         self._hidden: list[set[str]] = []
         self._asking_none = False
         self._clock = 0
@@ -48,12 +48,12 @@ class Expressions:
         self._objects += 1
         return self._objects
 
-    def single(self, place: Place) -> Fact | None:
+    def single(self, place: str) -> Fact | None:
         """Return the assignment that a place comes from, if there is just one."""
         facts = self.state.get(place, ())
         return facts[0] if len(facts) == 1 else None
 
-    def _known(self, place: Place) -> Known | None:
+    def _known(self, place: str) -> Known | None:
         if any(place in hidden for hidden in self._hidden):
             return Known(Kind.UNKNOWN)
         facts = self.state.get(place)
@@ -74,7 +74,7 @@ class Expressions:
 
     def bind_path(
         self,
-        place: Place,
+        place: str,
         node: ast.AST,
         known: Known,
         *,
@@ -89,7 +89,7 @@ class Expressions:
         self.state[place] = (fact,)
         return fact
 
-    def change(self, place: Place, node: ast.stmt) -> None:
+    def change(self, place: str, node: ast.stmt) -> None:
         """Note a store into the value of a name."""
         fact = self.single(place)
         if fact is not None and fact.object != NO_OBJECT:
@@ -97,14 +97,14 @@ class Expressions:
 
     # Uses.
 
-    def use(self, place: Place, node: ast.AST, *, reads: bool = True) -> None:
+    def use(self, place: str, node: ast.AST, *, reads: bool = True) -> None:
         """Note the use of a place: for what it holds (`reads`), or only to store into it."""
         if any(place in hidden for hidden in self._hidden):
             return
         facts = self.state.get(place, ())
         for fact in facts:
             if fact.escaped is not None and fact.suspicious():
-                raise self.rebound(fact, fact.escaped, node, next_turn=False)
+                raise self.rebound(fact, fact.escaped, node, next_iteration=False)
             self._expose(Use(place, node, fact, reads, self._asking_none), fact.when)
             if reads and len(facts) == 1:
                 self.check_alias(fact, node)
@@ -116,11 +116,18 @@ class Expressions:
             if block.is_loop and when < block.start:
                 block.exposed.append(use)
 
-    def rebound(self, fact: Fact, block: Block, node: ast.AST, *, next_turn: bool) -> RecordError:
+    def rebound(self, fact: Fact, block: Block, node: ast.AST, *, next_iteration: bool) -> RecordError:
         """Return the error for a place that a block rebinds."""
-        return findings.rebound(self.scope.file, self.scope.prefix, fact, block, node, next_turn=next_turn)
+        file, prefix = self.scope.file, self.scope.prefix
+        loc = findings.at(file, fact.node)
+        if fact.index:
+            return findings.index_used(loc, fact.place, block.written, node, prefix)
+        place = fact.place if fact.place.isidentifier() else quoted(file, node)
+        cure = store_instead(file, prefix, place, fact)
+        made = not (fact.existed or next_iteration)
+        return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, made=made)
 
-    def check_alias(self, fact: Fact, node: ast.AST, *, since: int = 0, next_turn: bool = False) -> None:
+    def check_alias(self, fact: Fact, node: ast.AST, *, since: int = 0, next_iteration: bool = False) -> None:
         """Raise the error for a value read here that was changed through another of its names since it got this one."""
         if fact.object == NO_OBJECT:
             return
@@ -130,7 +137,10 @@ class Expressions:
             aliases = [f for f in (fact, change.fact) if f.alias is not None]
             if aliases:
                 alias = max(aliases, key=lambda f: f.when)
-                raise findings.aliased(self.scope.file, alias, change, fact.place, node, next_turn=next_turn)
+                assert alias.alias is not None
+                file, when = self.scope.file, _used(node, next_iteration).replace(" its ", " the ")
+                cure = copy_instead(file, alias)
+                raise findings.aliased(file, alias.alias, change.node, fact.place, when, cure)
 
     # Expressions, in the order in which they are evaluated.
 
@@ -221,3 +231,7 @@ class Expressions:
             raise RecordError(message, loc=Loc(self.scope.file, node.lineno), cure=cure)
         if callable(called) and not isinstance(called, type):
             self.called.append(called)
+
+
+def _used(node: ast.AST, next_iteration: bool) -> str:
+    return f"{'in its next iteration' if next_iteration else 'after it'} (line {findings.line_of(node)})"

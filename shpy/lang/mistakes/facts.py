@@ -11,11 +11,11 @@ import ast
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.kinds import Kind, Known
+from shpy.lang.recording.tree import quoted
 
 NO_OBJECT = 0
-
-Place: TypeAlias = str  # a name, or a path as it is written: `self.k`, `d['k']`
 
 
 @dataclass(eq=False, slots=True)
@@ -38,7 +38,7 @@ class Block:
 class Fact:
     """One assignment of a place: where, when (in the order of the text), of what kind, and to which object."""
 
-    place: Place
+    place: str
     node: ast.AST
     when: int
     known: Known
@@ -67,7 +67,7 @@ class Fact:
 class Use:
     """A place that is read where no assignment inside the loop has reached it: it is older, or the last iteration's."""
 
-    place: Place
+    place: str
     node: ast.AST
     fact: Fact | None
     reads: bool
@@ -78,13 +78,14 @@ class Use:
 class Change:
     """A store into an object, through one of its names."""
 
-    place: Place
+    place: str
     node: ast.stmt
     when: int
     fact: Fact
 
 
-State: TypeAlias = "dict[Place, tuple[Fact, ...]]"  # the assignments that reach a point
+State: TypeAlias = "dict[str, tuple[Fact, ...]]"
+"""The assignments that reach a point, by place: a name, or a path as it is written (`self.k`, `d['k']`)."""
 
 
 def joined(start: State, ends: list[State], when: int) -> State:
@@ -106,3 +107,50 @@ def joined(start: State, ends: list[State], when: int) -> State:
         if new:
             facts[place] = tuple(new)
     return facts
+
+
+# Cures
+
+
+def store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
+    """Return the store that the user meant; where there is nothing to store into, how to make it."""
+    inside = f"{place}[:] = {quoted(file, fact.value)}" if fact.value is not None else f"{place}[:] = …"
+    if isinstance(fact.node, ast.AugAssign):
+        inside = quoted(file, fact.node)
+    numbers = [f.value for f in fact.before if f.known.kind is Kind.NUMBER and f.value is not None]
+    hosts = [f for f in fact.before if f.known.kind is Kind.HOST]
+    if fact.existed and numbers:
+        start = f"`{place} = {_constructor(prefix, numbers[0], fact)}({quoted(file, numbers[0])})`"
+    elif isinstance(fact.node, ast.AugAssign):
+        local = place.rpartition(".")[2]  # what is stored into an object would outlive the recording
+        start = f"`{local} = {prefix}Attrib1f({place})`"
+        inside = inside.replace(place, local)
+    elif fact.existed and not hosts:
+        return inside
+    else:
+        start = f"`{place} = {fact.known.type}()`" if fact.known.type else f"make `{place}` a value"
+    return findings.stored(start, inside)
+
+
+def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:
+    """Return the type that a host number must get, to become a variable of the program."""
+    if fact.known.type:
+        return fact.known.type
+    numbers = [n.value for n in ast.walk(start) if isinstance(n, ast.Constant)]
+    if numbers and all(isinstance(n, bool) for n in numbers):
+        return f"{prefix}Attrib1b"
+    fractional = fact.known.kind is Kind.VALUE or any(isinstance(n, float) for n in numbers)
+    if fact.value is not None:
+        fractional |= any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(fact.value))
+    return f"{prefix}Attrib1f" if fractional else f"{prefix}Attrib1i"
+
+
+def copy_instead(file: str, fact: Fact) -> str:
+    """Return the assignments that give each name of an alias a value of its own."""
+    statement = fact.alias
+    if isinstance(statement, ast.Assign) and len(statement.targets) > 1:
+        *others, last = (ast.unparse(t) for t in statement.targets)
+        copies = [f"{other} = {last}.copy()" for other in others]
+        return "; ".join([f"{last} = {quoted(file, statement.value)}", *copies])
+    value = ast.unparse(statement.value)  # type: ignore[union-attr]
+    return f"{fact.place} = {f'{fact.known.type}({value})' if fact.known.type else f'{value}.copy()'}"

@@ -17,6 +17,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.expressions import Expressions
 from shpy.lang.mistakes.facts import Block, State, joined
@@ -267,9 +268,9 @@ class Flow(Expressions):
         yield
         self.open.pop()
         if block.is_loop:
-            self._next_turn(block)
+            self._next_iteration(block)
 
-    def _next_turn(self, block: Block) -> None:
+    def _next_iteration(self, block: Block) -> None:
         """Check what the next iteration reads: the names as the body left them."""
         # `x is None` asks Python: metaprogramming that starts with nothing.
         asked = {use.place for use in block.exposed if use.asks_none}
@@ -282,12 +283,12 @@ class Flow(Expressions):
                     continue
                 fact.before = (*fact.before, *earlier)
                 if block.control is not None:
-                    raise self.rebound(fact, block, use.node, next_turn=True)
+                    raise self.rebound(fact, block, use.node, next_iteration=True)
                 if fact.escaped is not None:
-                    raise self.rebound(fact, fact.escaped, use.node, next_turn=False)
+                    raise self.rebound(fact, fact.escaped, use.node, next_iteration=False)
             same = use.fact
             if same is not None and use.reads and self.state.get(use.place) == (same,):
-                self.check_alias(same, use.node, since=block.start, next_turn=True)
+                self.check_alias(same, use.node, since=block.start, next_iteration=True)
 
     def _check_until(self, body: list[ast.stmt]) -> None:
         for statement, following in itertools.pairwise(body):
@@ -361,10 +362,7 @@ class Flow(Expressions):
             if isinstance(part, ast.expr):
                 self.expression(part)
         if isinstance(node, ast.Return):
-            block = next((b for b in reversed(self.open) if b.control), None)
-            if block is not None:
-                value = ast.unparse(node.value) if node.value is not None else ""
-                raise findings.leaves(self.scope.file, node, block, f"SH_RETURN({value})")
+            self._check_returned(node, node.value)
         elif isinstance(node, ast.Break | ast.Continue):
             self._check_loop_jump(node)
             if self.loop_exits:
@@ -378,7 +376,16 @@ class Flow(Expressions):
         loop = next((b for b in reversed(self.open) if b.is_loop), None)
         if loop is None or loop.control is None:
             cure = f"make the loop a `with SH_FOR(…) as i:`, and write `{cure}`"
-        raise findings.leaves(self.scope.file, node, self.open[-1], cure)
+        raise self._left(node, self.open[-1], cure)
+
+    def _check_returned(self, node: ast.AST, value: ast.expr | None) -> None:
+        block = next((b for b in reversed(self.open) if b.control), None)
+        if block is not None:
+            raise self._left(node, block, f"SH_RETURN({ast.unparse(value) if value is not None else ''})")
+
+    def _left(self, node: ast.AST, block: Block, cure: str) -> RecordError:
+        word = {ast.Return: "return", ast.Break: "break", ast.Continue: "continue"}.get(type(node), "yield")
+        return findings.leaves(findings.at(self.scope.file, node), word, block.written, cure)
 
     def _alone(self, node: ast.Expr) -> None:
         value = node.value
@@ -391,10 +398,7 @@ class Flow(Expressions):
             if control in _EXITS or control in _OPENERS:
                 raise findings.without_call(self.scope.file, value, block=control in _OPENERS)
         elif isinstance(value, ast.Yield | ast.YieldFrom) and self.is_program:
-            block = next((b for b in reversed(self.open) if b.control), None)
-            if block is not None:
-                result = ast.unparse(value.value) if value.value is not None else ""
-                raise findings.leaves(self.scope.file, value, block, f"SH_RETURN({result})")
+            self._check_returned(value, value.value)
         self.expression(value)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,31 +226,34 @@ class Value(Operators, AbstractValue):
         return self.copy()
 
     def __round__(self, digits: int | None = None) -> Any:
-        from shpy.lang.mistakes.refusals import refuse_conversion
-
-        refuse_conversion(self, "round", "round()")
+        self._asked("round")
 
     def __bool__(self) -> bool:
-        from shpy.lang.mistakes.refusals import refuse_bool
-
-        return refuse_bool(self)
+        if self._frame is not None:
+            self._asked("bool")
+        if self.size != 1:
+            raise TypeError(f"{type(self).__name__} has several components: sh.any(v) or sh.all(v)")
+        return bool(self._now())
 
     def __int__(self) -> int:
-        return int(self._host("int", "int()"))
+        return int(self._host("int"))
 
     def __float__(self) -> float:
-        return float(self._host("float", "float()"))
+        return float(self._host("float"))
 
     def __index__(self) -> int:
         if self._frame is None and not self.type.is_int:
             raise TypeError(f"{type(self).__name__} cannot be an index")
-        return int(self._host("index", "an index of a Python object"))
+        return int(self._host("index"))
 
-    def _host(self, kind: str, spoken: str) -> Any:
-        from shpy.lang.mistakes.refusals import refuse_conversion
+    def _asked(self, kind: str) -> NoReturn:
+        from shpy.lang.mistakes.explain import refuse  # here: importing shpy records nothing
 
+        refuse(self, kind)
+
+    def _host(self, kind: str) -> Any:
         if self._frame is not None:
-            refuse_conversion(self, kind, spoken)
+            self._asked(kind)
         if self.size != 1:
             raise TypeError(f"{type(self).__name__} has {self.size} components")
         return self._now()[()]
@@ -261,9 +264,7 @@ class Value(Operators, AbstractValue):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if self._frame is not None:
-            from shpy.lang.mistakes.refusals import refuse_array
-
-            refuse_array(self)
+            self._asked("array")
         array = self._now()
         return array if dtype is None else array.astype(dtype)
 
@@ -279,7 +280,7 @@ class Value(Operators, AbstractValue):
         return format(np.asarray(self)[()], spec)
 
     def __trunc__(self) -> int:
-        return int(self._host("trunc", "math.trunc()"))
+        return int(self._host("trunc"))
 
     def __divmod__(self, other: Any) -> Any:
         return self // other, self % other
