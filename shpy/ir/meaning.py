@@ -136,6 +136,14 @@ def popcount(a: Array) -> Array:
     return np.bitwise_count(a.view(np.uint32)).astype(a.dtype)
 
 
+def count_leading_zeros(a: Array) -> Array:
+    """Return the number of zero bits above the highest one bit; 32 for 0."""
+    bits = a.view(np.uint32)
+    for by in (1, 2, 4, 8, 16):
+        bits = bits | (bits >> np.uint32(by))
+    return (32 - np.bitwise_count(bits)).astype(a.dtype)
+
+
 def ldexp(x: Array, n: Array) -> Array:
     """Return x * 2**n, rounded once."""
     return np.asarray(np.ldexp(np.asarray(x, dtype=np.float64), np.clip(n, -2200, 2200)).astype(x.dtype))

@@ -150,6 +150,8 @@ _op("not", "w: T -> T", np.invert, "", symbol="~")
 _op("shl", "i: T X -> T", m.shift_left, "by n mod 32", symbol="<<")
 _op("shr", "i: T X -> T", m.shift_right, "by n mod 32; arithmetic for i", symbol=">>")
 _op("popcount", "i: T -> T", m.popcount, "number of one bits", "Count the one bits, component-wise.")
+_op("count_leading_zeros", "i: T -> T", m.count_leading_zeros, "number of zero bits above the highest one; 32 for 0",
+    "Count the zero bits above the highest one bit, component-wise; 32 for 0.")  # fmt: skip
 # Comparison
 _op("eq", "a: T T -> B", np.equal, "NaN equals nothing", symbol="==", commutative=True)
 _op("ne", "a: T T -> B", np.not_equal, "NaN differs from everything", symbol="!=", commutative=True)

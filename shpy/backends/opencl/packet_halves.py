@@ -39,7 +39,7 @@ _UNARY: Final = (
     "native_cos native_tan".split()
 )
 _FLOAT_ARGUMENTS: Final = {**dict.fromkeys(_UNARY, 1), "pow": 2, "atan2": 2, "fma": 3}
-_INT_ARGUMENTS: Final = {"min": 2, "max": 2, "clamp": 3, "popcount": 1}
+_INT_ARGUMENTS: Final = {"min": 2, "max": 2, "clamp": 3, "clz": 1, "popcount": 1}
 _TESTS: Final = ("isnan", "isinf")
 
 

@@ -28,6 +28,7 @@ _SHADING = {
     "det": "determinant(m)", "select": "cond(c, a, b), a where c holds", "ifelse": "cond(c, a, b)",
     "intBitsToFloat": "float_from_bits(u)", "floatBitsToInt": "bits_from_float(x)",
     "asuint": "bits_from_float(x)", "asfloat": "float_from_bits(u)", "bitCount": "popcount(x)",
+    "clz": "count_leading_zeros(x)",
     "float": "Attrib1f(x)", "int": "Attrib1i(x)", "uint": "Attrib1u(x)", "bool": "Attrib1b(x)", "double": "Attrib1d(x)",
     "half": "Attrib1h(x)", "vec1": "Attrib1f(x)", "mat2": "Matrix2f(row0, row1), which takes rows",
     "mat3": "Matrix3f(row0, row1, row2), which takes rows", "mat4": "Matrix4f(row0, …, row3), which takes rows",

@@ -109,6 +109,11 @@ def smoothstep_between_equals_is_step(a: sh.Attrib1f, x: sh.Attrib1f):
     return sh.smoothstep(a, a, x), sh.step(a, x)
 
 
+@case(n=np.array([0, 1, 2, 255, I_MAX, -1, I_MIN]), expected=(np.array([32, 31, 30, 24, 1, 0, 0]),) * 2)
+def leading_zeros_of_ints(n: sh.Attrib1i):
+    return sh.count_leading_zeros(n), sh.count_leading_zeros(sh.Attrib1u(n))
+
+
 @case(x=f(-1, 0, 0.25, 0.5, 0.75, 1, 2, INF, -INF), expected=f(0, 0, 0.103515625, 0.5, 0.896484375, 1, 1, 1, 0))
 def smootherstep_from_end_to_end(x: sh.Attrib1f):
     return sh.smootherstep(0, 1, x)

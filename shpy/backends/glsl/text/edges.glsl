@@ -119,6 +119,20 @@ int sh_popcount(int a) {
     return int(sh_popcount(uint(a)));
 }
 
+// Makes ones of all bits below the highest one bit, and counts the others.
+uint sh_count_leading_zeros(uint a) {
+    a |= a >> 1;
+    a |= a >> 2;
+    a |= a >> 4;
+    a |= a >> 8;
+    a |= a >> 16;
+    return 32u - sh_popcount(a);
+}
+
+int sh_count_leading_zeros(int a) {
+    return int(sh_count_leading_zeros(uint(a)));
+}
+
 uint sh_bits(precise float x) {
     precise bool nan = x != x;
     return nan ? 0x7fc00000u : floatBitsToUint(x);

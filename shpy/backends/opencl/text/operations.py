@@ -53,6 +53,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
             "sinh cosh tanh asinh acosh atanh pow atan2"
         ).split()
     },
+    "count_leading_zeros": "clz",
     "round": "rint",
 }
 """Operations that are a function of OpenCL C with the table's meaning, transcendentals within relaxed mode's bounds."""
