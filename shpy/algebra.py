@@ -23,6 +23,7 @@ from shpy.lang.programs.inline import Constants, call_recorded
 from shpy.lang.programs.record import InputType, Recorded, record_body
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame, recording
+from shpy.lang.recording.snapshot import Same
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_values, flatten, is_value, leaves, leaves_of
@@ -312,7 +313,7 @@ def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     uniforms = {**p.params, **listed(p.params)}
     _known(p, values, [*p.inputs, *uniforms], "input or param")
     types = {n: t for n, t in p.inputs.items() if n not in values}
-    constants: dict[int, tuple[int, ...]] = {}
+    constants: dict[Same, tuple[int, ...]] = {}
     for name, value in values.items():
         if name not in p.inputs:
             constants |= constants_for(name, uniforms[name], value)

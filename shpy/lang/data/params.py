@@ -23,6 +23,7 @@ from shpy.lang.recording.emit import DEFERRED, Emitter, Handle
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.recording.snapshot import Same
 from shpy.lang.values import arithmetic, coerce
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.matrix import Matrix
@@ -367,11 +368,11 @@ def listed(params: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def constants_for(name: str, uniform: Any, value: Any) -> dict[int, tuple[int, ...]]:
-    """Return the constants that fix a uniform of a program, by the identity of each leaf."""
+def constants_for(name: str, uniform: Any, value: Any) -> dict[Same, tuple[int, ...]]:
+    """Return the constants that fix a uniform of a program, by leaf."""
     if isinstance(uniform, _CompoundParam):
         entries = _leaf_entries(uniform._layout, value, name)
-        return {id(leaf): leaf._constant(entry) for leaf, entry in zip(uniform._leaves, entries, strict=True)}
+        return {Same(leaf): leaf._constant(entry) for leaf, entry in zip(uniform._leaves, entries, strict=True)}
     if isinstance(uniform, _ValueParam):
-        return {id(uniform): uniform._constant(value)}
-    return {id(uniform): constant_of(CLASSES[uniform.kind, uniform.size, uniform.base], value, name)}
+        return {Same(uniform): uniform._constant(value)}
+    return {Same(uniform): constant_of(CLASSES[uniform.kind, uniform.size, uniform.base], value, name)}

@@ -22,6 +22,7 @@ from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.expressions import Expressions
 from shpy.lang.mistakes.facts import Block, State, joined
 from shpy.lang.mistakes.kinds import HOST, NUMBER, UNKNOWN, VALUE, Kind, Known
+from shpy.lang.mistakes.places import Places
 from shpy.lang.recording.scope import UNRESOLVED, Scope
 from shpy.lang.recording.tree import FunctionNode, quoted
 
@@ -29,23 +30,33 @@ _OPENERS = frozenset({"SH_IF", "SH_ELIF", "SH_ELSE", "SH_WHILE", "SH_DO", "SH_FO
 _EXITS = frozenset({"SH_BREAK", "SH_CONTINUE", "SH_RETURN", "SH_DISCARD", "SH_UNTIL"})
 
 
-class Flow(Expressions):
+class Flow:
     """One function's walk."""
 
     def __init__(self, node: FunctionNode, scope: Scope, *, is_program: bool = False) -> None:
-        super().__init__(scope)
+        self.scope = scope
+        self.places = Places(scope)
+        self.expressions = Expressions(scope, self.places)
+        self.judge = self.places.judge
+        self.reachable = True
+        self.definitions: list[FunctionNode] = []
         self.node = node
         self.is_program = is_program
         self.loop_exits: list[list[State]] = []
 
     def check(self) -> None:
-        """Raise the first mistake, if there is any; functions defined inside are looked at after it."""
+        """Raise the first mistake, if there is any; functions defined inside are checked after it."""
         self._arguments()
         self._body(self.node.body)
         for inner in self.definitions:
             flow = Flow(inner, self.scope.nested(inner))
-            flow.called = self.called
+            flow.expressions.called = self.called
             flow.check()
+
+    @property
+    def called(self) -> list[object]:
+        """The functions that the text calls, which deserve the same check."""
+        return self.expressions.called
 
     def _arguments(self) -> None:
         arguments = self.node.args
@@ -55,7 +66,7 @@ class Flow(Expressions):
             else:
                 annotated = self.scope.annotation(argument.annotation)
                 known = self.judge.made_by(*annotated) if annotated is not None else UNKNOWN
-            self.bind_name(argument.arg, argument, known)
+            self.places.bind_name(argument.arg, argument, known)
 
     def _body(self, statements: Sequence[ast.stmt]) -> None:
         for statement in statements:
@@ -68,14 +79,14 @@ class Flow(Expressions):
             case ast.Assign():
                 self._assign(node)
             case ast.AnnAssign(value=value) if value is not None:
-                self.expression(value)
+                self.expressions.visit(value)
                 self._bind_value(node, [node.target], value)
             case ast.AugAssign():
                 self._augment(node)
             case ast.With() | ast.AsyncWith():
                 self._with(node, list(node.items))
             case ast.If():
-                self.expression(node.test)
+                self.expressions.visit(node.test)
                 self._branches([node.body, node.orelse])
             case ast.For() | ast.AsyncFor() | ast.While():
                 self._python_loop(node)
@@ -87,26 +98,26 @@ class Flow(Expressions):
                 self._jump(node)
             case ast.FunctionDef() | ast.AsyncFunctionDef():
                 self.definitions.append(node)
-                self.bind_name(node.name, node, HOST)
+                self.places.bind_name(node.name, node, HOST)
             case ast.ClassDef():
-                self.bind_name(node.name, node, HOST)
+                self.places.bind_name(node.name, node, HOST)
             case ast.Expr():
                 self._alone(node)
             case ast.Import() | ast.ImportFrom():
                 for alias in node.names:
-                    self.bind_name((alias.asname or alias.name).partition(".")[0], node, HOST)
+                    self.places.bind_name((alias.asname or alias.name).partition(".")[0], node, HOST)
             case ast.Delete():
                 for target in node.targets:
-                    self.state.pop(ast.unparse(target), None)
+                    self.places.state.pop(ast.unparse(target), None)
             case ast.Assert():
-                self.expression(node.test)
+                self.expressions.visit(node.test)
             case _:
                 pass
 
     # Assignments.
 
     def _assign(self, node: ast.Assign) -> None:
-        self.expression(node.value)
+        self.expressions.visit(node.value)
         if isinstance(node.value, ast.Tuple):
             for target in node.targets:
                 if isinstance(target, ast.Tuple) and len(target.elts) == len(node.value.elts):
@@ -115,12 +126,12 @@ class Flow(Expressions):
 
     def _bind_value(self, node: ast.Assign | ast.AnnAssign, targets: list[ast.expr], value: ast.expr) -> None:
         known = self.judge.kind(value)
-        source = self.single(value.id) if isinstance(value, ast.Name) else None
+        source = self.places.single(value.id) if isinstance(value, ast.Name) else None
         shared = source if source is not None and known.kind is Kind.VALUE and source.object else None
-        thing = shared.object if shared is not None else self.new_object()
+        thing = shared.object if shared is not None else self.places.new_object()
         for count, target in enumerate(targets):
             if isinstance(target, ast.Name):
-                fact = self.bind_name(target.id, node, known, value=value)
+                fact = self.places.bind_name(target.id, node, known, value=value)
                 fact.object = thing
                 chained = count > 0 and isinstance(targets[count - 1], ast.Name)
                 if known.kind is Kind.VALUE and (shared is not None or chained):
@@ -138,13 +149,13 @@ class Flow(Expressions):
         elif isinstance(value, ast.List) and not any(isinstance(e, ast.Starred) for e in value.elts):
             items = [(str(k), item) for k, item in enumerate(value.elts)]
         for key, item in items:
-            self.bind_path(f"{name}[{key}]", node, self.judge.kind(item), value=item)
+            self.places.bind_path(f"{name}[{key}]", node, self.judge.kind(item), value=item)
 
     def _target(self, target: ast.expr, node: ast.stmt, known: Known, value: ast.expr | None) -> None:
         """Bind any target."""
         match target:
             case ast.Name():
-                self.bind_name(target.id, node, known, value=value)
+                self.places.bind_name(target.id, node, known, value=value)
             case ast.Tuple() | ast.List():
                 pairs: list[ast.expr | None] = [None] * len(target.elts)
                 if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts):
@@ -164,39 +175,39 @@ class Flow(Expressions):
         self, target: ast.Attribute | ast.Subscript, node: ast.stmt, known: Known, value: ast.expr | None
     ) -> None:
         """`x.xy = …` and `x[:] = …` change a value; `self.k = …` and `d["k"] = …` rebind."""
-        self.store_operands(target)
+        self.expressions.store_operands(target)
         kind = self.judge.kind(target.value).kind
         if kind is Kind.VALUE:
             root = _root(target)
             if root is not None:
-                self.change(root, node)
+                self.places.change(root, node)
         elif kind is Kind.HOST and not (isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice)):
             path = ast.unparse(target)
-            existed = path in self.read_paths or self.scope.resolve(target) is not UNRESOLVED
-            self.bind_path(path, node, known, value=value, existed=existed)
+            existed = path in self.expressions.read_paths or self.scope.resolve(target) is not UNRESOLVED
+            self.places.bind_path(path, node, known, value=value, existed=existed)
 
     def _augment(self, node: ast.AugAssign) -> None:
         """`x += v`: in place for a value, a rebinding for a number of Python."""
-        self.expression(node.value)
+        self.expressions.visit(node.value)
         target = node.target
         place = ast.unparse(target)
         known = self.judge.kind(target)
         if isinstance(target, ast.Name):
-            self.use(place, target)
+            self.places.use(place, target)
         else:
-            self.store_operands(target)
-            self.use(place, target)
+            self.expressions.store_operands(target)
+            self.places.use(place, target)
         if known.kind is Kind.VALUE:
             root = _root(target)
             if root is not None:
-                self.change(root, node)
+                self.places.change(root, node)
         elif known.kind is Kind.NUMBER:
             added = self.judge.kind(node.value)
             result = NUMBER if added.kind is Kind.NUMBER else Known(added.kind)
             if isinstance(target, ast.Name):
-                self.bind_name(place, node, result, value=node.value)
+                self.places.bind_name(place, node, result, value=node.value)
             else:
-                self.bind_path(place, node, result, value=node.value, existed=True)
+                self.places.bind_path(place, node, result, value=node.value, existed=True)
 
     def _check_crossed(self, node: ast.Assign, targets: list[ast.expr], values: list[ast.expr]) -> None:
         for first, target in enumerate(targets):
@@ -231,7 +242,7 @@ class Flow(Expressions):
         call = item.context_expr
         control = self.scope.control(call.func if isinstance(call, ast.Call) else call)
         if control not in _OPENERS:
-            self.expression(call)
+            self.expressions.visit(call)
             if item.optional_vars is not None:
                 self._target(item.optional_vars, node, UNKNOWN, None)
             self._with(node, rest)
@@ -248,14 +259,14 @@ class Flow(Expressions):
         written = f"{quoted(self.scope.file, call.func)}({'…' if call.args or call.keywords else ''})"
         block = Block(control, written, node.lineno)
         if control != "SH_WHILE":
-            self.expression(call)
+            self.expressions.visit(call)
         with self.inside(block):
             if control == "SH_WHILE":
-                self.expression(call)
+                self.expressions.visit(call)
             if isinstance(item.optional_vars, ast.Name):
-                self.bind_name(item.optional_vars.id, node, VALUE, index=True)
+                self.places.bind_name(item.optional_vars.id, node, VALUE, index=True)
             self._with(node, rest)
-        for facts in self.state.values():
+        for facts in self.places.state.values():
             for fact in facts:
                 if fact.when >= block.start and fact.escaped is None:
                     fact.escaped = block
@@ -263,10 +274,10 @@ class Flow(Expressions):
     @contextmanager
     def inside(self, block: Block) -> Iterator[None]:
         """Open a block or loop; at its end, consider its next iteration."""
-        block.start = self.tick()
-        self.open.append(block)
+        block.start = self.places.tick()
+        self.places.open.append(block)
         yield
-        self.open.pop()
+        self.places.open.pop()
         if block.is_loop:
             self._next_iteration(block)
 
@@ -275,7 +286,7 @@ class Flow(Expressions):
         # `x is None` asks Python: metaprogramming that starts with nothing.
         asked = {use.place for use in block.exposed if use.asks_none}
         for use in block.exposed:
-            for fact in self.state.get(use.place, ()):
+            for fact in self.places.state.get(use.place, ()):
                 if fact.when < block.start or use.place in asked:
                     continue
                 earlier = () if use.fact is None else (use.fact,)
@@ -283,12 +294,12 @@ class Flow(Expressions):
                     continue
                 fact.before = (*fact.before, *earlier)
                 if block.control is not None:
-                    raise self.rebound(fact, block, use.node, next_iteration=True)
+                    raise self.places.rebound(fact, block, use.node, next_iteration=True)
                 if fact.escaped is not None:
-                    raise self.rebound(fact, fact.escaped, use.node, next_iteration=False)
+                    raise self.places.rebound(fact, fact.escaped, use.node, next_iteration=False)
             same = use.fact
-            if same is not None and use.reads and self.state.get(use.place) == (same,):
-                self.check_alias(same, use.node, since=block.start, next_iteration=True)
+            if same is not None and use.reads and self.places.state.get(use.place) == (same,):
+                self.places.check_alias(same, use.node, since=block.start, next_iteration=True)
 
     def _check_until(self, body: list[ast.stmt]) -> None:
         for statement, following in itertools.pairwise(body):
@@ -302,31 +313,31 @@ class Flow(Expressions):
                 raise findings.until_not_last(self.scope.file, statement, following)
 
     def _branches(self, bodies: list[list[ast.stmt]]) -> None:
-        start, when = self.state, self.tick()
+        start, when = self.places.state, self.places.tick()
         ends: list[State] = []
         for body in bodies:
-            self.state, self.reachable = dict(start), True
+            self.places.state, self.reachable = dict(start), True
             self._body(body)
             if self.reachable:
-                ends.append(self.state)
+                ends.append(self.places.state)
         self.reachable = bool(ends)
-        self.state = joined(start, ends, when)
+        self.places.state = joined(start, ends, when)
 
     def _python_loop(self, node: ast.For | ast.AsyncFor | ast.While) -> None:
         if not isinstance(node, ast.While):
-            self.expression(node.iter)
-        start = self.state
-        self.state = dict(start)
+            self.expressions.visit(node.iter)
+        start = self.places.state
+        self.places.state = dict(start)
         self.loop_exits.append([])
         block = Block(None, "", node.lineno)
         with self.inside(block):
             if isinstance(node, ast.While):
-                self.expression(node.test)
+                self.expressions.visit(node.test)
             else:
                 self._target(node.target, node, self._element(node.iter), None)
             self._body(node.body)
             ends = self.loop_exits.pop()
-            self.state = joined(start, [*([self.state] if self.reachable else []), *ends], block.start)
+            self.places.state = joined(start, [*([self.places.state] if self.reachable else []), *ends], block.start)
         self.reachable = True
         self._body(node.orelse)
 
@@ -340,14 +351,14 @@ class Flow(Expressions):
         return VALUE if self.judge.kind(iterated).kind is Kind.VALUE else UNKNOWN
 
     def _match(self, node: ast.Match) -> None:
-        self.expression(node.subject)
+        self.expressions.visit(node.subject)
         bodies: list[list[ast.stmt]] = []
         for case in node.cases:
             for pattern in ast.walk(case.pattern):
                 if isinstance(pattern, ast.MatchAs | ast.MatchStar) and pattern.name:
-                    self.bind_name(pattern.name, case.pattern, UNKNOWN)
+                    self.places.bind_name(pattern.name, case.pattern, UNKNOWN)
             if case.guard is not None:
-                self.expression(case.guard)
+                self.expressions.visit(case.guard)
             bodies.append(case.body)
         self._branches([*bodies, []])
 
@@ -360,26 +371,26 @@ class Flow(Expressions):
     def _jump(self, node: ast.Return | ast.Break | ast.Continue | ast.Raise) -> None:
         for part in ast.iter_child_nodes(node):
             if isinstance(part, ast.expr):
-                self.expression(part)
+                self.expressions.visit(part)
         if isinstance(node, ast.Return):
             self._check_returned(node, node.value)
         elif isinstance(node, ast.Break | ast.Continue):
             self._check_loop_jump(node)
             if self.loop_exits:
-                self.loop_exits[-1].append(self.state)
+                self.loop_exits[-1].append(self.places.state)
         self.reachable = False
 
     def _check_loop_jump(self, node: ast.Break | ast.Continue) -> None:
-        if not self.open or self.open[-1].control is None:
+        if not self.places.open or self.places.open[-1].control is None:
             return
         cure = "SH_BREAK()" if isinstance(node, ast.Break) else "SH_CONTINUE()"
-        loop = next((b for b in reversed(self.open) if b.is_loop), None)
+        loop = next((b for b in reversed(self.places.open) if b.is_loop), None)
         if loop is None or loop.control is None:
             cure = f"make the loop a `with SH_FOR(…) as i:`, and write `{cure}`"
-        raise self._left(node, self.open[-1], cure)
+        raise self._left(node, self.places.open[-1], cure)
 
     def _check_returned(self, node: ast.AST, value: ast.expr | None) -> None:
-        block = next((b for b in reversed(self.open) if b.control), None)
+        block = next((b for b in reversed(self.places.open) if b.control), None)
         if block is not None:
             raise self._left(node, block, f"SH_RETURN({ast.unparse(value) if value is not None else ''})")
 
@@ -399,7 +410,7 @@ class Flow(Expressions):
                 raise findings.without_call(self.scope.file, value, block=control in _OPENERS)
         elif isinstance(value, ast.Yield | ast.YieldFrom) and self.is_program:
             self._check_returned(value, value.value)
-        self.expression(value)
+        self.expressions.visit(value)
 
 
 def _root(node: ast.expr) -> str | None:

@@ -27,12 +27,12 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.structure import build_values, flatten, leaves
 
-Constants = Mapping[int, tuple[int, ...]]
-"""Constants by the `id` of the Param or dependent uniform that they replace."""
+Constants = Mapping[Same, tuple[int, ...]]
+"""Constants by the Param or dependent uniform that they replace."""
 
 
 def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], constants: Constants) -> Any:
-    """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms, by their identity."""
+    """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms."""
     names = _Names(frame.recording, recorded, given, constants)
     functions = {f.name: f for f in (names.function(f) for f in recorded.module.functions[:-1])}
     for function in functions.values():
@@ -126,9 +126,9 @@ class _Names:
 
     def _uniform(self, value: Value, uniform: Any) -> Stmt | list[Stmt]:
         """Return the source of a uniform's value: a constant, the uniform itself, or its expression."""
-        if id(uniform) in self.constants:
-            return Let(value, "const", (), self.constants[id(uniform)])
-        if isinstance(uniform, Dependent) and any(id(source) in self.constants for source in uniform.sources):
+        if Same(uniform) in self.constants:
+            return Let(value, "const", (), self.constants[Same(uniform)])
+        if isinstance(uniform, Dependent) and any(Same(source) in self.constants for source in uniform.sources):
             return self._expression(value, uniform.root)
         return Let(value, "param", (), self.recording.use("param", self.recording.params, uniform))
 

@@ -1,0 +1,139 @@
+"""Where the places of a function's text come from, at each point of a walk: names, items and attributes.
+
+Stage: record. Keeps the state that statements change; raises when a place is used that a closed block has rebound, or
+when a value is read that was changed through another name.
+"""
+
+from __future__ import annotations
+
+import ast
+
+from shpy.errors import RecordError
+from shpy.lang.mistakes import findings
+from shpy.lang.mistakes.facts import NO_OBJECT, Block, Change, Fact, State, Use, copy_instead, store_instead
+from shpy.lang.mistakes.kinds import Judge, Kind, Known
+from shpy.lang.recording.scope import Scope
+from shpy.lang.recording.tree import quoted
+
+
+class Places:
+    """The state of one function's walk: where each place comes from, and which blocks are open."""
+
+    def __init__(self, scope: Scope) -> None:
+        self.scope = scope
+        self.state: State = {}
+        self.open: list[Block] = []
+        self.changes: dict[int, list[Change]] = {}
+        self.judge = Judge(scope, self._known)
+        self.hidden: list[set[str]] = []
+        self.asking_none = False
+        self._clock = 0
+        self._objects = NO_OBJECT
+
+    def tick(self) -> int:
+        """Return the next moment in the order of the text."""
+        self._clock += 1
+        return self._clock
+
+    def new_object(self) -> int:
+        """Return an object that no name has yet."""
+        self._objects += 1
+        return self._objects
+
+    def single(self, place: str) -> Fact | None:
+        """Return the assignment that a place comes from, if there is just one."""
+        facts = self.state.get(place, ())
+        return facts[0] if len(facts) == 1 else None
+
+    def _known(self, place: str) -> Known | None:
+        if any(place in hidden for hidden in self.hidden):
+            return Known(Kind.UNKNOWN)
+        facts = self.state.get(place)
+        if not facts:
+            return None
+        kinds = {f.known.kind for f in facts}
+        if len(kinds) > 1:
+            return Known(Kind.UNKNOWN)
+        return facts[0].known if len(facts) == 1 else Known(kinds.pop())
+
+    def bind_name(
+        self, name: str, node: ast.AST, known: Known, *, value: ast.expr | None = None, index: bool = False
+    ) -> Fact:
+        """Bind a name; what was known of its items and attributes is forgotten."""
+        for place in [p for p in self.state if p.startswith((f"{name}.", f"{name}["))]:
+            del self.state[place]
+        return self.bind_path(name, node, known, value=value, index=index)
+
+    def bind_path(
+        self,
+        place: str,
+        node: ast.AST,
+        known: Known,
+        *,
+        value: ast.expr | None = None,
+        existed: bool = False,
+        index: bool = False,
+    ) -> Fact:
+        """Bind a place: from here on it comes from this assignment."""
+        before = self.state.get(place, ())
+        existed = existed or any(f.escaped is None for f in before)
+        fact = Fact(place, node, self.tick(), known, self.new_object(), before, existed, value, index=index)
+        self.state[place] = (fact,)
+        return fact
+
+    def change(self, place: str, node: ast.stmt) -> None:
+        """Note a store into the value of a name."""
+        fact = self.single(place)
+        if fact is not None and fact.object != NO_OBJECT:
+            self.changes.setdefault(fact.object, []).append(Change(place, node, self.tick(), fact))
+
+    # Uses.
+
+    def use(self, place: str, node: ast.AST, *, reads: bool = True) -> None:
+        """Note the use of a place: for what it holds (`reads`), or only to store into it."""
+        if any(place in hidden for hidden in self.hidden):
+            return
+        facts = self.state.get(place, ())
+        for fact in facts:
+            if fact.escaped is not None and fact.suspicious():
+                raise self.rebound(fact, fact.escaped, node, next_iteration=False)
+            self._expose(Use(place, node, fact, reads, self.asking_none), fact.when)
+            if reads and len(facts) == 1:
+                self.check_alias(fact, node)
+        if not facts:
+            self._expose(Use(place, node, None, reads, self.asking_none), 0)
+
+    def _expose(self, use: Use, when: int) -> None:
+        for block in self.open:
+            if block.is_loop and when < block.start:
+                block.exposed.append(use)
+
+    def rebound(self, fact: Fact, block: Block, node: ast.AST, *, next_iteration: bool) -> RecordError:
+        """Return the error for a place that a block rebinds."""
+        file, prefix = self.scope.file, self.scope.prefix
+        loc = findings.at(file, fact.node)
+        if fact.index:
+            return findings.index_used(loc, fact.place, block.written, node, prefix)
+        place = fact.place if fact.place.isidentifier() else quoted(file, node)
+        cure = store_instead(file, prefix, place, fact)
+        made = not (fact.existed or next_iteration)
+        return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, made=made)
+
+    def check_alias(self, fact: Fact, node: ast.AST, *, since: int = 0, next_iteration: bool = False) -> None:
+        """Raise the error for a value read here that was changed through another of its names since it got this one."""
+        if fact.object == NO_OBJECT:
+            return
+        for change in self.changes.get(fact.object, ()):
+            if change.place == fact.place or change.when < max(fact.when, since):
+                continue
+            aliases = [f for f in (fact, change.fact) if f.alias is not None]
+            if aliases:
+                alias = max(aliases, key=lambda f: f.when)
+                assert alias.alias is not None
+                file, when = self.scope.file, _used(node, next_iteration).replace(" its ", " the ")
+                cure = copy_instead(file, alias)
+                raise findings.aliased(file, alias.alias, change.node, fact.place, when, cure)
+
+
+def _used(node: ast.AST, next_iteration: bool) -> str:
+    return f"{'in its next iteration' if next_iteration else 'after it'} (line {findings.line_of(node)})"
