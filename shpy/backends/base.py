@@ -202,6 +202,13 @@ class Collectives:
     """take(source, index): the element at each index, the nearest where it is out of range."""
     put: Callable[[Any, Any, Any], None] | None = None
     """put(values, index, target): write each value to its place; of several for a place the last one stays."""
+    place: Callable[[Any, Any, Any], None] | None = None
+    """place(values, index, target): write each value to its place, where no place occurs twice.
+
+    None too where a kernel with a condition saves by itself what a list of elements would save.
+    """
+    mark: Callable[[Any, Any], None] | None = None
+    """mark(mask, status): set the status WRITTEN where the mask is True, and DISCARDED elsewhere."""
     sort: Callable[[Any, bool], Any] | None = None
     """sort(keys, descending): the keys in order, equal ones in the order they had."""
     order: Callable[[Any, bool, int | None], Any] | None = None
@@ -276,13 +283,6 @@ class Space(Protocol):
 
     def count(self, status: Any) -> Counts:
         """Count what the statuses say, once everything that was started has ended."""
-
-    def lists(self, guarded: Executable, plain: Executable) -> Callable[[DeviceCall], Callable[[], None]] | None:
-        """Return what prepares one run of the elements that are alive, as a list of them where that takes less time.
-
-        `guarded` is the kernel whose last input says which elements are alive, `plain` the same kernel without it. None
-        where the guarded kernel saves as much by itself.
-        """
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
         """Call a function with `Memory.native` of some memories, on the thread that may use them."""

@@ -140,7 +140,7 @@ def halve(x: sh.Attrib2f, by: sh.Attrib1f):
 @pytest.mark.parametrize("pays", [True, False])
 def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
     """A list or not, whichever takes less time: with uniform inputs, results of each size, and loops that stop."""
-    from shpy.backends.opencl.device.lists import Lists
+    from shpy.backends.device.listed import Lists
 
     monkeypatch.setattr(Lists, "_pays", lambda *_: pays)
     rng = np.random.default_rng(8)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.numpy.device import run as runtime
+from shpy.backends.device import listed
 from shpy.ir.verifier import verify
 from shpy.passes.rejecting import find_rejection
 
@@ -66,10 +66,10 @@ def test_a_list_of_elements_gives_the_same(monkeypatch, share, tile):
     out = rng.random(100, np.float32)
     kernel = late.compile("numpy", loop_limit=tile)  # a kernel of this test alone
     kernel._executable.tile = tile
-    monkeypatch.setattr(runtime, "_WORTH_A_LIST", 1000)
+    monkeypatch.setattr(listed, "_WORTH_A_LIST", 1000)
     plain = kernel.run(x, t, out=out.copy())
-    monkeypatch.setattr(runtime, "_WORTH_A_LIST", 0)
-    listed = kernel.run(x, t, out=out.copy())
-    np.testing.assert_array_equal(plain.written, listed.written)
-    np.testing.assert_array_equal(plain.outputs.view(np.int32), listed.outputs.view(np.int32))
-    assert plain.count == listed.count
+    monkeypatch.setattr(listed, "_WORTH_A_LIST", 0)
+    in_list = kernel.run(x, t, out=out.copy())
+    np.testing.assert_array_equal(plain.written, in_list.written)
+    np.testing.assert_array_equal(plain.outputs.view(np.int32), in_list.outputs.view(np.int32))
+    assert plain.count == in_list.count

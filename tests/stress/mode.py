@@ -26,12 +26,11 @@ from unittest.mock import patch
 
 import numpy as np
 
-from shpy.backends.device import pace
+from shpy.backends.device import listed, pace
 from shpy.backends.glsl.device import memory as glsl_memory, run as glsl_runtime, textures as glsl_textures
 from shpy.backends.numpy.device import run as numpy_runtime
 from shpy.backends.opencl.device import (
     driver as opencl_device,
-    lists as opencl_lists,
     memory as opencl_memory,
     run as opencl_runtime,
     staging as opencl_staging,
@@ -88,11 +87,11 @@ class Stress:
             return places_of(shape, min(tile, -(-count // self.random.choice((1, 2, 3, MANY)))), **options)
 
         stack.enter_context(patch.object(numpy_runtime, "places_of", small_places))
-        stack.enter_context(patch.object(numpy_runtime, "_WORTH_A_LIST", self.random.choice((1, 64, 4096))))
+        stack.enter_context(patch.object(listed, "_WORTH_A_LIST", self.random.choice((1, 64, 4096))))
         stack.enter_context(patch.object(glsl_runtime, "BAND", self.random.choice((1, 100, 1 << 11, 1 << 22))))
         stack.enter_context(patch.object(glsl_memory, "_AHEAD", self.random.choice((1, 2, 64))))
         stack.enter_context(patch.object(opencl_memory, "_AHEAD", self.random.choice((1, 2, 256))))
-        stack.enter_context(patch.object(opencl_lists.Lists, "_pays", lambda _, live, count: not live or self.chance()))
+        stack.enter_context(patch.object(listed.Lists, "_pays", lambda _, live, count: not live or self.chance()))
         is_small = opencl_staging.is_small
         staged = lambda call: is_small(call) and self.chance(0.8)  # noqa: E731
         stack.enter_context(patch.object(opencl_runtime, "is_small", staged))

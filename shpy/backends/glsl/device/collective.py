@@ -80,7 +80,7 @@ _KINDS: Final = {Base.I: "i", Base.U: "u", Base.B: "u"}
 def collectives(space: GlslSpace, context: Context) -> Collectives:
     """Return the operations that this device does itself."""
     own = _Points(space, context)
-    return Collectives(put=own.put, tally=own.tally)
+    return Collectives(put=own.put, tally=own.tally)  # no lists: the depth test discards before a kernel runs
 
 
 class _Points:

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Collectives, Counts, Executable
+from shpy.backends.base import Array, Collectives, Counts
 from shpy.backends.glsl.device.context import VERTEX, Context, check
 from shpy.backends.glsl.device.textures import (
     FOLD,
@@ -351,9 +351,6 @@ class GlslSpace:
         vertices.render(moderngl.POINTS if points else moderngl.TRIANGLES, count)
         self._context.resting.use()
         check(gl, "move or count elements")
-
-    def lists(self, guarded: Executable, plain: Executable) -> None:
-        """Return None: the depth test discards them before the kernel runs."""
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
         """Start one after the other, all on the context's thread."""

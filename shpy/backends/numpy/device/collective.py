@@ -86,5 +86,5 @@ def _tally(numbers: Any, bins: int) -> NumpyMemory:
     return _indices(np.bincount(kept, minlength=bins))
 
 
-COLLECTIVES: Final = Collectives(_select, _take, _put, _sort, _order, _tally)
-"""The operations of arrays."""
+COLLECTIVES: Final = Collectives(_select, _take, _put, sort=_sort, order=_order, tally=_tally)
+"""The operations of arrays. numpy's kernels make lists of elements by themselves."""

@@ -20,7 +20,6 @@ from shpy.backends.base import (
     Collectives,
     Counts,
     DeviceCall,
-    Executable,
     TableData,
     TableMemory,
     too_large,
@@ -114,9 +113,6 @@ class NumpySpace:
     def count(self, status: Any) -> Counts:
         """Count what the statuses say."""
         return Counts.of(status.array)
-
-    def lists(self, guarded: Executable, plain: Executable) -> None:
-        """Return None: numpy's kernels make lists themselves."""
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
         """Call it: any thread may use an array."""

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options, TableData
+from shpy.backends.device.listed import few, is_worth_a_list, run_some
 from shpy.backends.dump import dump
 from shpy.backends.numpy.apart import Layout, lay_out
 from shpy.backends.numpy.device.collective import COLLECTIVES
@@ -40,10 +42,6 @@ TILE: Final = 32_768
 """Lanes that run together."""
 LARGE_TILE: Final = 65_536
 """Lanes that run together where that is better, see `Printed.large`."""
-_FEW: Final = 0.7
-"""The share of elements below which a list of them pays, though they are gathered and scattered."""
-_WORTH_A_LIST: Final = 4096
-"""Elements of a run with fewer of which the condition is not evaluated first."""
 _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
     ("place", ""): lambda place: place,
     ("grid_index", ""): lambda place: place.index,
@@ -145,11 +143,10 @@ class NumpyExecutable:
         """Run it; gives the status of each element, or None when every element was written."""
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
-        live = self._live(call)
-        if live is not None and status is not None:
-            self._run_listed(call, live, uniforms, status)
-            return status
+        live = None if status is None else self._live(call)
         with np.errstate(all="ignore"):
+            if live is not None:
+                return self._run_listed(call, live, uniforms)
             for place in places_of(call.shape, self.tile, grid=self.layout.grid):
                 self._run_tile(call, place, uniforms, status)
         return None if status is None or np.all(status == Status.WRITTEN) else status
@@ -160,27 +157,24 @@ class NumpyExecutable:
 
     def _live(self, call: Call) -> Array | None:
         """Return the indices of the elements that are not discarded at the start, if they are few; None: all run."""
-        if self.rejection is None or call.count < _WORTH_A_LIST:
+        if self.rejection is None or not is_worth_a_list(call.count):
             return None
         rejected = np.empty(call.count, np.bool_)
         self.rejection.run(replace(call, outputs=(rejected,)))
-        live = np.flatnonzero(~rejected)
-        return live if len(live) < _FEW * call.count else None
+        return few(~rejected)
 
-    def _run_listed(self, call: Call, live: Array, uniforms: dict[tuple[str, str], Any], status: Array) -> None:
-        """Run some elements, in tiles of which every lane is one of them."""
-        status[:] = Status.DISCARDED
-        with np.errstate(all="ignore"):
-            for start in range(0, len(live), self.tile):
-                elements = live[start : start + self.tile]
-                inputs = tuple(x if len(x) == 1 else x[elements] for x in call.inputs)
-                outputs = tuple(out[elements] for out in call.outputs)
-                ended = np.empty(len(elements), np.int32)
-                part = replace(call, inputs=inputs, outputs=outputs)
-                self._run_tile(part, Listed.of(elements, call.shape), uniforms, ended)
-                status[elements] = ended
-                for out, found in zip(call.outputs, outputs, strict=True):
-                    out[elements] = found
+    def _run_listed(self, call: Call, live: Array, uniforms: dict[tuple[str, str], Any]) -> Array:
+        """Run some elements, in tiles whose lanes are these elements; gives the status of each element of the call."""
+        status = np.full(call.count, Status.DISCARDED, np.int32)
+        for start in range(0, len(live), self.tile):
+            elements = live[start : start + self.tile]
+            run_some(call, elements, status, partial(self._run_list, Listed.of(elements, call.shape), uniforms))
+        return status
+
+    def _run_list(self, place: Place, uniforms: dict[tuple[str, str], Any], call: Call) -> Array:
+        ended = np.empty(call.count, np.int32)
+        self._run_tile(call, place, uniforms, ended)
+        return ended
 
     def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
         part, extents = place.part, place.extents

@@ -17,7 +17,7 @@ from shpy.backends.base import Collectives, NodeTypes, Precision
 from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
 from shpy.backends.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, held
 from shpy.backends.opencl.device.trees import OpenCLTree, tree_of
-from shpy.ir.nodes import Module
+from shpy.ir.nodes import Module, Status
 from shpy.ir.types import Base, vec
 
 __all__ = ["collectives"]
@@ -153,6 +153,21 @@ __kernel void put(__global const WORD *values, __global const int *winners, uint
         for (int k = 0; k < SIZE; ++k)
             target[i * SIZE + k] = values[(size_t)winners[i] * SIZE + k];
 }
+
+// No place occurs twice.
+__kernel void place(__global const WORD *values, __global const INDEX *indices, uint n, __global WORD *target) {
+    size_t i = get_global_id(0);
+    if (i < n)
+        for (int k = 0; k < SIZE; ++k)
+            target[(size_t)indices[i] * SIZE + k] = values[i * SIZE + k];
+}
+"""
+_MARK: Final = f"""\
+__kernel void mark(__global const uchar *mask, uint n, __global int *status) {{
+    size_t i = get_global_id(0);
+    if (i < n)
+        status[i] = mask[i] ? {Status.WRITTEN} : {Status.DISCARDED};
+}}
 """
 _TALLY: Final = """\
 __kernel void tally(__global const int *numbers, uint n, uint chunk, uint bins, __global int *counts) {
@@ -190,7 +205,7 @@ def collectives(space: OpenCLSpace) -> Collectives:
     """Return the operations that this device does itself."""
     own = _OpenCLCollectives(space)
     tree = own.tree if own.on_cpu else None
-    return Collectives(own.select, own.take, own.put, own.sort, own.order, own.tally, tree)
+    return Collectives(own.select, own.take, own.put, own.place, own.mark, own.sort, own.order, own.tally, tree)
 
 
 class _OpenCLCollectives:
@@ -228,6 +243,16 @@ class _OpenCLCollectives:
         self._run(text, "forget", places, winners, places, group=LOCAL_SIZE)
         self._run(text, "compete", n, index, n, places, winners, group=LOCAL_SIZE)
         self._run(text, "put", places, values, winners, places, target, group=LOCAL_SIZE)
+
+    def place(self, values: Any, index: Any, target: Any) -> None:
+        """Write elements to their places, none of which occurs twice."""
+        self._run(
+            self._moving(values, index), "place", index.count, values, index, index.count, target, group=LOCAL_SIZE
+        )
+
+    def mark(self, mask: Any, status: Any) -> None:
+        """Set the status of each element: WRITTEN where it is marked."""
+        self._run(_MARK, "mark", mask.count, mask, mask.count, status, group=LOCAL_SIZE)
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""

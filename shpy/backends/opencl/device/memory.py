@@ -3,7 +3,7 @@
 Stage: run. Everything is started on one queue, which runs it in order, so a buffer that nobody holds any longer may be
 taken again at once. The host waits when it reads, and now and then, so that what is started does not pile up.
 
-    space = OpenCLSpace(machine, collectives, Lists)
+    space = OpenCLSpace(machine, collectives)
     memory = space.allocate(4, vec(Base.F, 3), np.dtype(np.float32))
     space.start([executable.ready(call)])
     memory.read()
@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Collectives, Counts, DeviceCall, Executable, too_large
+from shpy.backends.base import Array, Collectives, Counts, too_large
 from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
 from shpy.backends.opencl.device.driver import ANY_SIZE, Machine
 from shpy.errors import ShpyTypeError
@@ -163,16 +163,10 @@ class OpenCLSpace:
     overwrites = True
     on_host = False
 
-    def __init__(
-        self,
-        machine: Machine,
-        collectives: Callable[[OpenCLSpace], Collectives],
-        lists: Callable[[OpenCLSpace, Executable, Executable], Callable[[DeviceCall], Callable[[], None]]],
-    ) -> None:
-        """Open the memory of a device; `collectives` and `lists` make what the device does with it."""
+    def __init__(self, machine: Machine, collectives: Callable[[OpenCLSpace], Collectives]) -> None:
+        """Open the memory of a device; `collectives` makes the operations that the device does itself."""
         self.machine = machine
         self.collectives = collectives(self)
-        self._lists = lists
         self._started = 0
         self._kernels: dict[tuple[str, str], Any] = {}
 
@@ -298,10 +292,6 @@ class OpenCLSpace:
                 run()
                 self._count_one()
             machine.queue.flush()
-
-    def lists(self, guarded: Executable, plain: Executable) -> Callable[[DeviceCall], Callable[[], None]]:
-        """Return what prepares a run over a list of the elements that are alive."""
-        return self._lists(self, guarded, plain)
 
     def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
         """Return what copies vectors of three to vectors of four, as the tables of packets have them."""

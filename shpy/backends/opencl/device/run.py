@@ -30,7 +30,6 @@ from shpy.backends.opencl.device.beside import Beside, Compiled, Facts
 from shpy.backends.opencl.device.collective import collectives
 from shpy.backends.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, launch, starter
 from shpy.backends.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
-from shpy.backends.opencl.device.lists import Lists
 from shpy.backends.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged_array
 from shpy.backends.opencl.device.targets import PACKET_TARGET, TARGET
@@ -103,7 +102,7 @@ class OpenCLBackend:
 
 @cache
 def _space_of(machine: Machine) -> OpenCLSpace:
-    return OpenCLSpace(machine, collectives, lambda *kernels: Lists(*kernels).ready)
+    return OpenCLSpace(machine, collectives)
 
 
 def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
