@@ -1,4 +1,4 @@
-"""Whether our hits are Embree's and our pictures Mitsuba's, and who is right where they are not.
+"""Compare our hits with Embree's and our pictures with Mitsuba's, and judge who is right where they differ.
 
     print(hits(mesh, quick=False).markdown())
     print(whitted(mesh, quick=False).markdown())
@@ -101,7 +101,7 @@ def error(corners: np.ndarray, ray: tuple[np.ndarray, np.ndarray], exact: int, a
 
 
 def passed(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether a ray's line goes through each triangle, how far it passes from the edges, and its distance there."""
+    """Return whether a ray's line meets each triangle, how far it passes from the edges, and its distance there."""
     direction = direction / np.linalg.norm(direction)
     away = corners - origin
     seen = away - (away @ direction)[..., None] * direction  # as the eye sees it: the ray is the origin
@@ -139,7 +139,7 @@ def whitted(mesh: Mesh, quick: bool) -> Table:
 
 
 def edges(pixels: np.ndarray) -> np.ndarray:
-    """Whether each pixel of (H, W, 3) differs from one of its eight neighbours by more than 1/255."""
+    """Return whether each pixel of (H, W, 3) differs from one of its eight neighbours by more than 1/255."""
     padded = np.pad(pixels, ((1, 1), (1, 1), (0, 0)), mode="edge")
     around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))
     return np.asarray((np.abs(around - pixels[..., None, None]) > 1 / 255).any(axis=(2, 3, 4)))

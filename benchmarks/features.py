@@ -1,4 +1,4 @@
-"""What each feature of the ray tracer costs, on every backend, and that it costs nothing where it is not used.
+"""The cost of each feature of the ray tracer on every backend: nothing where it is not used.
 
     print(features(mesh, quick=False).markdown())
 
@@ -143,7 +143,7 @@ def features(mesh: Mesh, quick: bool) -> Table:
 
 
 def unused_costs_nothing(case: Case, known: dict[str, Case], backends: Sequence[str] = tuple(TEXTS)) -> bool | None:
-    """Whether a scene in which the feature has nothing to do has the text of the plain scene, on each backend.
+    """Return whether a scene in which the feature has nothing to do has the text of the plain scene, on each backend.
 
     None where there is no such scene but the plain one.
     """

@@ -1,4 +1,4 @@
-"""What strict mode's functions cost and how exact they are: each against the target's own, in core-nanoseconds a call.
+"""The cost and the error of strict mode's functions, each beside the target's own, in core-nanoseconds a call.
 
     python -m benchmarks --only functions,modes
 

@@ -1,4 +1,4 @@
-"""Who is compared with: which peers are installed, in which version, and what brings a missing one.
+"""Peers: those installed, with their versions, and the command that installs a missing one.
 
 found, missing = available(["drjit", "numba"])
 for name in found:

@@ -1,4 +1,4 @@
-"""What is printed and written about measurements: tables for the terminal and for Markdown, and JSON.
+"""Reports of measurements: tables for the terminal and for Markdown, and JSON.
 
 print(table(measured))
 print(means(all_measured))

@@ -30,7 +30,7 @@ PAUSE = 0.03
 
 @dataclass
 class Measured:
-    """What came of one work.
+    """The outcome of one work.
 
     `seconds` by contender, one for each round, and `cpu` seconds of all threads; `best` single call of all; how answers
     agree; the `first` call, with all that is compiled for it; who failed and why.
@@ -47,7 +47,7 @@ class Measured:
 
     @property
     def right(self) -> bool:
-        """Whether all answers agree and nobody failed."""
+        """Return whether all answers agree and nobody failed."""
         return not self.failed and all(a.same for a in self.agreement.values())
 
     def ratios(self, contender: str, base: str) -> np.ndarray:

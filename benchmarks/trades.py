@@ -1,4 +1,4 @@
-"""Whether `tradeoff` keeps what it promises: six kernels, and three scenes, checked on inputs that it has not seen.
+"""Check the promises of `tradeoff` with six kernels and three scenes, on inputs that it has not seen.
 
     print(STUDIES["budgets"](mesh, quick=False).markdown())
 

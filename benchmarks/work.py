@@ -1,4 +1,4 @@
-"""What a benchmark is: inputs, several versions of one computation, and when their answers count as the same.
+"""A benchmark: inputs, several versions of one computation, and the rule by which their answers agree.
 
     MANDELBROT = Work("mandelbrot", "Mandelbrot set …", inputs=points, size=1024, quick=64, within=0, share=0.01)
 

@@ -27,7 +27,7 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(items):
-    """What runs longest goes first, so that no worker is left alone with it at the end."""
+    """Run the longest tests first, so that no worker is left alone with one at the end."""
     items.sort(key=lambda item: "test_generated" not in item.nodeid)
 
 
@@ -56,7 +56,7 @@ def snapshots(request):
 
 @pytest.fixture(autouse=True, scope="module")
 def _earlier_objects_stay():
-    """What earlier modules left is not looked at again: it grows so large that each collection takes seconds."""
+    """Freeze what earlier modules left: it grows so large that each collection takes seconds."""
     gc.collect()
     gc.freeze()
 

@@ -80,7 +80,7 @@ class Source:
                     zipfile.ZipFile(archive).extractall(self.path)
 
     def environment(self, target: str) -> dict[str, str]:
-        """What selects it, beside a file that tells a loader where the library is."""
+        """Return the variables that select it, beside a file that tells a loader where the library is."""
         library = self.found()
         assert library is not None
         folders = {str(other.parent) for other in self.path.rglob("*.so*")} - {str(library.parent)}
@@ -109,7 +109,7 @@ class Driver:
 
     @property
     def installed(self) -> bool:
-        """Whether it can be run."""
+        """Return whether it can be run."""
         return self.source is None or self.source.found() is not None
 
     @property

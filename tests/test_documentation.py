@@ -52,7 +52,7 @@ class Document:
     count: int = 0
 
     def block(self, match):
-        """What the block should hold."""
+        """Return the text that the block should hold."""
         info, text = match["info"].split(), match["text"]
         if info[1:2] == ["emitted"]:
             return self.last_program().compile(info[2], lanes=1).source

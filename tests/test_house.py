@@ -110,7 +110,7 @@ def test_files_are_short_and_well_named():
 
 
 def is_one_match(function):
-    """Whether the function is one flat `match`, which may be as long as there are cases."""
+    """Return whether the function is one flat `match`, which may be as long as there are cases."""
     last = function.body[-1]
     return isinstance(last, ast.Match) and last.end_lineno - last.lineno >= 0.6 * (
         function.end_lineno - function.lineno

@@ -79,7 +79,7 @@ def check_combination(program: Any, stream: Any, name: str) -> None:
 
 @lru_cache(maxsize=256)
 def _fits(program: Program, type_: Any) -> bool:
-    """Whether the program takes two elements of a type and gives one."""
+    """Return whether the program takes two elements of a type and gives one."""
     element = leaf_types(type_)
     inputs = program.inputs.values()
     taken = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]

@@ -65,7 +65,7 @@ class Ended(Exception):
 
 @dataclass(slots=True)
 class Run:
-    """What one run knows besides its frames, each of which holds it in its first place."""
+    """The state of one run besides its frames, each of which holds it in its first place."""
 
     params: dict[str, Any]
     tables: dict[str, Array]

@@ -1,4 +1,4 @@
-"""What each operation means: numpy functions that the op table refers to and the interpreter executes.
+"""The meaning of each operation: numpy functions that the op table refers to and the interpreter executes.
 
 Stage: represent. A scalar is an array of any shape L (() for one element, (lanes,) for many); a vector of n components
 is (n, *L). Every function takes and gives arrays of the types in the op table. Edges are those of docs/numerics.md.

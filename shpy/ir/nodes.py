@@ -162,7 +162,7 @@ class Discard:
 
 
 class Status:
-    """What became of an element: the value of the status output that every executable gives."""
+    """The end of an element: the value of the status output that every executable gives."""
 
     DISCARDED = 0
     WRITTEN = 1
@@ -197,7 +197,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """What an input or output of the entry is to the user: its name and language type (`Point3f`, `Attrib1i`)."""
+    """The user's view of an input or output of the entry: its name and language type (`Point3f`, `Attrib1i`)."""
 
     name: str
     kind: str

@@ -25,7 +25,7 @@ Types = tuple[Type, ...]
 
 @dataclass(slots=True)
 class Scope:
-    """What an operation can name: slots by id; params, tables and functions declared before, by name."""
+    """The things that an operation can name: slots by id; params, tables and functions declared before, by name."""
 
     variables: dict[int, Variable] = field(default_factory=dict)
     params: dict[str, Param] = field(default_factory=dict)

@@ -130,7 +130,7 @@ def variables_of(function: Function) -> Iterator[Variable]:
 
 
 def continues(loop: Loop) -> bool:
-    """Whether a Continue in the body goes to this loop (not to one nested in it)."""
+    """Return whether a Continue in the body goes to this loop (not to one nested in it)."""
     pending: list[Stmt] = list(loop.body)
     while pending:
         match pending.pop():
@@ -143,7 +143,7 @@ def continues(loop: Loop) -> bool:
 
 
 def is_straight(body: Iterable[Stmt]) -> bool:
-    """Whether a body computes and stores and does nothing else: such a function can be called as an expression."""
+    """Return whether a body only computes and stores: such a function can be called as an expression."""
     return all(isinstance(s, Store) or (isinstance(s, Let) and s.op not in LANE_OPS) for s in body)
 
 

@@ -16,7 +16,7 @@ from typing import Final
 
 
 class Base(StrEnum):
-    """What one component is. `F` is the working float: binary32 unless compiled at another precision."""
+    """The type of one component. `F` is the working float: binary32 unless compiled at another precision."""
 
     F = "f"
     D = "d"
@@ -60,17 +60,17 @@ class Type:
 
     @property
     def is_float(self) -> bool:
-        """Whether components are f, d or h."""
+        """Return whether components are f, d or h."""
         return self.base in FLOATS
 
     @property
     def is_int(self) -> bool:
-        """Whether components are i or u."""
+        """Return whether components are i or u."""
         return self.base in INTS
 
     @property
     def is_bool(self) -> bool:
-        """Whether components are b."""
+        """Return whether components are b."""
         return self.base is Base.B
 
     def sized(self, size: int) -> Type:

@@ -1,4 +1,4 @@
-"""What the functions of the library take: numbers, tuples and values as values of floats.
+"""Operands of the library's functions: numbers, tuples and values become values of floats.
 
 Stage: record.
 

@@ -29,7 +29,7 @@ from shpy.passes.returns import returns_outside_loops
 
 
 def takes_array(function: Function) -> bool:
-    """Whether an array comes by reference."""
+    """Return whether an array comes by reference."""
     return any(isinstance(port, Variable) and port.length is not None for port in function.inputs)
 
 

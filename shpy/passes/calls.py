@@ -26,7 +26,7 @@ from shpy.passes.returns import returns_outside_loops
 
 @dataclass(frozen=True, slots=True)
 class LaneFacts:
-    """What varies in a function that many lanes run at once.
+    """The varying values of a function that many lanes run at once.
 
     `varying` are the ids of its values, `slots` of its variables, that hold one number for every lane; `live` are those
     of the slots that hold which lanes are still in a loop.

@@ -49,7 +49,7 @@ def without_dead_stores(function: Function, functions: Functions) -> Function:
 
 @dataclass(frozen=True, slots=True)
 class _After:
-    """What is live where control may go from here: past the loop, at its continuing, past the function."""
+    """The live variables at each target of control: past the loop, at its continuing, past the function."""
 
     breaking: int
     continuing: int
@@ -115,7 +115,7 @@ class _Liveness:
         return tuple(reversed(kept)), live
 
     def _store(self, store: Store, live: int) -> tuple[bool, int]:
-        """Whether the store is dead, and what is live before it."""
+        """Return whether the store is dead, and what is live before it."""
         whole = self._whole[store.variable]
         if store.index is not None:
             return not live & whole, live

@@ -133,7 +133,7 @@ def _most_iterations(module: Module, *, printed: bool) -> float:
 
 
 class _Plan:
-    """What the functions of a module have in common. `ending`: the names of those that may end the element."""
+    """The facts that the functions of a module share. `ending`: the names of those that may end the element."""
 
     def __init__(self, module: Module, limited: dict[int, int], limit: int, flags: bool, by_value: bool) -> None:
         self.entry = module.entry
@@ -152,7 +152,7 @@ class _Plan:
         return self.flags and loop.turns not in (0, 1)
 
     def ends(self, s: Stmt) -> bool:
-        """Whether a statement may end the element."""
+        """Return whether a statement may end the element."""
         if isinstance(s, Loop):
             return self.flagged(s) or id(s) in self.limited
         return isinstance(s, Discard) or (isinstance(s, Call) and s.function in self.ending)

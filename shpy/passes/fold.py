@@ -180,7 +180,7 @@ def _leaves(region: Region) -> bool:
 
 
 def _targets(region: Region, *kinds: type[Stmt]) -> bool:
-    """Whether an exit of one of these kinds, in this body of a loop, is that loop's."""
+    """Return whether an exit of one of these kinds, in this body of a loop, is that loop's."""
     pending = list(region)
     while pending:
         s = pending.pop()

@@ -20,7 +20,7 @@ from shpy.ir.types import Base, Type
 
 
 class Known(Protocol):
-    """What a rule may ask: how a value was made, its constant components, its type."""
+    """The facts that a rule may use: how a value was made, its constant components, its type."""
 
     made: dict[int, Let]
     types: dict[int, Type]
@@ -125,7 +125,7 @@ def _neutral(known: Known, let: Let, a: int, b: int) -> Found:
 
 
 def _is(known: Known, value: int, number: float) -> bool:
-    """Whether a value is this constant in every component; -1 stands for all bits."""
+    """Return whether a value is this constant in every component; -1 stands for all bits."""
     components = known.constant(value)
     if components is None:
         return False

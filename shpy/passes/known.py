@@ -1,4 +1,4 @@
-"""What is known of values before anything runs: between which numbers an int lies.
+"""Ranges of values, known before anything runs: between which numbers an int lies.
 
 Stage: improve; it changes nothing. A printer asks, and leaves out the clamp of an index that is in range anyway. What
 is not known to be so may be anything.
@@ -26,7 +26,7 @@ _DEEPEST = 50
 
 
 class Known:
-    """What is known of a function's values, wherever in it they are computed."""
+    """The ranges of a function's values, wherever in it they are computed."""
 
     def __init__(self, function: Function) -> None:
         self._lets: dict[int, Let] = {}
@@ -48,7 +48,7 @@ class Known:
                     self._hidden |= set(s.args)  # what is handed on by reference may be changed
 
     def within(self, value: int, low: int, high: int) -> bool:
-        """Whether no component of an int, uint or bool can be outside of these."""
+        """Return whether no component of an int, uint or bool can be outside of these."""
         least, greatest = self.span(value)
         return low <= least and greatest <= high
 

@@ -63,7 +63,7 @@ def of_all_lanes(function: Function) -> Function:
 
 
 class LaneBuilder:
-    """What `vectorize` says in one word.
+    """The operations that `vectorize` needs most, as methods.
 
     `given` are the inputs that vary, `state` the variables that do at this point.
     """
@@ -108,7 +108,7 @@ class LaneBuilder:
         return condition if mask is None else self.let("and", mask, condition, name=name)
 
     def none(self, mask: int) -> int:
-        """Whether no lane of `mask` is set."""
+        """Return whether no lane of `mask` is set."""
         return self.let("not", self.let("lane_any", mask, type=BOOL))
 
     def lanes(self, variable: int, scope: Scope | None = None) -> Variable:

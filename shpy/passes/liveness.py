@@ -1,4 +1,4 @@
-"""Which variables are still needed where, and which a lane may have changed: notes beside a function's statements.
+"""Liveness: the variables that are live, or that a lane may have changed, as notes beside a function's statements.
 
 Stage: improve. Takes a function in which no `Return` stands inside a loop (see `returns.py`); gives a tree of notes
 that runs in step with its statements. The statements themselves stay as they are. After a `Discard` only the status,
@@ -40,7 +40,7 @@ def _members(bits: Bits) -> Set:
 
 @dataclass(slots=True)
 class Note:
-    """What is known about one statement.
+    """The facts about one statement.
 
     `live` are the variables live before and after it, `dirt` those dirty before it. `regions` holds the notes of the
     regions directly inside it: then and orelse, or body and continuing; `entries` what is live where each of them

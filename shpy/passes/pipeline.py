@@ -37,7 +37,7 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a target can do.
+    """The abilities of a target.
 
     `native`: the composite operations that it does itself, with exactly the table's meaning, and the transcendentals
     that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
@@ -67,7 +67,7 @@ class Target:
 
 
 class Options(Protocol):
-    """What preparing asks of the options to compile with."""
+    """The options of a compilation that preparation uses."""
 
     @property
     def precision(self) -> Precision:

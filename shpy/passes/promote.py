@@ -94,7 +94,7 @@ class _Forward(Rewriter):
         return undone
 
     def _visible(self, state: State | None, since: int) -> bool:
-        """Whether everything in the state was made before the `since`-th value."""
+        """Return whether everything in the state was made before the `since`-th value."""
         if state is None:
             return False
         values = (state,) if isinstance(state, int) else [v for v, _ in state]
@@ -135,7 +135,7 @@ class _Forward(Rewriter):
             self._set(variable, self.alias.get(let.value.id, let.value.id))
 
     def _cheap(self, state: State, variable: int) -> bool:
-        """Whether a variable that stays had better be replaced: by a constant, or an earlier load of it."""
+        """Return whether a variable that stays had better be replaced: by a constant, or an earlier load of it."""
         if not isinstance(state, int):
             return False
         made = self.made.get(state)

@@ -92,7 +92,7 @@ class _Rewriter:
         }
 
     def ends_element(self, before: Region) -> bool:
-        """Whether the status has just been stored, and is not WRITTEN."""
+        """Return whether the status has just been stored, and is not WRITTEN."""
         stores = [s for s in before if isinstance(s, Store) and s.variable == self.status]
         return self.status is not None and bool(stores) and stores[-1].value in self.ends
 

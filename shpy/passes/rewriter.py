@@ -163,7 +163,7 @@ def each_function(module: Module, f: Callable[[Function, Functions], Function]) 
 
 
 def falls_through(region: Region) -> bool:
-    """Whether control can reach the region's end."""
+    """Return whether control can reach the region's end."""
     while region:
         last = region[-1]
         if isinstance(last, EXITS):

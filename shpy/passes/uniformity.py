@@ -1,4 +1,4 @@
-"""What is the same for all lanes: the rule for operations, and what is known of a loop.
+"""Uniformity, the same value for all lanes: the rule for operations, and the facts about a loop.
 
 Stage: improve. Part of `vectorize`, which asks `varies` for every operation and keeps `LoopFacts` with every loop.
 
@@ -20,13 +20,13 @@ _VARYING = frozenset({"grid_index", "lane_mask", "neighbour"})
 
 
 def varies(op: str, args: Iterable[bool]) -> bool:
-    """Whether the result of `op` differs from lane to lane, when its arguments do as `args` says."""
+    """Return whether the result of `op` differs from lane to lane, when its arguments do as `args` says."""
     return op in _VARYING or (op not in _UNIFORM and any(args))
 
 
 @dataclass(slots=True)
 class LoopFacts:
-    """What was found out about a loop so far. Everything here only grows, so that it comes to rest."""
+    """The facts about a loop so far. They only grow, so that the analysis ends."""
 
     varying: bool = False
     """Lanes leave it in different iterations."""

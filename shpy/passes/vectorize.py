@@ -72,7 +72,7 @@ class VectorModule:
 
     @property
     def entry(self) -> LaneFacts:
-        """What varies in the entry."""
+        """Return the varying values of the entry."""
         return self.facts[self.module.entry.name]
 
 
@@ -488,7 +488,7 @@ def _exits(notes: list[Note]) -> bool:
 
 
 def _worth_skipping(region: Region) -> bool:
-    """Whether asking if any lane is active costs less than running the region for nothing."""
+    """Return whether asking if any lane is active costs less than running the region for nothing."""
     work = 0
     for s in walk(region):
         if isinstance(s, Loop | Call) or (isinstance(s, Let) and s.op in ("table", "call")):

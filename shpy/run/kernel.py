@@ -52,7 +52,7 @@ _KEPT = 512
 
 
 class Result(Protocol):
-    """What a run gave: `outputs` in the function's structure, `written` (bool, S), `count` elements written."""
+    """The result of a run: `outputs` in the function's structure, `written` (bool, S), `count` elements written."""
 
     @property
     def outputs(self) -> Any:

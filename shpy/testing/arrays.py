@@ -46,7 +46,7 @@ class Bound:
 
     @property
     def exact(self) -> bool:
-        """Whether it asks for the same bits."""
+        """Return whether it asks for the same bits."""
         return not (self.ulp or self.atol or self.rtol)
 
     def exceeded(self, a: Array, b: Array) -> Array:
@@ -60,7 +60,7 @@ class Bound:
         return wrong
 
     def parts(self, a: Any, b: Any) -> bool:
-        """Whether two values are further apart in any component."""
+        """Return whether two values are further apart in any component."""
         return bool(self.exceeded(np.atleast_1d(a), np.atleast_1d(b)).any())
 
 

@@ -1,4 +1,4 @@
-"""What the options of pytest, `--shpy-backends` and `--shpy-ulp`, say; without them, every backend and every bit.
+"""The defaults that pytest's `--shpy-backends` and `--shpy-ulp` set; without them, every backend and every bit.
 
 Stage: test. `plugin.py` sets these, `assert_equivalent` reads them.
 """

@@ -1,4 +1,4 @@
-"""Which elements of a run meet a denormal on their way, and where: a device that flushes them may give something else.
+"""Find the elements of a run that meet a denormal, and where: a device that flushes them may give another result.
 
 Stage: test. Takes a program and its inputs, runs it on numpy with two more outputs, and gives for each element the
 place and the value of the first denormal.

@@ -244,7 +244,7 @@ def _beyond(sides: Sides, low: int, count: int, bound: Bound) -> int:
 
 
 def _elsewhere(one: Seen, two: Seen) -> bool:
-    """Whether the two are at different statements, or one has ended."""
+    """Return whether the two are at different statements, or one has ended."""
     return one.site is None or two.site is None or one.site.number != two.site.number
 
 

@@ -1,4 +1,4 @@
-"""Whether a program gives the same on every backend, and if not, where and why.
+"""Compare a program on every backend; where two differ, say where and why.
 
 Stage: test. Takes a program and its inputs, runs it on every backend and lane width, gives an `Agreement` or raises
 AssertionError with the element, its inputs, what each backend made of it, and the first statement at which they part.
@@ -32,7 +32,7 @@ from shpy.units import steps
 
 @dataclass(frozen=True)
 class Agreement:
-    """What agreed: the `backends`, the number of `elements`, and how many differ by flushed denormals alone."""
+    """The agreement: the `backends`, the number of `elements`, and how many differ by flushed denormals alone."""
 
     backends: tuple[str, ...]
     elements: int

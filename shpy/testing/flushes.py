@@ -1,4 +1,4 @@
-"""What a device makes of elements that meet a denormal: which results become other numbers, and by which denormal.
+"""The effect of flushed denormals on elements: the results that become other numbers, and the denormal that did it.
 
 Stage: test. Takes two runs of a program and the elements in which flushed denormals alone make them differ; gives a
 `Flush`.
@@ -23,7 +23,7 @@ from shpy.testing.runs import Run
 
 @dataclass(frozen=True)
 class Flush:
-    """What flushing does to a run: `count` elements differ from `reference`, and `altered` of them by more than itself.
+    """The effect of flushing on a run: `count` elements differ from `reference`, `altered` of them beyond the denormal.
 
     An altered result is no denormal that became zero but another number, as a quotient is whose divisor was flushed.
     `element` is the index of the one that is altered most, or of the first one that differs; `first` and `second` are

@@ -1,4 +1,4 @@
-"""Who watches a program run: a backend, asked again for each event, or the interpreter, which notes them all at once.
+"""Observers of a run: a backend, asked again for each event, or the interpreter, which notes all events at once.
 
 Stage: test. Takes a program, its inputs and one element; gives what was seen of each event of that element.
 
@@ -35,7 +35,7 @@ _LAST = 2**32 - 2
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen of an event; `site` None where the element had ended by then."""
+    """The observation of an event; `site` is None where the element had ended before it."""
 
     site: Site | None
     turns: tuple[int, ...] = ()
@@ -61,7 +61,7 @@ class Setting:
 
     @cached_property
     def module(self) -> Module:
-        """What is watched: the program with as few variables as can be, so that a line is few events."""
+        """The watched program, with as few variables as possible, so that a line is few events."""
         return promote(self.program.ir)
 
     def watch(self, looked: frozenset[int]) -> Watched:
@@ -106,7 +106,7 @@ class Observer(Protocol):
 
     @property
     def flushes(self) -> bool:
-        """Whether the device says that it turns denormals into zeros."""
+        """Return whether the device says that it turns denormals into zeros."""
 
     @property
     def count(self) -> int:

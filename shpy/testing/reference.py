@@ -145,7 +145,7 @@ def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, An
 
 
 def flushes_denormals(notes: Iterable[str]) -> bool:
-    """Whether the notes of a kernel say that its device turns denormals into zeros."""
+    """Return whether the notes of a kernel say that its device turns denormals into zeros."""
     return any("flushes denormals" in note for note in notes)
 
 

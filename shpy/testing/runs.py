@@ -28,7 +28,7 @@ class Run:
 
     @property
     def flushes(self) -> bool:
-        """Whether the device says that it turns denormals into zeros."""
+        """Return whether the device says that it turns denormals into zeros."""
         return flushes_denormals(self.notes)
 
 

@@ -91,7 +91,7 @@ def _kind(type: Type) -> str:
 
 @dataclass
 class _Plan:
-    """What all functions share: the sites so far, and the slots that are handed from one to the other."""
+    """The state that all functions share: the sites so far, and the slots that they pass on."""
 
     module: Module
     looked: frozenset[int]

@@ -1,4 +1,4 @@
-"""What a kernel does from run to run, on the interpreter and on every backend: uniforms, tables, out, limits."""
+"""Several runs of a kernel, on the interpreter and on every backend: uniforms, tables, out, limits."""
 
 from __future__ import annotations
 

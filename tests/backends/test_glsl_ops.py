@@ -74,7 +74,7 @@ def values(types: tuple[Type, ...], moderate: bool = False) -> list[Any]:
 
 
 def run(types: tuple[Type, ...], result: Type, arrays: list[Any], make: Make) -> Any:
-    """What `make(builder, inputs)` gives for the arrays, (n,) or (size, n)."""
+    """Return the result of `make(builder, inputs)` for the arrays, (n,) or (size, n)."""
     b = Builder("op")
     inputs = [b.input(t, name) for t, name in zip(types, "abc", strict=False)]
     b.store(b.output(result, "result"), make(b, inputs))

@@ -1,4 +1,4 @@
-"""What the C-like printer makes of loops, expressions and stores: it reads well and keeps the order of operations."""
+"""Loops, expressions and stores in C-like text: it reads well and keeps the order of operations."""
 
 import re
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What lies in a packet: a part of a list or row where lanes stay together, a block of an image where they diverge."""
+"""The elements of a packet: a part of a list or row where lanes agree, a block of an image where they diverge."""
 
 import numpy as np
 import pytest

@@ -37,7 +37,7 @@ def same(found: Any, expected: Any, what: object = "") -> None:
 
 
 def both(program: sh.Program, lanes: int, *arrays: Any, **options: Any) -> tuple[Any, Any]:
-    """What packets give, and what single elements give."""
+    """Return the results of packets, and those of single elements."""
     shape = options.pop("shape", None)
     results = [program.compile("opencl", lanes=n, **options).run(*arrays, shape=shape) for n in (lanes, 1)]
     assert np.array_equal(results[0].written, results[1].written)

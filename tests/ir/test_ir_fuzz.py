@@ -95,7 +95,7 @@ def refused_briefly(error: sh.ShpyError) -> bool:
 
 
 def check(text: str) -> bool:
-    """Whether the text is a program; then it runs, and the interpreter gives what numpy gives."""
+    """Return whether the text is a program; then it runs, and the interpreter agrees with numpy."""
     try:
         module = sh.parse(text)
         assert sh.parse(str(module)) == module

@@ -17,7 +17,7 @@ ANY_INT = (-(2**31), 2**31 - 1)
 
 
 def index_of(function):
-    """What is known of the index of the only read of ROWS."""
+    """Return the range of the index of the only read of ROWS."""
     entry = optimise(sh.program(function).ir).entry
     (read,) = [s for s in walk(entry.body) if isinstance(s, Let) and s.op == "table"]
     return Known(entry).span(read.args[0])

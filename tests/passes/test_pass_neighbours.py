@@ -1,4 +1,4 @@
-"""Which reads of a table are found to lie beside the element's own place, and that they give what they gave."""
+"""Reads of a table beside the element's own place are found, and keep their results."""
 
 import itertools
 

@@ -66,7 +66,7 @@ class Vectorised:
         self.names = {v.id: v.name for v in (*self.entry.outputs, *self.entry.variables)}
 
     def varies(self, name):
-        """Whether the slots of this name hold one value for every lane; both True and False for one of each."""
+        """Return whether the slots of this name hold one value for every lane; both True and False for one of each."""
         found = {slot in self.vector.entry.slots for slot, known in self.names.items() if known == name}
         assert len(found) == 1, (name, sorted(self.names.values()))
         return found.pop()

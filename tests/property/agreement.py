@@ -38,7 +38,7 @@ WORKING = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 
 @dataclass
 class Expected:
-    """What a program must compute for `inputs`: its outputs, and how each element ends."""
+    """Return the outputs of a program for `inputs`, and how each element ends."""
 
     program: Tree
     inputs: list[Array]
@@ -86,7 +86,7 @@ class Expected:
         return Options(loop_limit=self.program.loop_limit or LIMIT)
 
     def denormal(self, k: int) -> bool:
-        """Whether a denormal arises on the way of this element: a device that flushes them may go another."""
+        """Return whether a denormal arises on the way of this element: a device that flushes them may go another."""
         tables = {n: TABLES[n].data(np.float32) for n in self.recorded.tables}
         params = {n: PARAMS[n].value for n in self.recorded.params}
         return self.watch.arises([a[k] for a in self.inputs], params, tables, (), ())
@@ -200,7 +200,7 @@ class Repeated(Expected):
 
 
 def wanted(program: Tree, inputs: list[Array], precision: Precision) -> Expected:
-    """What the program must compute at a precision."""
+    """Return the results of the program at a precision."""
     return Expected(program, inputs) if precision == "f32" else Narrowed(program, inputs, precision)
 
 

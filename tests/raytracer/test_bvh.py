@@ -108,7 +108,7 @@ def area(bvh, node):
 
 
 def cost(bvh):
-    """What the surface area heuristic expects of a ray through the root: nodes that it looks into, and triangles."""
+    """Return the surface area heuristic's cost of a ray through the root: visited nodes, and triangles."""
     nodes = sum(area(bvh, node) for node in range(len(bvh.low)))
     tried = sum(area(bvh, node) * (end - first) for node, first, end in leaves_of(bvh))
     return nodes / area(bvh, 0), tried / area(bvh, 0)

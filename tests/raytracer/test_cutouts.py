@@ -33,7 +33,7 @@ RED = Material((1, 0, 0), 1.0, 0.0, cutout=HOLES)
 
 
 def shade_of(*meshes, light, **changes):
-    """What is seen from above of a white floor under a screen with holes: 1 in the light, 0 in its shadow."""
+    """Render a white floor under a screen with holes from above: 1 in the light, 0 in its shadow."""
     ground = floor(40, Material((1, 1, 1), 1.0, 0.0))
     camera = Camera((0, 9, 0), (0, 0, 0), up=(0, 0, -1), projection="orthographic", span=2)
     return render(Scene([ground, *meshes], [light], camera, ambient=0.0), (16, 16), bounces=1, **changes)

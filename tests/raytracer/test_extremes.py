@@ -103,7 +103,7 @@ def triangle_test(triangles):
 
 
 def exact(triangle, eye, ray):
-    """Whether and where a ray meets a triangle, in rationals; how far inside its edges, in parts of what is seen.
+    """Return whether and where a ray meets a triangle, in rationals, and how far inside its edges, as a share.
 
     The last is the least distance of the ray from an edge line, as seen along the ray's largest component, over the
     largest coordinate of a corner as seen from the eye: below a few roundings nobody who computes in f32 can tell.

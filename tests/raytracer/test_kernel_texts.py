@@ -1,4 +1,4 @@
-"""What a scene does not use is not in its kernel: texts stay as they were before a feature existed.
+"""Kernels hold only what their scene uses: texts stay as they were before a feature existed.
 
 A digest is that of the program's IR without the lines of Python and without data (test_shared_kernels.py). A new one
 is right only where the kernel of a scene that uses none of a new feature was meant to change.

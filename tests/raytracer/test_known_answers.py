@@ -104,7 +104,7 @@ def test_the_critical_angle():
 
 
 def test_the_white_furnace():
-    """What scatters all light looks like the light around it, in every pixel."""
+    """A surface that scatters all light has the colour of the light around it, in every pixel."""
     white = Material((1, 1, 1), diffuse=1, specular=0)
     scene = Scene([icosahedron(1, white)], [EnvironmentLight((1, 1, 1))], Camera((0, 0, 4)))
     image = render(scene, (16, 16), backend="numpy", integrator="path", samples=4, bounces=1)

@@ -64,7 +64,7 @@ def form_factor(half, height):
 
 
 def test_white_furnace():
-    """What scatters all light is not to be told from the light around it."""
+    """A surface that scatters all light cannot be told from the light around it."""
     scene = Scene([icosahedron(1, WHITE)], [EnvironmentLight((1, 1, 1))], Camera((0, 0, 4)))
     image = traced(scene)
     assert (image.object_id == 0).sum() > 50

@@ -1,4 +1,4 @@
-"""What a scene is made of: meshes, instances, and meshes and scenes of trimesh, with names, ids and materials."""
+"""Parts of a scene: meshes, instances, and meshes and scenes of trimesh, with names, ids and materials."""
 
 import dataclasses
 

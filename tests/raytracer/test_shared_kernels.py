@@ -58,7 +58,7 @@ def glowing(scene):
 
 
 def text(scene, bounces=2, accel="bvh", integrator="whitted"):
-    """What the kernel of a scene is compiled from, without the lines of Python."""
+    """Return the IR from which a scene's kernel is compiled, without the lines of Python."""
     layout = Layout.of(scene, accel)
     if integrator == "path":
         program = PathTracer(layout, scene, bounces, "numpy").program(EyeRays())

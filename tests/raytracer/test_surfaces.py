@@ -43,7 +43,7 @@ def shown(mesh, material, size=(24, 20), **changes):
 
 
 def probe(value, mesh=BARE, **changes):
-    """What a surface sees, as the colour of a picture: `value` gives it from the Hit."""
+    """Render a value of the Hit, which `value` selects, as the colour of a picture."""
 
     def surface(hit):
         return Surface(color=value(hit), diffuse=1, specular=0)

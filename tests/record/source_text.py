@@ -39,7 +39,7 @@ def check(text: str, **names: Any) -> None:
 
 
 def blame(text: str, **names: Any) -> str:
-    """What the error says, less the file's name."""
+    """Return the error's text without the file's name."""
     with pytest.raises(RecordError) as caught:
         check(text, **names)
     assert caught.value.loc is not None

@@ -28,7 +28,7 @@ CASES = list(sections())
 
 
 def error_of(program, file, source_known=True):
-    """What recording `case` of the program raises, as text."""
+    """Return the error of recording `case` of the program, as text."""
     names = {"sh": sh, "np": np, "math": __import__("math"), "F": sh.Attrib1f, "V": sh.Attrib3f}
     names |= {n: getattr(sh, n) for n in sh.__all__ if n.startswith("SH_")}
     exec(compile(PRELUDE, str(file) + ".prelude", "exec"), names)

@@ -1,4 +1,4 @@
-"""What the source check looks through, and where it stays silent."""
+"""The source check: the forms that it reads, and those about which it stays silent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a line asked of a value: each hint word for word."""
+"""Hints for a line that misuses a value, each word for word."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shpy.lang.mistakes.explain import explain
 
 
 class Asked(Exception):
-    """What was found at the line that asked: with the frame, and by the line alone."""
+    """Return the hint for a line: with the frame, and by the line alone."""
 
 
 class Symbol:
@@ -52,7 +52,7 @@ class Symbol:
 
 
 def asked(line: str, before: str = "", after: str = "") -> tuple[Any, Any]:
-    """What is found for a line in a function of x, y (symbols), n (3) and xs (a list)."""
+    """Return the hint for a line in a function of x, y (symbols), n (3) and xs (a list)."""
     text = f"import math\n\ndef f(x, y, n, xs):\n{before}    {line}\n{after}"
     with pytest.raises(Asked) as caught:
         made(text)(Symbol(), Symbol(), 3, [Symbol(), 1])

@@ -10,7 +10,7 @@ from shpy.lang.recording.names import for_name, name_for
 
 
 def named(text: str) -> tuple[list[str | None], list[str | None]]:
-    """What each line's assignment and `with` are called."""
+    """Return the names of each line's assignment and `with`."""
     function = made(text)
     file = function.__code__.co_filename
     lines = range(1, len(linecache.getlines(file)) + 1)

@@ -99,7 +99,7 @@ class Machine(RuleBasedStateMachine):
         np.testing.assert_array_equal(held.read(), held.model)
 
     def shares(self, *helds):
-        """Whether two of them lie in one memory."""
+        """Return whether two of them lie in one memory."""
         return any(np.may_share_memory(a.model, b.model) for a, b in itertools.combinations(helds, 2))
 
     @rule(target=streams)

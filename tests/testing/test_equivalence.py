@@ -250,7 +250,7 @@ def test_generated_programs_are_recorded_and_agree():
 
 @pytest.mark.slow
 def test_a_failing_program_shrinks():
-    """What is left is hardly more than what makes it fail."""
+    """The shrunk program holds hardly more than what makes it fail."""
     found = find(
         trees(),
         lambda tree: any(isinstance(s, For) and any(isinstance(t, If) for t in s.body) for s in tree.body),

@@ -79,7 +79,7 @@ def _near_reduced(x: Term) -> Triple:
 
 
 def _quadrant(k: Term) -> Pair:
-    """Whether k is odd, and whether k mod 4 is 2 or 3."""
+    """Return whether k is odd, and whether k mod 4 is 2 or 3."""
     by_2 = (k * 0.5).named("k_by_2")
     pairs = by_2.op("floor").named("pairs")
     by_4 = (pairs * 0.5).named("k_by_4")

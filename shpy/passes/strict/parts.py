@@ -113,6 +113,6 @@ def _power_of_two(n: Term) -> Term:
 
 
 def sign_bit(x: Term) -> Term:
-    """Whether x is negative, or -0; a binary64 has the sign of the nearest binary32."""
+    """Return whether x is negative, or -0; a binary64 has the sign of the nearest binary32."""
     bits = x.op("bits_from_float")
     return bits >= bits.constant(2**31)

@@ -1,4 +1,4 @@
-"""What a check is, what it runs on, and what it finds.
+"""Checks, the targets they run on, and their findings.
 
 Stage: test. A section is a list of checks; a check takes a `Target` and gives a `Finding`.
 """
@@ -39,13 +39,13 @@ class Target:
 
     @property
     def flushes(self) -> bool:
-        """Whether it turns denormals into zeros."""
+        """Return whether it turns denormals into zeros."""
         return flushes_denormals(self.backend, **self.options)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: `detail` in a line or few, `hash` of the results, `ulp` the largest error, and warnings."""
+    """The finding of a check: `detail` in a few lines, `hash` of the results, `ulp` the largest error, and warnings."""
 
     verdict: Verdict
     detail: str = ""
@@ -55,7 +55,7 @@ class Finding:
 
     @property
     def wrong(self) -> bool:
-        """Whether it speaks against the device."""
+        """Return whether it speaks against the device."""
         return self.verdict in ("differs", "failed")
 
 

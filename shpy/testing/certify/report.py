@@ -42,7 +42,7 @@ def device_of(target: Target) -> Device:
 
 
 def device_lines(target: Target) -> list[str]:
-    """Which device this is, in words."""
+    """Return the device in words."""
     device = device_of(target)
     lanes = f", {target.lanes} lane{'s' if target.lanes != 1 else ''}" if target.lanes else ""
     said = [f"{target.backend}: {device.name}{lanes}"]

@@ -100,7 +100,7 @@ class Case:
 
     @functools.cached_property
     def reference(self) -> Outcome:
-        """What the interpreter gives."""
+        """Return the interpreter's result."""
         if self.meaning is not None:
             outputs = self.meaning(self.arrays)
             return Outcome(outputs, np.ones(len(outputs[0]), np.bool_))
@@ -112,7 +112,7 @@ class Case:
         return DenormalWatch(self.program.ir, Options(**self.options))
 
     def denormal(self, element: int) -> bool:
-        """Whether a denormal arises on the way of an element."""
+        """Return whether a denormal arises on the way of an element."""
         recorded, shape = self.program.recorded, self.reference.written.shape
         dtypes = host.dtypes_at(self.options.get("precision", "f32"))
         flat = [s.flat(shape) for s in host.streams(recorded.inputs, self.arrays, dtypes)]

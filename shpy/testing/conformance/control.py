@@ -60,7 +60,7 @@ def plus(name: str, value: float) -> Assign:
 
 
 def bit(n: int) -> Apply:
-    """Whether the n-th bit of the input is set: elements take all combinations of ways."""
+    """Return whether the n-th bit of the input is set: elements take all combinations of ways."""
     return compare("ne", Apply(I, "and", (N, number(1 << n))), 0)
 
 

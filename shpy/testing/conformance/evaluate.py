@@ -1,4 +1,4 @@
-"""What a small program must compute, evaluated directly from its syntax, element by element.
+"""The result of a small program, evaluated directly from its syntax, element by element.
 
 It shares nothing with recording, the IR's control flow and the passes; the meaning of each operation is the table's,
 and that of a transcendental its formula, operation by operation.

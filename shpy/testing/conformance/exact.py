@@ -1,4 +1,4 @@
-"""What every target must give, to the bit: the table's meaning, or for a transcendental what strict mode makes of it.
+"""The exact result on every target: the table's meaning, or the formula of strict mode for a transcendental.
 
 exact("sin")(x)        # sin_strict, operation by operation, on arrays
 """

@@ -71,7 +71,7 @@ PARTS = {1: ((1,),), 2: ((1, 1),), 3: ((1, 1, 1), (1, 2), (2, 1)), 4: ((1, 1, 1,
 
 @dataclass
 class Expressions:
-    """What is known where a statement stands: `names` are in sight, `stored` may be stored into."""
+    """The scope of a statement: `names` are visible, `stored` may be stored into."""
 
     draw: Callable[[Any], Any]
     names: dict[str, Type] = field(default_factory=dict)
