@@ -26,10 +26,10 @@ from benchmarks.rounds import once
 from benchmarks.studies import Table
 from benchmarks.work import Run, Work
 from raytracer import Mesh
-from shpy.backends.opencl import packet_types
+from shpy.backends.opencl.packets.widen import WIDER, WIDTHS as NARROW
 
 AUTO = "auto"
-WIDTHS = (*packet_types.WIDTHS, *packet_types.WIDER)
+WIDTHS = (*NARROW, *WIDER)
 ROUNDS = 15
 PATIENCE = 60.0
 """Seconds of calls after which a kernel that still has widths to try is measured as it is."""

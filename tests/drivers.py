@@ -23,7 +23,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shpy.backends.opencl.packet_types import WIDER, WIDTHS
+from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.registry import backends
 from shpy.errors import CompileError, ShpyError
 from shpy.testing.certify.sections import mixed

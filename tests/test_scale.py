@@ -8,8 +8,8 @@ import pytest
 import shpy as sh
 from shpy.backends.base import Options
 from shpy.backends.emit.names import Names
-from shpy.backends.opencl.packet_prologue import Abilities
-from shpy.backends.opencl.packets import print_packets
+from shpy.backends.opencl.packets.kernel import print_packets
+from shpy.backends.opencl.packets.prologue import Abilities
 from shpy.backends.opencl.text.kernel import print_kernel
 from shpy.ir.parser import parse
 from shpy.ir.text import print_module

@@ -17,7 +17,7 @@ import numpy as np
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options, Precision
 from shpy.backends.numpy.device.memory import NumpySpace, over_arrays
 from shpy.backends.numpy.device.run import SPACE
-from shpy.backends.opencl.packet_types import WIDER, WIDTHS
+from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.interpreter import Interpreter

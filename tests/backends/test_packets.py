@@ -14,7 +14,7 @@ from shpy.backends.base import Array, Call, Options, TableData
 from shpy.backends.opencl import backend
 from shpy.backends.opencl.device import run as runtime
 from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.opencl.packet_types import WIDTHS
+from shpy.backends.opencl.packets.widen import WIDTHS
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module, Port

@@ -12,8 +12,8 @@ import shpy as sh
 from shpy.backends.opencl.device import driver as device
 from shpy.backends.opencl.device.driver import machine_of
 from shpy.backends.opencl.device.trial import Trial, works
-from shpy.backends.opencl.packet_halves import declare_wide, try_wide
-from shpy.backends.opencl.packet_types import WIDER
+from shpy.backends.opencl.packets.prologue_wide import Words, declare_wide, try_wide
+from shpy.backends.opencl.packets.widen import WIDER
 
 RNG = np.random.default_rng(9)
 each_wide = pytest.mark.parametrize("lanes", WIDER)
@@ -123,8 +123,10 @@ def test_a_wide_vector_that_computes_wrong_is_not_taken() -> None:
 
 
 def test_only_what_a_text_uses_is_declared() -> None:
-    assert declare_wide("float16 y = floor(x);", 16) == ""
-    text = declare_wide("int64 i = convert_int64_sat(x); float64 x;", 64)
+    words = Words()
+    words.add_text("int64 i = convert_int64_sat(x); float64 x;")
+    assert declare_wide(words, 16) == ""
+    text = declare_wide(words, 64)
     assert text.count("typedef") == 4
     assert text.index("typedef float float32 ") < text.index("typedef float float64 ")
     assert text.index("int32 convert_int32_sat(") < text.index("int64 convert_int64_sat(")

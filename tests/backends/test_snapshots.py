@@ -16,8 +16,8 @@ import shpy as sh
 from benchmarks.record import glsl_text, numpy_text, opencl_text
 from shpy.backends.base import Options
 from shpy.backends.opencl.device.targets import PACKET_TARGET
-from shpy.backends.opencl.packet_prologue import Abilities
-from shpy.backends.opencl.packets import print_packets
+from shpy.backends.opencl.packets.kernel import print_packets
+from shpy.backends.opencl.packets.prologue import Abilities
 from shpy.passes.pipeline import optimise, prepare
 from shpy.passes.precision import set_precision
 

@@ -39,8 +39,8 @@ class Wishes:
 
     apart: Callable[[set[int]], Collection[int]] = lambda inlined: ()
     """Gives the values that must have a name, of those that may stand where they are used."""
-    repeats: Callable[[Let], Collection[int]] = lambda let: ()
-    """Gives the operands that the target writes more than once."""
+    repeats: Callable[[Let | Store], Collection[int]] = lambda s: ()
+    """Gives the operands of a statement that the target writes more than once."""
     letters: Callable[[str], int] = lambda op: len(op) + 3
     """Gives the length of the name of the function that does an operation, nearly."""
     direct: Collection[int] = ()
@@ -69,8 +69,8 @@ class Plan:
     """Values that are declared where they are made."""
     settled: dict[Place, list[int]] = field(default_factory=dict)
     """Values that are declared before a statement."""
-    adopted: set[int] = field(default_factory=set)
-    """Values for which the variable stands that the next statement stores them into."""
+    adopts: set[Place] = field(default_factory=set)
+    """Stores whose variable stands from then on for the value that the statement before made."""
     starts: set[Place] = field(default_factory=set)
     """Stores that give the counter of the next loop its first value."""
     kept: set[Place] = field(default_factory=set)
@@ -91,7 +91,7 @@ class Plan:
         places = [(number, index) for index in range(len(region))]
         if any(place in self.settled or place in self.declared for place in places):
             return False
-        return not any(isinstance(s, Let) and (s.value.id in self.named or s.value.id in self.adopted) for s in region)
+        return not any(isinstance(s, Let) and s.value.id in self.named for s in region)
 
 
 def plan(function: Function, callees: Mapping[str, Function], wishes: Wishes | None = None) -> Plan:
@@ -259,7 +259,7 @@ class _Planner:
             self.reads[value] = self.read_first[value] = reads
             self.sizes[value] = depth, width
         elif fits and self.goes_into_a_variable(s.value, place):
-            self.plan.adopted.add(value)
+            self.plan.adopts.add((place[0], place[1] + 1))
             self.reads[value] = reads
         else:
             self.plan.named.add(value)
@@ -280,7 +280,7 @@ class _Planner:
             return
         if s.index is not None:
             self.change(place, [s.variable])
-            self.repeat(place, [s.index])
+            self.repeat(place, self.wishes.repeats(s))
             self.use(s.index)
             return
         if s.variable in self.begun:
@@ -290,7 +290,7 @@ class _Planner:
         elif self.opens_for(s, self.reads.get(s.value, _NONE), place):
             self.plan.starts.add(place)
         self.begun.add(s.variable)
-        if s.value in self.plan.adopted:
+        if place in self.plan.adopts:
             self.reads[s.value] = frozenset({s.variable})
             if self.left[s.value]:
                 self.pending[s.value] = None
@@ -368,7 +368,8 @@ class _Planner:
             case "const":
                 return min(1, s.value.type.size - 1), _letters_of(s)
             case "swizzle":
-                return found[0][0], width + 1 + s.value.type.size
+                assert isinstance(s.attr, tuple)
+                return found[0][0], width + 1 + len(s.attr)
             case "splat" | "construct":
                 return depth, width + 6 + 2 * len(found)
             case "any_lane" | "all_lanes":

@@ -80,9 +80,9 @@ class Body(Operations):
         """Return the values that must have a name, of those that may stand where they are used."""
         return ()
 
-    def repeats(self, let: Let) -> Collection[int]:
-        """Return the operands that the target writes more than once."""
-        return ()
+    def repeats(self, s: Let | Store) -> Collection[int]:
+        """Return the operands that the target writes more than once: the index of a store, which is tested."""
+        return (s.index,) if isinstance(s, Store) and s.index is not None else ()
 
     def letters(self, op: str) -> int:
         """Return how long the name of the function is that does an operation, nearly."""
@@ -261,7 +261,7 @@ class Body(Operations):
             self._held[s.variable] = e, s.loc
         else:
             self.out.append(Declare(variable.type, self.slot(variable), e, loc=s.loc))
-        if s.value in self.planned.adopted:
+        if place in self.planned.adopts:
             self.exprs[s.value] = self.slots[s.variable]
 
     def assign(self, s: Store, target: Expr, e: Expr) -> Assign:

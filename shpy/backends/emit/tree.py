@@ -118,9 +118,10 @@ class Construct(Expr):
 
 @dataclass(frozen=True, slots=True)
 class Cast(Expr):
-    """Conversion by the language's own cast."""
+    """Conversion by the language's own cast; `to` is a type that only the target has."""
 
     of: Expr
+    to: Own | None = None
 
     @property
     def parts(self) -> tuple[Expr, ...]:
@@ -314,8 +315,24 @@ def walk(e: Expr) -> Iterator[Expr]:
         yield from walk(part)
 
 
-def is_plain(e: Expr) -> bool:
-    """Return whether an expression is a name, a number or a component of one: cheap to write twice."""
-    while isinstance(e, Member):
-        e = e.of
-    return isinstance(e, Name | Literal) or (isinstance(e, Operator) and e.symbol == "*" and len(e.args) == 1)
+def statements_of(block: Block) -> Iterator[Stmt]:
+    """Yield the statements of a block and all inside them."""
+    for s in block:
+        yield s
+        match s:
+            case If():
+                yield from statements_of((*s.then, *s.orelse))
+            case Loop():
+                yield from statements_of((*s.starts, *(() if s.step is None else (s.step,)), *s.body))
+
+
+def expressions_of(s: Stmt) -> list[Expr]:
+    """Return the expressions of a statement itself, not those of the statements inside it."""
+    match s:
+        case Assign():
+            return [s.target, s.value]
+        case If():
+            return [s.condition]
+        case Loop():
+            return [e for e in (s.test, s.again) if e is not None]
+    return [] if s.value is None else [s.value]

@@ -16,7 +16,7 @@ import numpy as np
 import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.backends.numpy.device.run import NumpyBackend, NumpyExecutable
-from shpy.backends.opencl.packet_types import WIDTHS as PACKET_WIDTHS
+from shpy.backends.opencl.packets.widen import WIDTHS as PACKET_WIDTHS
 from shpy.backends.registry import backend as backend_named
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Function, Let, Loc, Module

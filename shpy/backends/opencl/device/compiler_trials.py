@@ -9,9 +9,9 @@ import math
 from typing import Final
 
 from shpy.backends.opencl.device.trial import Trial
-from shpy.backends.opencl.packet_halves import try_wide
-from shpy.backends.opencl.packet_prologue import SIGNS
-from shpy.backends.opencl.packet_types import WIDER, WIDTHS
+from shpy.backends.opencl.packets.prologue import SIGNS
+from shpy.backends.opencl.packets.prologue_wide import try_wide
+from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.opencl.text.operations import ELEMENTWISE
 
 __all__ = ["TRIALS"]

@@ -31,8 +31,8 @@ from shpy.backends.opencl.device.absence import explain_absence, explain_cache
 from shpy.backends.opencl.device.compiler_trials import TRIALS
 from shpy.backends.opencl.device.trial import Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
-from shpy.backends.opencl.packet_prologue import SIGNS, Abilities
-from shpy.backends.opencl.packet_types import WIDER, WIDTHS
+from shpy.backends.opencl.packets.prologue import SIGNS, Abilities
+from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData

@@ -34,8 +34,8 @@ from shpy.backends.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged_array
 from shpy.backends.opencl.device.targets import PACKET_TARGET, TARGET
 from shpy.backends.opencl.device.widths import Choosing, measured_widths, next_width
-from shpy.backends.opencl.packet_types import WIDER, WIDTHS
-from shpy.backends.opencl.packets import print_packets
+from shpy.backends.opencl.packets.kernel import print_packets
+from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.opencl.text.kernel import Kernel, print_kernel
 from shpy.backends.opencl.text.operations import ELEMENTWISE
 from shpy.errors import CompileError, ShpyTypeError, ShpyWarning

@@ -1,6 +1,6 @@
 """Folds and scans on an OpenCL device that is a processor: a dispatch of parts, each of which is a work item's.
 
-Stage: compile and run. Few elements are one part, so a sum of them is one dispatch; see `packet_trees` for the text.
+Stage: compile and run. Few elements are one part, so a sum of them is one dispatch; see `prologue_trees` for the text.
 
     tree = tree_of(space, module, NodeTypes((F,), (F,), lifted=False), "f32")
     tree.fold([memory], [sums])
@@ -18,7 +18,8 @@ from shpy.backends.base import Array, NodeTypes, Options, Precision
 from shpy.backends.device.probe import refuse_wrong
 from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.device.targets import PACKET_TARGET
-from shpy.backends.opencl.packet_trees import FOLD, SCAN, print_trees, tree_block
+from shpy.backends.opencl.packets.prologue_trees import FOLD, SCAN, tree_block
+from shpy.backends.opencl.packets.trees import print_trees
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base

@@ -19,7 +19,6 @@ from shpy.backends.emit.tree import (
     BOOL,
     INT,
     UINT,
-    AnyType,
     Assign,
     Block,
     Cast,
@@ -109,7 +108,7 @@ class KernelMaker(ClUnit):
         }
         self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
         self.apart = kept_apart(module)
-        self.speller = ClSpeller()
+        self.speller: ClSpeller = ClSpeller()
 
     # What a kernel of packets has in its own way
 
@@ -133,10 +132,18 @@ class KernelMaker(ClUnit):
 
     def kernel(self) -> Kernel:
         """Return the whole text, and what it takes."""
+        self.add_functions()
+        entry = self.module.entry
+        return self.finished(self.add_kernel(entry, self.functions[entry.name]))
+
+    def add_functions(self) -> None:
+        """Add all functions but the entry."""
         for function in self.module.functions[:-1]:
             self.add(function, self.functions[function.name])
+
+    def finished(self, inputs: tuple[int, ...]) -> Kernel:
+        """Return the whole text of what was added, whose kernel reads these inputs."""
         entry = self.module.entry
-        inputs = self.add_kernel(entry, self.functions[entry.name])
         doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
         head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math == 'strict' else 'ON'}"]
         head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
@@ -198,18 +205,16 @@ class KernelMaker(ClUnit):
         body.out += self.prelude(function.name)
         body.statements()
         result = function.outputs[0].type if single else None
-        self.spell(function, name, result, parameters, body)
+        qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
+        block = tuple(body.out)
+        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function."""
         return ()
 
-    def spell(
-        self, function: Function, name: str, result: AnyType | None, parameters: Sequence[Parameter], body: ClBody
-    ) -> None:
+    def spelled(self, made: tree.Function) -> None:
         """Add a function that has been made."""
-        qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
-        made = tree.Function(name, result, tuple(parameters), tuple(body.out), function.loc, qualifiers)
         self.speller.function(made)
 
     def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
@@ -254,8 +259,7 @@ class KernelMaker(ClUnit):
             body.statements()
             left = [o for o in entry.outputs if o.id not in body.direct]
             body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
-        made = tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",))
-        self.speller.function(made)
+        self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
         return tuple(at for at, _ in read)
 
     def find_element(self, entry: Function) -> Block:

@@ -217,6 +217,11 @@ class ClBody(Body):
         wide = type.based(Base.U)
         return tree.call(_view(type), type, tree.prefix("-", tree.call(_view(wide), wide, self.arg(let.args[0]))))
 
+    def as_ints(self, e: Expr) -> Expr:
+        """Return uints as ints of the same bits."""
+        type = e.type.based(Base.I)
+        return tree.call(_view(type), type, e)
+
     def op_abs(self, let: Let) -> Expr:
         """Return `fabs(a)`; of an int `sh_abs_i(a)`: OpenCL's is a uint, which compilers take for a positive int."""
         e, type = self.arg(let.args[0]), let.value.type

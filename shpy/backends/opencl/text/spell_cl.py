@@ -48,12 +48,12 @@ class ClSpeller(Speller):
 
     def cast(self, e: Cast) -> tuple[str, Level]:
         """Spell `(uint)i`."""
-        return f"({self.type_name(e.type)}){self.at(e.of, Level.UNARY)}", Level.UNARY
+        return f"({self.type_name(e.to or e.type)}){self.at(e.of, Level.UNARY)}", Level.UNARY
 
     def array(self, s: Declare) -> str:
         """Spell `float a[8] = {0.0f};`."""
-        begin = 0 if s.value is None else self.text(s.value)
-        return f"{self.declaration(s.type, f'{s.name}[{s.length}]')} = {{{begin}}};"
+        declared = self.declaration(s.type, f"{s.name}[{s.length}]")
+        return f"{declared};" if s.value is None else f"{declared} = {{{self.text(s.value)}}};"
 
 
 def element_type(type: Type) -> Type | Own:

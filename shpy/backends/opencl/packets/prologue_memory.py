@@ -19,12 +19,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from shpy.backends.opencl.packet_halves import LONGEST
-from shpy.backends.opencl.packet_types import rows_of
+from shpy.backends.opencl.packets.prologue_wide import LONGEST
+from shpy.backends.opencl.packets.widen import rows_of
 from shpy.backends.opencl.text.prologue import NOINLINE, SCALARS
 from shpy.ir.types import Base, Type
 
-__all__ = ["INLINE", "QUAD", "PacketMemory", "lane_of", "spelled_wide", "struct_text"]
+__all__ = ["INLINE", "QUAD", "PacketMemory", "element_name", "lane_of", "spelled_wide", "struct_text"]
 
 QUAD: Final = 4
 """Numbers that are loaded, stored and sorted together; the columns of a packet that is a block."""
@@ -70,7 +70,8 @@ def _scaled(text: str, size: int) -> str:
     return f"{text} * {size}" if size > 1 else text
 
 
-def _element(base: Base) -> str:
+def element_name(base: Base) -> str:
+    """Name the type of a number in memory."""
     return "uchar" if base is Base.B else SCALARS[base]
 
 
@@ -164,7 +165,7 @@ typedef struct {{
 
     def read(self, name: str, base: Base, size: int) -> str:
         """`sh_read_f2`, and the function for packets that are not whole."""
-        lanes, element, fields = self.lanes, _element(base), _fields(size)
+        lanes, element, fields = self.lanes, element_name(base), _fields(size)
         result = spelled_wide(rows_of(base, size, lanes))
         same = [f"v{f} = {self._loaded(f'({element}{lanes})(a[{k}])', base)};" for k, f in enumerate(fields)]
         parts = [f"v{f} = {self._loaded(self._vload(element, f'part{k}'), base)};" for k, f in enumerate(fields)]
@@ -203,7 +204,7 @@ typedef struct {{
 
     def write(self, name: str, base: Base, size: int) -> str:
         """`sh_write_f2`, and the function for packets that are not whole."""
-        lanes, element, fields = self.lanes, _element(base), _fields(size)
+        lanes, element, fields = self.lanes, element_name(base), _fields(size)
         value = spelled_wide(rows_of(base, size, lanes))
         numbers = [f"v{f}" if base is not Base.B else f"convert_uchar{lanes}(-v{f})" for f in fields]
         what = "vector" if size > 1 else "number"
@@ -224,7 +225,7 @@ typedef struct {{
         ])  # fmt: skip
 
     def _write_each(self, name: str, base: Base, size: int, value: str, numbers: list[str]) -> list[str]:
-        lanes, element = self.lanes, _element(base)
+        lanes, element = self.lanes, element_name(base)
         parts = [
             f"    {element} {', '.join(f'part{k}[{lanes}]' for k in range(size))};",
             *(f"    vstore{lanes}({n}, 0, part{k});" for k, n in enumerate(numbers)),
@@ -265,7 +266,7 @@ typedef struct {{
 
     def gather(self, name: str, base: Base, size: int) -> str:
         """`sh_gather_f3`: elements of a table; those of three numbers are kept as four."""
-        lanes, element = self.lanes, _element(base)
+        lanes, element = self.lanes, element_name(base)
         held = {3: 4}.get(size, size)
         pointer = element if held == 1 else f"{element}{held}"
         result = spelled_wide(rows_of(base, size, lanes))
@@ -286,7 +287,7 @@ typedef struct {{
         The first lane's index tells whether all are inside, because no index wraps around between them. With a function
         to `wrap` indices, they are taken modulo `n` where they are not inside.
         """
-        lanes, element = self.lanes, _element(base)
+        lanes, element = self.lanes, element_name(base)
         held = {3: 4}.get(size, size)
         pointer = element if held == 1 else f"{element}{held}"
         result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
@@ -328,7 +329,7 @@ typedef struct {{
 
     def _near_loads(self, base: Base, size: int, pitch: str) -> list[str]:
         """The statements that load quads of a table that are `pitch` elements apart."""
-        element, rows = _element(base), range(self.lanes // QUAD)
+        element, rows = element_name(base), range(self.lanes // QUAD)
         if size == 1 and pitch == str(QUAD):
             return [f"return {self._loaded(self._vload(element, 'a'), base)};"]
         if size == 1:
@@ -380,7 +381,7 @@ typedef struct {{
 
     def _block_loads(self, base: Base, size: int) -> list[str]:
         """The statements that load a whole packet, four numbers at a time, and sort them by component."""
-        element, quads = _element(base), range(self.lanes // QUAD)
+        element, quads = element_name(base), range(self.lanes // QUAD)
         wide, lines = f"{element}{self.lanes}", []
         if size == 1 and self.lanes == self.columns:
             return [f"v = {self._loaded(self._vload(element, 'a'), base)};"]

@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from shpy.backends.opencl.packet_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
-from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of
+from shpy.backends.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
+from shpy.backends.opencl.packets.widen import Lanes, lanes_of, rows_of
 from shpy.backends.opencl.text.prologue import LDEXP, SCALARS, Prologue
 from shpy.ir.types import Base, Type
 

@@ -1,10 +1,10 @@
-"""The printer of trees: a prepared program of two elements as kernels that fold and scan a stream, in packets.
+"""The prologue of trees: a program of two elements as kernels that fold and scan a stream, in packets.
 
 Stage: emit. A work item takes `each` neighbouring elements, block after block. A block is a few packets, and a level of
 the tree halves their number: the even lanes of two packets are combined with the odd ones. So the order is that of the
 definition (`collectives.trees`), whatever the width, and a stream of few elements is one dispatch.
 
-    print_trees(prepared.module, NodeTypes((F,), (F,), lifted=False), 16, Abilities()).text
+    TreePrologue(maker.prologue, NodeTypes((F,), (F,), lifted=False)).text("add_pairs")
 """
 
 from __future__ import annotations
@@ -14,20 +14,12 @@ from collections.abc import Sequence
 from typing import Final
 
 from shpy.backends.base import NodeTypes
-from shpy.backends.opencl.packet_memory import INLINE, lane_of, spelled_wide
-from shpy.backends.opencl.packet_prologue import Abilities
-from shpy.backends.opencl.packet_types import Lanes, lanes_of, rows_of, widen
-from shpy.backends.opencl.packets import PacketPrinter
-from shpy.backends.opencl.text.kernel import Kernel
-from shpy.ir.nodes import Function, Module
+from shpy.backends.opencl.packets.prologue import PacketPrologue
+from shpy.backends.opencl.packets.prologue_memory import INLINE, element_name, lane_of, spelled_wide
+from shpy.backends.opencl.packets.widen import lanes_of, rows_of
 from shpy.ir.types import Base, Type
-from shpy.passes.components import take_apart
-from shpy.passes.hide import hide_derivable
-from shpy.passes.neighbours import find_neighbours
-from shpy.passes.pipeline import optimise
-from shpy.passes.vectorize import vectorize
 
-__all__ = ["FOLD", "SCAN", "print_trees", "tree_block"]
+__all__ = ["FOLD", "SCAN", "TreePrologue", "tree_block"]
 
 FOLD: Final = "sh_fold"
 SCAN: Final = "sh_scan"
@@ -191,50 +183,22 @@ def tree_block(types: NodeTypes) -> int:
     return max(64, _BLOCK_NUMBERS >> (numbers - 1).bit_length())
 
 
-def print_trees(
-    module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool = False
-) -> Kernel | None:
-    """Print the kernels of a prepared program of two nodes; None for what they cannot run.
+class TreePrologue:
+    """Writes the kernels that call a program of two nodes, whose numbers are packets."""
 
-    The program has the parts of two nodes as inputs and those of one as outputs. Where elements are lifted, an element
-    and its index come before these, and what they give before the result. `hides_zeros`: see `print_packets`.
-    """
-    if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
-        return None
-    scalar = optimise(take_apart(module))
-    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
-    packets = widen(find_neighbours(vectorize(whole)), lanes)
-    if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
-        return None
-    return TreePrinter(packets, module.entry, types, lanes, abilities, hides_zeros=hides_zeros).print()
+    def __init__(self, prologue: PacketPrologue, types: NodeTypes) -> None:
+        self.prologue, self.node_types, self.lanes = prologue, types, prologue.lanes
+        self.parts = [lanes_of(t.base, self.lanes) for t in types.made for _ in range(t.size)]
 
-
-class TreePrinter(PacketPrinter):
-    """Prints the module's entry as a function of packets, and the kernels that call it."""
-
-    def __init__(
-        self, module: Module, ports: Function, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool
-    ) -> None:
-        super().__init__(module, ports, lanes, lanes, abilities, hides_zeros=hides_zeros)
-        self.node_types = types
-        self.parts = [lanes_of(t.base, lanes) for t in types.made for _ in range(t.size)]
-
-    def _handed(self, function: Function) -> list[tuple[str, str]]:
-        return []
-
-    def _kernel(self, entry: Function) -> None:
-        self.prologue.packet()
-        inner = self.globals.take(f"{self.function_names[entry.name]}_pairs")
-        self._function(entry, inner)
-        types = self.node_types
+    def text(self, inner: str) -> str:
+        """Return the kernels; `inner` names the program."""
         texts = [self._node(), self._calls(inner), self._reads(inner), self._writes(), _TREE]
-        if not types.lifted:
+        if not self.node_types.lifted:
             texts.append(_SCAN)
         text = "\n".join(texts)
         for word, meant in self._words().items():
             text = re.sub(rf"\b{word}\b", meant, text)
-        for line in ("", *text.splitlines()):
-            self.emit(line)
+        return text
 
     def _words(self) -> dict[str, str]:
         types = self.node_types
@@ -245,12 +209,13 @@ class TreePrinter(PacketPrinter):
             ("OUT", types.made, ""),
         ):
             names = [f"{word.lower()}{k}" for k in range(len(of))]
-            words[word] = ", ".join(f"{self._array_of(t, qualifier)}{name}" for t, name in zip(of, names, strict=True))
+            pairs = zip(of, names, strict=True)
+            words[word] = ", ".join(f"__global {qualifier}{element_name(t.base)} *{name}" for t, name in pairs)
             words[f"{word}_ARGS"] = ", ".join(names)
         return words
 
     def _node(self) -> str:
-        """The struct of a node, one vector for each of its numbers, and how lanes of it are picked."""
+        """Return the struct of a node, one vector for each of its numbers, and how lanes of it are picked."""
         n = self.lanes
         fields = [f"    {spelled_wide(t)} part{k};" for k, t in enumerate(self.parts)]
         lines = ["// What is combined: a lane of each part.", "typedef struct {", *fields, "} sh_node;", ""]
@@ -289,7 +254,7 @@ class TreePrinter(PacketPrinter):
         return [f"// {told}", head, "    sh_node made;", *stores, "    return made;", "}", ""]
 
     def _picking(self, name: str, lanes: Sequence[int]) -> list[str]:
-        """A function that picks lanes of two packets: those of the second one are numbered after those of the first."""
+        """Return a function that picks lanes of two packets; the second one's numbers follow those of the first."""
         values = []
         for k, type in enumerate(self.parts):
             a, b = f"a.part{k}", f"b.part{k}"
@@ -365,7 +330,7 @@ class TreePrinter(PacketPrinter):
         return "\n".join([head, "    sh_packet packet = sh_packet_at(first, end);", *lines, "}", ""])
 
     def _rows(self, parts: Sequence[str], types: Sequence[Type]) -> list[str]:
-        """The parts as leaves: those of a vector together."""
+        """Return the parts as leaves: those of a vector together."""
         found, rest = [], iter(parts)
         for t in types:
             of = [next(rest) for _ in range(t.size)]

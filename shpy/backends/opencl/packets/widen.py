@@ -34,7 +34,7 @@ __all__ = ["WIDER", "WIDTHS", "Lanes", "Rows", "lanes_of", "rows_of", "widen"]
 WIDTHS = (4, 8, 16)
 """Lanes that a packet may have: OpenCL C has vectors of so many numbers, and rows of four fill them."""
 WIDER = (32, 64)
-"""Lanes that a packet may have where the driver's compiler takes clang's vectors (see `packet_halves`)."""
+"""Lanes that a packet may have where the driver's compiler takes clang's vectors (see `prologue_wide`)."""
 
 
 class Lanes(Type):

@@ -4,7 +4,9 @@ Stage: emit. OpenCL C ends at vectors of 16 numbers. clang has vectors of any le
 and parts (`.lo`, `.hi`) of OpenCL's, so a packet's kernel reads the same at every width. Only names are missing: this
 prologue declares those that the kernel uses.
 
->>> print(declare_wide("float32 y = floor(x);", 32))
+>>> words = Words()
+>>> words.add_text("float32 y = floor(x);")
+>>> print(declare_wide(words, 32))
 // OpenCL C has vectors of up to 16 numbers. Longer ones are clang's; functions take them by halves.
 typedef float float32 __attribute__((ext_vector_type(32)));
 <BLANKLINE>
@@ -19,7 +21,10 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-__all__ = ["LONGEST", "declare_wide", "try_wide"]
+from shpy.backends.emit import tree
+from shpy.backends.emit.spell_c import Speller
+
+__all__ = ["LONGEST", "Words", "declare_wide", "try_wide"]
 
 LONGEST: Final = 16
 """Numbers of OpenCL C's longest vector."""
@@ -59,50 +64,84 @@ def try_wide(n: int) -> str:
     a[0] = x{".hi" * (n // LONGEST // 2)};"""
 
 
-def declare_wide(text: str, lanes: int) -> str:
-    """Declare the types and functions of vectors of `lanes` numbers that a kernel's text uses; '' up to LONGEST.
+class Words:
+    """The types and functions that a kernel names."""
+
+    def __init__(self) -> None:
+        self.types: set[str] = set()
+        """Names of types, and of functions that are called after one."""
+        self.functions: set[str] = set()
+
+    def add_function(self, made: tree.Function, speller: Speller) -> None:
+        """Add what a function of the output tree names."""
+        types = {p.type for p in made.parameters} | ({made.result} if made.result else set())
+        for s in tree.statements_of(made.body):
+            if isinstance(s, tree.Declare):
+                types.add(s.type)
+            for whole in tree.expressions_of(s):
+                for e in tree.walk(whole):
+                    if isinstance(e, tree.Call):
+                        self.functions.add(e.function)
+                    elif isinstance(e, tree.Cast | tree.Construct):
+                        types.add(e.type)
+        self.types |= {speller.type_name(t.to if isinstance(t, tree.Pointer) else t) for t in types}
+        self.types |= self.functions
+
+    def add_text(self, text: str) -> None:
+        """Add what text of the prologue names."""
+        self.functions |= set(re.findall(r"\b(\w+)\(", text))
+        self.types |= set(re.findall(r"\w+", text))
+
+    def has_type(self, scalar: str, n: int) -> bool:
+        """Return whether the type of n such numbers is named, or a struct or conversion of them."""
+        type = f"{scalar}{n}"
+        structs = {f"{type}x{size}" for size in (2, 3, 4)}
+        return not self.types.isdisjoint({type, f"as_{type}", f"convert_{type}", f"convert_{type}_sat", *structs})
+
+
+def declare_wide(words: Words, lanes: int) -> str:
+    """Declare the types and functions of vectors of `lanes` numbers that a kernel names; '' up to LONGEST.
 
     Functions of 64 numbers call those of 32.
     """
     if lanes <= LONGEST:
         return ""
-    scalars = [t for t in _SCALARS if _occurs(t, lanes, text)]
+    scalars = [t for t in _SCALARS if words.has_type(t, lanes)]
     declared: list[str] = []
     functions: list[str] = []
     width = lanes
     while width > LONGEST:
-        functions = [*_functions("\n".join([text, *functions]), width, scalars), *functions]
-        declared = [*_macros("\n".join([text, *declared, *functions]), width), *declared]
-        declared = [*_types("\n".join([text, *functions]), width), *declared]
+        made = _functions(words, width, scalars)
+        functions = [*made, *functions]
+        words.add_text("\n".join(made))
+        macros = list(_macros(words, width))
+        declared = [*macros, *declared]
+        words.add_text("\n".join(macros))
+        declared = [*_types(words, width), *declared]
         width //= 2
     return "\n\n".join(["\n".join([_HEAD, *declared]), *functions])
 
 
-def _occurs(scalar: str, n: int, text: str) -> bool:
-    """Return whether a text names the type of n such numbers, or a struct or conversion of them."""
-    return re.search(rf"(\b|_){scalar}{n}(\b|x|_)", text) is not None
+def _types(words: Words, n: int) -> list[str]:
+    return [f"typedef {t} {t}{n} __attribute__((ext_vector_type({n})));" for t in _SCALARS if words.has_type(t, n)]
 
 
-def _types(text: str, n: int) -> list[str]:
-    return [f"typedef {t} {t}{n} __attribute__((ext_vector_type({n})));" for t in _SCALARS if _occurs(t, n, text)]
-
-
-def _macros(text: str, n: int) -> Iterator[str]:
-    """Conversions and stores of n numbers that a text uses."""
+def _macros(words: Words, n: int) -> Iterator[str]:
+    """Yield conversions and stores of n numbers that a kernel uses."""
     for scalar in _SCALARS:
-        if re.search(rf"\bas_{scalar}{n}\(", text):
+        if f"as_{scalar}{n}" in words.functions:
             yield f"#define as_{scalar}{n}(a) __builtin_astype(a, {scalar}{n})"
-        if re.search(rf"\bconvert_{scalar}{n}\(", text):
+        if f"convert_{scalar}{n}" in words.functions:
             yield f"#define convert_{scalar}{n}(a) __builtin_convertvector(a, {scalar}{n})"
-    if re.search(rf"\bvstore{n}\(", text):
+    if f"vstore{n}" in words.functions:
         half = f"vstore{n // 2}"
         yield f"#define vstore{n}(a, at, to) ({half}((a).lo, 2 * (at), to), {half}((a).hi, 2 * (at) + 1, to))"
 
 
-def _functions(text: str, n: int, scalars: list[str]) -> list[str]:
-    """The functions of n numbers that a text uses, each for the types of these scalars."""
+def _functions(words: Words, n: int, scalars: list[str]) -> list[str]:
+    """Return the functions of n numbers that a kernel uses, each for the types of these scalars."""
     floats, ints = ([t for t in types if t in scalars] for types in (_FLOATS, _INTS))
-    used = set(re.findall(r"\b(\w+)\(", text))
+    used = words.functions
     made = [_by_halves(name, t, [t] * k, n) for name, k in _FLOAT_ARGUMENTS.items() if name in used for t in floats]
     made += [_by_halves(name, t, [t] * k, n) for name, k in _INT_ARGUMENTS.items() if name in used for t in ints]
     made += [_by_halves(name, _FLOATS[t], [t], n) for name in _TESTS if name in used for t in floats]

@@ -1,0 +1,1 @@
+"""OpenCL C, a packet of elements a work item, from the output tree."""

@@ -1,0 +1,357 @@
+"""The kernel of a prepared module in packets, many elements a work item.
+
+Stage: emit. The module is taken apart into scalars and vectorised; what varies from lane to lane becomes a `float16`,
+what does not stays a `float`, and control flow is what it was where it is the same for all:
+
+    __kernel void f(ulong count, int first, int row, __global const float *c_in, int c_step, __global float *y_out) {
+        int2 corner = sh_corner(first, row);
+        sh_packet packet = sh_packet_at(corner, count, row);
+        ...
+        float16x2 c = sh_read_f2(c_in, c_step, packet);
+        float16 z_x = (float16)(0.0f);
+        ...
+
+    print_packets(prepared.module, 16, Abilities()).text
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import ClassVar, Final
+
+from shpy.backends.emit import tree
+from shpy.backends.emit.entry import Needs, leaves_early, needed_by
+from shpy.backends.emit.tree import (
+    BOOL,
+    INT,
+    UINT,
+    AnyType,
+    Block,
+    Cast,
+    Construct,
+    Declare,
+    Do,
+    Exit,
+    Expr,
+    Member,
+    Name,
+    Own,
+    Parameter,
+    Pointer,
+    number,
+)
+from shpy.backends.opencl.packets.alone import each_lane
+from shpy.backends.opencl.packets.operations import PacketBody
+from shpy.backends.opencl.packets.prologue import Abilities, PacketPrologue
+from shpy.backends.opencl.packets.prologue_memory import QUAD, spelled_wide
+from shpy.backends.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
+from shpy.backends.opencl.packets.spell_packets import PacketSpeller
+from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
+from shpy.backends.opencl.text.kernel import INDEX, SHAPE, SIZE, ULONG, Kernel, KernelMaker
+from shpy.backends.opencl.text.operations import ClBody
+from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
+from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.components import take_apart
+from shpy.passes.hide import hide_derivable
+from shpy.passes.inline import inline_calls
+from shpy.passes.modes import Math
+from shpy.passes.neighbours import find_neighbours
+from shpy.passes.pipeline import optimise
+from shpy.passes.vectorize import vectorize
+
+__all__ = ["PacketMaker", "print_packets"]
+
+_LARGE: Final = 400
+"""A kernel of more statements is a function that the kernel calls: PoCL generates the code of a kernel three times.
+
+Functions of so many are not inlined either.
+"""
+
+
+def print_packets(
+    module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, hides_zeros: bool = False
+) -> Kernel:
+    """Print the kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do.
+
+    `hides_zeros`: the compiler takes `0 * x` for 0.
+    """
+    called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
+    if called:
+        module = inline_calls(module, lambda f: f.name in called)  # what an element runs alone calls nothing else
+    scalar = optimise(take_apart(module))
+    # What hides a vector is arithmetic on it, which packets take apart too.
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
+    packets = widen(find_neighbours(vectorize(whole, padded=True, alone=True)), lanes)
+    columns = lanes if _stay_together(packets) else QUAD
+    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, hides_zeros=hides_zeros).kernel()
+
+
+def _stay_together(module: Module) -> bool:
+    """Return whether lanes do not diverge and read no places of their own: then a block is of no use.
+
+    What a function without stores does apart is for numbers that are rare.
+    """
+    lets = [(f.name, s) for f in module.functions for s in walk(f.body) if isinstance(s, Let)]
+    pure = {str(s.attr) for _, s in lets if s.op == "call"}
+    part = any(s.op == "lane_any" and name not in pure for name, s in lets)
+    return not part and not any(s.op == "table" and isinstance(s.value.type, Lanes | Rows) for _, s in lets)
+
+
+def _is_large(function: Function) -> bool:
+    return sum(1 for _ in walk(function.body)) > _LARGE
+
+
+class PacketMaker(KernelMaker):
+    """Makes one module of packets one kernel; `ports` has its inputs and outputs before they were taken apart."""
+
+    prologue: PacketPrologue
+    body: ClassVar[type[ClBody]] = PacketBody
+
+    def __init__(
+        self,
+        module: Module,
+        ports: Function,
+        lanes: int,
+        columns: int,
+        abilities: Abilities,
+        math: Math = "strict",
+        *,
+        hides_zeros: bool = False,
+    ) -> None:
+        self.lanes, self.columns, self.ports_before = lanes, columns, ports
+        super().__init__(module, math, Prologue(), elementwise=abilities.elementwise, hides_zeros=hides_zeros)
+        self.listed = columns == lanes and not self.needs[module.entry.name].grid
+        self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
+        self.speller = PacketSpeller(self.prologue.struct)
+        self.grid[INDEX] = Name(rows_of(Base.I, max(self.grid_rank, 1), lanes), self.grid[INDEX].text)
+        for base in Base:
+            for size in (2, 3, 4):
+                if base is not Base.H:
+                    self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
+        take = self.globals.take
+        self.place: dict[Name, AnyType] = {}
+        """What the packet is made of, which the entry's own function is handed."""
+        self.row = Name(INT, "" if self.listed else take("row"))
+        self.corner = Name(UINT if self.listed else vec(Base.I, 2), take("start" if self.listed else "corner"))
+        self.place = {self.corner: SIZE if self.listed else self.corner.type, self.count: ULONG}
+        self.place |= {} if self.listed else {self.row: INT}
+        self.packet = Name(INT, take("packet"))
+        self.words = Words()
+        """What the kernel needs of vectors of more numbers than OpenCL C has."""
+
+    def kernels_around(self, text: Callable[[str], str]) -> Kernel:
+        """Return kernels that call the entry as a function of packets; `text` gives them for its name."""
+        entry = self.module.entry
+        self.place = {}
+        self.add_functions()
+        self.prologue.packet()
+        inner = self.globals.take(f"{self.functions[entry.name]}_pairs")
+        self.add(entry, inner)
+        around = text(inner)
+        self.words.add_text(around)
+        self.speller.paragraph(around)
+        return self.finished(())
+
+    def finished(self, inputs: tuple[int, ...]) -> Kernel:
+        """Return the whole text of what was added."""
+        return replace(super().finished(inputs), lanes=self.lanes, columns=self.columns, listed=self.listed)
+
+    def needs_doubles(self) -> bool:
+        """Return whether a double occurs."""
+        return super().needs_doubles() or self.prologue.doubles
+
+    def declared(self) -> Sequence[str]:
+        """Return declarations of vectors of more numbers than OpenCL C has."""
+        if self.lanes <= LONGEST:
+            return ()
+        self.words.add_text(self.prologue.text())
+        return ["", *declare_wide(self.words, self.lanes).splitlines()]
+
+    # What a function needs besides its arguments
+
+    def needed(self, let: Let) -> Needs | None:
+        """Return what an operation needs: blocks of the grid its shape, to number the rows of an image's planes too."""
+        found = needed_by(let)
+        if found is None or let.op not in ("grid_index", "grid_shape", "neighbour"):
+            return found
+        if let.op == "neighbour":
+            rank = next(t.rank for t in self.module.tables if t.name == let.attr)
+        else:
+            rank = 1 if isinstance(let.value.type, Lanes) else let.value.type.size
+        shape = {SHAPE} if rank > 2 or let.op == "neighbour" else set()
+        return replace(found, grid=found.grid | shape, ranks=frozenset({rank}))
+
+    def handed(self, function: str) -> tuple[Name, ...]:
+        """Return what is handed on to a function; the entry's own function finds its place in the grid itself."""
+        found = super().handed(function)
+        if function != self.module.entry.name or not self.place:
+            return found
+        return (*self.place, *(e for e in found if e != self.grid[INDEX]))
+
+    def declares(self, e: Name) -> Parameter:
+        """Return the parameter by which something is handed on."""
+        return Parameter(self.place[e], e.text) if e in self.place else super().declares(e)
+
+    def array(self, type: Type, qualifier: str = "") -> Pointer:
+        """Return the type of an array in memory; vectors of three are kept as four."""
+        return super().array(type.sized(4) if type.size == 3 else type, qualifier)
+
+    # Functions
+
+    def stands_apart(self, function: Function) -> bool:
+        """Return whether the compiler is told not to inline the function."""
+        return super().stands_apart(function) or _is_large(function)
+
+    def spelled(self, made: tree.Function) -> None:
+        """Add a function to the text."""
+        if self.lanes > LONGEST:
+            self.words.add_function(made, self.speller)
+        super().spelled(made)
+
+    def add(self, function: Function, name: str) -> None:
+        """Add a function to the text; for one that each lane runs alone, the loop over the lanes too."""
+        if not function.alone:
+            super().add(function, name)
+            return
+        one = self.globals.take(f"{name}_alone")
+        function = replace(function, inputs=function.inputs[:-1])  # the mask is for the loop
+        super().add(function, one)
+        names = self.globals.scope()
+        active = Name(BOOL, names.take("active"))
+        inputs, outputs = (
+            [Name(port.type.scalar, names.take(port.name or "a")) for port in ports]
+            for ports in (function.inputs, function.outputs)
+        )
+        handed = self.handed(function.name)
+        parameters = [Parameter(lanes_of(e.type.base, self.lanes), e.text) for e in (*inputs, active)]
+        single = len(outputs) == 1
+        if not single:
+            parameters += [Parameter(Pointer(lanes_of(e.type.base, self.lanes)), e.text) for e in outputs]
+        parameters += [self.declares(e) for e in handed]
+        result = lanes_of(outputs[0].type.base, self.lanes) if single else None
+        block = each_lane(one, active, inputs, outputs, handed, self.lanes)
+        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
+
+    def prelude(self, function: str) -> Block:
+        """Return the first statements of a function.
+
+        The entry's own function makes its packet again: a struct of vectors that is handed over waits for memory.
+        """
+        if function != self.module.entry.name or not self.place:
+            return ()
+        return (self._make_packet(), *self._find_place())
+
+    # The kernel
+
+    def add_kernel(self, entry: Function, name: str) -> tuple[int, ...]:
+        """Add the kernel itself; return the positions of the inputs that it reads."""
+        apart = _is_large(entry) or leaves_early(entry)
+        inner = self.globals.take(f"{name}_packet") if apart else ""
+        self.prologue.packet()
+        if apart:
+            self.add(entry, inner)
+        body = self.body(self, entry)
+        body.begin(returns=False)
+        uses, take = body.planned.uses, body.scope.take
+        read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
+        arrays = [Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read]
+        steps = [Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read]
+        outputs = [Name(o.type, take(f"{o.name or 'result'}_out")) for o in self.ports_before.outputs]
+        before = self.ports_before
+        parameters = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
+        parameters += [] if self.listed else [Parameter(INT, self.row.text)]
+        parameters += [self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else []
+        for (at, _), array, step in zip(read, arrays, steps, strict=True):
+            parameters.append(Parameter(self.array(before.inputs[at].type.scalar, "const "), array.text))
+            parameters.append(Parameter(INT, step.text))
+        own = {*self.place, *self.grid.values()}
+        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in own]
+        parameters += [Parameter(self.array(o.type.scalar), o.text) for o in outputs]
+        body.out += self._find_packet(apart=apart)
+        for (at, i), array, step in zip(read, arrays, steps, strict=True):
+            type = before.inputs[at].type
+            function = self.prologue.memory("read", type.base, type.size)
+            body.bind(i.id, tree.call(function, i.type, array, step, self.packet))
+        if apart:
+            self._call_packet(body, inner)
+        else:
+            body.statements()
+        self._write_outputs(body, outputs)
+        self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
+        return tuple(at for at, _ in read)
+
+    def _find_packet(self, *, apart: bool) -> Block:
+        """Return the statements by which a work item finds its packet; they end it if that has no element."""
+        if self.listed:
+            number_of = tree.infix("+", Cast(UINT, self.first, SIZE), tree.call("get_global_id", UINT, number(0)))
+            start: Expr = tree.infix("*", number_of, number(self.lanes))
+            empty: Expr = tree.infix("==", Member(INT, self.packet, "left"), number(0), BOOL)
+        else:
+            start = tree.call("sh_corner", self.corner.type, self.first, self.row)
+            empty = Member(BOOL, self.packet, "empty")
+        corner = Declare(self.place[self.corner], self.corner.text, start)
+        found: Block = (corner, self._make_packet(), tree.If(empty, (Exit("return"),)))
+        return found if apart else (*found, *self._find_place())
+
+    def _make_packet(self) -> tree.Stmt:
+        return Declare(Own("sh_packet"), self.packet.text, tree.call("sh_packet_at", INT, *self.place))
+
+    def _find_place(self) -> Block:
+        """Return the statement that finds the lanes' own index, where that is asked for."""
+        index = self.grid[INDEX]
+        if INDEX not in self.needs[self.module.entry.name].grid:
+            return ()
+        return (Declare(index.type, index.text, self._grid_of_lanes(index.type)),)
+
+    def _grid_of_lanes(self, type: Type) -> Expr:
+        """Return the lanes' index along each axis; an image's rows are numbered through all its planes."""
+        lanes = lanes_of(Base.I, self.lanes)
+        x, y = (Member(lanes, self.packet, axis) for axis in "xy")
+        if self.grid_rank == 1:
+            return tree.infix("+", x, tree.infix("*", y, self.row))
+        rest: Expr = y
+        axes: list[Expr] = [x]
+        for axis in "xyzw"[1 : self.grid_rank - 1][::-1]:
+            side = Member(INT, self.grid[SHAPE], axis)
+            axes.insert(0, tree.infix("%", rest, side))
+            rest = tree.infix("/", rest, side)
+        return Construct(type, (rest, *axes))
+
+    def _call_packet(self, body: ClBody, inner: str) -> None:
+        """Call the function that the entry is."""
+        entry = body.function
+        args = [body.exprs[i.id] if i.id in body.exprs else self._nothing(i.type) for i in entry.inputs]
+        handed = self.handed(entry.name)
+        if len(entry.outputs) == 1:
+            (o,) = entry.outputs
+            body.out.append(Declare(o.type, body.slot(o), tree.call(inner, o.type, *args, *handed)))
+            return
+        for o in entry.outputs:
+            body.out.append(Declare(o.type, body.slot(o)))
+            args.append(tree.prefix("&", body.slots[o.id]))
+        body.out.append(Do(tree.call(inner, BOOL, *args, *handed)))
+
+    def _nothing(self, type: Type) -> Expr:
+        """Return an input that is not used."""
+        zero = Construct(lanes_of(type.base, self.lanes), (number(0),))
+        return zero if isinstance(type, Lanes) else Construct(type, (zero,))
+
+    def _write_outputs(self, body: ClBody, arrays: Sequence[Name]) -> None:
+        """Append the stores of the outputs, each lane's number to its element."""
+        parts = iter(body.function.outputs)
+        for output, array in zip(self.ports_before.outputs, arrays, strict=True):
+            type = output.type
+            numbers = [self._wide(body, next(parts)) for _ in range(type.size)]
+            value = numbers[0]
+            if type.size > 1:
+                value = Construct(rows_of(type.base, type.size, self.lanes), tuple(numbers))
+            write = self.prologue.memory("write", type.base, type.size)
+            body.out.append(Do(tree.call(write, BOOL, array, value, self.packet)))
+
+    def _wide(self, body: ClBody, variable: Variable) -> Expr:
+        """Return an output, for each lane."""
+        e, type = body.slots[variable.id], variable.type
+        return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))

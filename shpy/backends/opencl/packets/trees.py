@@ -1,0 +1,43 @@
+"""The kernels of a program of two elements, which fold and scan a stream in packets.
+
+Stage: emit. See `prologue_trees` for the text around the program.
+
+    print_trees(prepared.module, NodeTypes((F,), (F,), lifted=False), 16, Abilities()).text
+"""
+
+from __future__ import annotations
+
+from shpy.backends.base import NodeTypes
+from shpy.backends.opencl.packets.kernel import PacketMaker
+from shpy.backends.opencl.packets.prologue import Abilities
+from shpy.backends.opencl.packets.prologue_trees import TreePrologue
+from shpy.backends.opencl.packets.widen import Lanes, widen
+from shpy.backends.opencl.text.kernel import Kernel
+from shpy.ir.nodes import Module
+from shpy.ir.types import Base
+from shpy.passes.components import take_apart
+from shpy.passes.hide import hide_derivable
+from shpy.passes.neighbours import find_neighbours
+from shpy.passes.pipeline import optimise
+from shpy.passes.vectorize import vectorize
+
+__all__ = ["print_trees"]
+
+
+def print_trees(
+    module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool = False
+) -> Kernel | None:
+    """Print the kernels of a prepared program of two nodes; None for what they cannot run.
+
+    The program has the parts of two nodes as inputs and those of one as outputs. Where elements are lifted, an element
+    and its index come before these, and what they give before the result. `hides_zeros`: see `print_packets`.
+    """
+    if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
+        return None
+    scalar = optimise(take_apart(module))
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
+    packets = widen(find_neighbours(vectorize(whole)), lanes)
+    if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
+        return None
+    maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, hides_zeros=hides_zeros)
+    return maker.kernels_around(TreePrologue(maker.prologue, types).text)
