@@ -1,6 +1,8 @@
 """The rules of the house: which way imports go, how large things get, what they are called, what is documented."""
 
 import ast
+import enum
+import importlib
 import importlib.util
 import re
 import subprocess
@@ -254,3 +256,86 @@ def test_the_table_of_sizes_is_up_to_date(request):
     if done.returncode and request.config.getoption("--update-snapshots"):
         done = subprocess.run([*command, "--write"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+EMIT = [
+    path
+    for folder in ("emit", "opencl/text", "opencl/packets", "glsl/text")
+    for path in sorted((ROOT / "shpy/backends" / folder).glob("*.py"))
+]
+"""Where texts are made. numpy's own folder joins them when it has moved."""
+
+LOOKS = {"startswith", "endswith", "find", "index", "partition", "rpartition", "split", "replace", "removesuffix"}
+"""Methods that look into a text."""
+
+
+def looks_at_text(node):
+    """Return whether a node of Python compares or searches the text of an expression."""
+
+    def is_text(e):
+        return isinstance(e, ast.Attribute) and e.attr == "text"
+
+    if isinstance(node, ast.Compare):
+        return any(map(is_text, (node.left, *node.comparators))) and not all(
+            isinstance(op, ast.In | ast.NotIn) and is_text(node.left) for op in node.ops
+        )
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        searched = isinstance(node.func.value, ast.Name) and node.func.value.id == "re"
+        return (node.func.attr in LOOKS and is_text(node.func.value)) or (searched and any(map(is_text, node.args)))
+    return False
+
+
+def joins_code(node):
+    """Return whether a node of Python puts code of a target together."""
+    if not isinstance(node, ast.JoinedStr):
+        return False
+    fixed = "".join(part.value for part in node.values if isinstance(part, ast.Constant))
+    return bool(re.search(r"[(){}\[\];=<>+*/&|]", fixed))
+
+
+def emits(path):
+    """Yield (line, fault) for each fault in a file that makes texts."""
+    tree = ast.parse(path.read_text())
+    excused = {id(n) for raised in ast.walk(tree) if isinstance(raised, ast.Raise) for n in ast.walk(raised)}
+    for node in ast.walk(tree):
+        if looks_at_text(node):
+            yield node.lineno, "looks at text"
+        if isinstance(node, ast.Try) and node.handlers:
+            yield node.lineno, "catches an exception"
+        if joins_code(node) and id(node) not in excused and not path.stem.startswith(("spell_", "prologue")):
+            yield node.lineno, "joins code outside of spellers and prologues"
+
+
+def test_texts_are_made_of_trees():
+    """Nobody looks at emitted text or takes a decision back; only spellers and prologues put text together."""
+    assert len(EMIT) > 20
+    assert [f"{shown(path)}:{line} {fault}" for path in EMIT for line, fault in emits(path)] == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "if e.text == 'x': f()",
+        "e.text.startswith('-')",
+        "re.sub('a', 'b', e.text)",
+        "try: f()\nexcept E: g()",
+        "f'{a} + b'",
+    ],
+)
+def test_the_rule_of_texts_can_fail(source, tmp_path):
+    (tmp_path / "made.py").write_text(source)
+    assert len(list(emits(tmp_path / "made.py"))) == 1
+
+
+def test_chains_of_classes_that_make_texts_are_short():
+    """Each class has four bases above `object` at most, counting itself."""
+    names = [module_name(path) for path in EMIT if path.stem != "__init__"]
+    for module in map(importlib.import_module, names):
+        for made in vars(module).values():
+            if isinstance(made, type) and made.__module__ == module.__name__ and not issubclass(made, enum.Enum):
+                assert len(made.__mro__) - 1 <= 4, made
+
+
+def module_name(path):
+    """Return the name by which a file of the product is imported."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts)

@@ -130,7 +130,7 @@ def test_the_functions_of_the_prologue_stand_below_those_they_call() -> None:
     for helper in helpers():
         seen.add(helper.name)
         assert helper.calls <= seen
-        assert len(helper.text.splitlines()) <= 50
+        assert len(helper.source.splitlines()) <= 50
 
 
 def test_division_of_places_by_way_of_floats_is_exact():
@@ -142,7 +142,7 @@ def test_division_of_places_by_way_of_floats_is_exact():
     n = np.concatenate([rng.integers(1, 2**e, 3000) for e in (2, 4, 10, 14, 20, 26)])
     multiples = n * (rng.integers(0, 2**26, len(n)) // n)
     i = np.clip(multiples + rng.integers(-1, 2, len(n)), 0, 2**27).astype(np.int32)
-    split = next(h.text for h in helpers() if h.name == "sh_split")
+    split = next(h.source for h in helpers() if h.name == "sh_split")
     text = (
         "#version 330 core\nuniform isampler2D pairs;\nlayout(location = 0) out ivec2 parts;\n"
         f"{split}\nvoid main() {{\n    ivec2 p = texelFetch(pairs, ivec2(gl_FragCoord.xy), 0).xy;\n"

@@ -57,17 +57,17 @@ class Helper:
     result: str
     types: tuple[str, ...]
     parameters: tuple[str, ...]
-    text: str
+    source: str
 
     @property
     def words(self) -> frozenset[str]:
         """The names in it that are ours."""
-        return frozenset(re.findall(r"\bsh_\w+", self.text))
+        return frozenset(re.findall(r"\bsh_\w+", self.source))
 
     @property
     def calls(self) -> frozenset[str]:
         """The functions of the prologue that it calls."""
-        return frozenset(re.findall(r"\b(sh_\w+)\(", self.text[self.text.index("{") :]))
+        return frozenset(re.findall(r"\b(sh_\w+)\(", self.source[self.source.index("{") :]))
 
     def sized(self, size: int) -> str:
         """Return the same function of vectors, component by component."""
@@ -150,7 +150,7 @@ class Prologue:
         wanted, parts = self._wanted(), []
         for helper in self._helpers:
             if helper in wanted:
-                parts.append(helper.text)
+                parts.append(helper.source)
                 parts += [helper.sized(size) for size in (2, 3, 4) if (helper, size) in self._sized]
         text = "\n\n".join(parts)
         return text if self._exact else _HEAD.sub(lambda head: head[0].replace(_PRECISE, ""), text)
