@@ -192,7 +192,7 @@ def test_properties_draw_the_same_examples_in_every_run(request):
 
 _LATE = (
     *(f"shpy.{name}" for name in ("accuracy", "cli", "testing", "ir.interpreter", "ir.parser")),
-    *(f"shpy.backends.{name}" for name in ("clike", "device.probe", "device.store", "glsl", "numpy", "opencl")),
+    *(f"shpy.backends.{name}" for name in ("device.probe", "device.store", "emit", "glsl", "numpy", "opencl")),
     *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
     *("lark", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
 )
