@@ -48,7 +48,7 @@ def _values(layout: Layout, result: Any) -> list[Any]:
 
 
 def _named_parts(layout: Layout) -> list[_Part]:
-    """As `_parts`, and a struct by its fields."""
+    """Return the outputs as `_parts` does, and a struct by its fields."""
     if isinstance(layout, Group) and layout.form == "struct":
         return list(zip(layout.names, layout.parts, strict=True))
     return _parts(layout)
@@ -62,7 +62,7 @@ def _taken_apart(layout: Layout, result: Any) -> list[Any]:
 
 
 def _join(parts: list[_Part]) -> Layout:
-    """One layout of several outputs: a single one stays itself."""
+    """Join several outputs to one layout: a single one stays itself."""
     if len(parts) == 1 and parts[0][0] is None:
         return parts[0][1]
     names = tuple(name for name, _ in parts if name is not None)
@@ -229,7 +229,7 @@ def type_name(type_: InputType) -> str:
 
 
 def signature(p: Recorded) -> str:
-    """`f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
+    """Return the text `f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
     inputs = ", ".join(f"{name}: {type_name(type_)}" for name, type_ in p.inputs.items())
     outputs = [f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _named_parts(p.output)]
     named = len(outputs) > 1 or _named_parts(p.output)[0][0] is not None

@@ -45,7 +45,7 @@ pcg = Subroutine(_pcg, "pcg")
 
 
 def _pcg_pair(x: Attrib1u) -> Any:
-    """pcg(x) and pcg(x + 1), whose states are a step apart."""
+    """Return pcg(x) and pcg(x + 1), whose states are a step apart."""
     state = x * _STEP + 2891336453
     return scramble(state), scramble(state + _STEP)
 
@@ -150,7 +150,7 @@ _POINTS = {1: Attrib1f, 2: Attrib2f, 3: Attrib3f}
 
 
 def noise(p: Any) -> Any:
-    """Signed gradient noise of a point of 1 to 3 dimensions: continuous, zero on the whole numbers, about -1 to 1."""
+    """Return signed gradient noise of a point of 1 to 3 dimensions: continuous, 0 on whole numbers, about -1 to 1."""
     operand = arithmetic.operand(p, "sh.noise")
     if operand.size not in _NOISE:
         raise ShpyTypeError("sh.noise takes one to three floats", loc=here(), cure="sh.noise(p.xyz)")
@@ -177,7 +177,7 @@ Far outside, the fraction of a repeated texture and the edge of a clamped one ar
 
 
 def _mirrored(i: Any, extent: Any) -> Any:
-    """0, 1, …, n - 1, n - 1, …, 1, 0, 0, 1 and so on."""
+    """Return the mirrored index: 0, 1, …, n - 1, n - 1, …, 1, 0, 0, 1 and so on."""
     forth = i % (2 * extent)
     return min(forth, 2 * extent - 1 - forth)
 

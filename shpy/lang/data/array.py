@@ -66,7 +66,7 @@ class Array(Symbolic):
         return made
 
     def _clear(self) -> None:
-        """Zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
+        """Store zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
         with Counted(0, self._length, 1) as i:
             index = int(i._read(FrameEmitter(self._frame)))
             for variable, cls in zip(self._variables, self._classes, strict=True):

@@ -92,7 +92,7 @@ class Param:
 
     @property
     def step(self) -> float | None:
-        """How far apart the values lie that a viewer offers, or None."""
+        """The distance between the values that a viewer offers, or None."""
         return self._about.step
 
     @property

@@ -242,7 +242,7 @@ class TableArgument(Table):
 
     @property
     def shape(self) -> tuple[Any, ...]:
-        """One Attrib1i an axis."""
+        """The number of elements on each axis: an Attrib1i for one axis, else a tuple."""
         emitter = FrameEmitter(need_frame("a table's shape"))
         size = vec(Base.I, self.rank)
         handle = emitter.let("table_size", (), size, self._declared(emitter.frame))

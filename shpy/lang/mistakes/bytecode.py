@@ -165,7 +165,7 @@ def _after(instructions: tuple[dis.Instruction, ...], offset: int) -> int:
 
 
 def _effects(instruction: dis.Instruction, place: Place) -> Iterator[str]:
-    """LOAD and STORE, in order, where the instruction reads or binds the place."""
+    """Yield LOAD and STORE, in order, where the instruction reads or binds the place."""
     if place.attribute is not None:
         if instruction.argval == place.attribute and instruction.opname in ("LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR"):
             yield instruction.opname.partition("_")[0]
@@ -178,7 +178,7 @@ def _effects(instruction: dis.Instruction, place: Place) -> Iterator[str]:
 
 
 def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | None:
-    """Where, after `offset`, the place may be read before it is bound: offset and line of the first, or None."""
+    """Return the offset and line where, after `offset`, the place may first be read before it is bound, or None."""
     instructions = _instructions(code)
     index = {i.offset: k for k, i in enumerate(instructions)}
     waiting, seen = [_after(instructions, offset)], set[int]()
@@ -205,7 +205,7 @@ def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | 
 
 
 def _targets(instructions: tuple[dis.Instruction, ...], k: int, index: dict[int, int], place: Place) -> Iterator[int]:
-    """Where the jump at `k` may lead, next to its successor.
+    """Yield the targets of the jump at `k`, besides its successor.
 
     Python's own loops are taken to run once at least, and the body of an `if` that binds the place to be run: they
     are decided while recording, and conditions that go together must not look like a mistake.

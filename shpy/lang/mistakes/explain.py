@@ -108,7 +108,7 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
 
 @dataclass(frozen=True, slots=True)
 class _Spelling:
-    """How the file writes shpy's names."""
+    """The way in which a file writes shpy's names."""
 
     file: str
     prefix: str
@@ -133,7 +133,7 @@ class _Spelling:
         return quoted(self.file, node)
 
     def control(self, name: str) -> str:
-        """`SH_IF`, or `sh.SH_IF` where the file has no other way to it."""
+        """Return `SH_IF`, or `sh.SH_IF` where the file does not import the name."""
         plain = not self.imported or name in self.imported or "*" in self.imported or self.prefix == ""
         return name if plain else f"{self.prefix}{name}"
 
@@ -166,7 +166,7 @@ def _parts(root: ast.AST) -> Iterator[ast.AST]:
 
 
 def _in_order(root: ast.AST) -> Iterator[ast.AST]:
-    """Inner nodes before outer ones, left to right: about the order of evaluation."""
+    """Yield inner nodes before outer ones, left to right: about the order of evaluation."""
     for child in _parts(root):
         yield from _in_order(child)
     yield root
@@ -342,7 +342,7 @@ def _is_elif(node: ast.If) -> bool:
 
 
 def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
-    """`min`, `max` and the like compare while recording."""
+    """Return the hint for `min`, `max` and the like, which compare while recording."""
     assert isinstance(node, ast.Call)
     name, arguments = spelling.quoted(node.func), [ast.unparse(a) for a in node.args]
     message = f"Python's `{name}` compares while recording, and what it compares is known only when the program runs"

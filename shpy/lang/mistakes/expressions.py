@@ -17,7 +17,7 @@ from shpy.lang.recording.scope import Scope, bound_names
 
 
 class Expressions:
-    """The steps of one function's walk through expressions."""
+    """The part of a function's walk that goes through expressions."""
 
     def __init__(self, scope: Scope, places: Places) -> None:
         self.scope, self.places = scope, places

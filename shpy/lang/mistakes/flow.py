@@ -31,7 +31,7 @@ _EXITS = frozenset({"SH_BREAK", "SH_CONTINUE", "SH_RETURN", "SH_DISCARD", "SH_UN
 
 
 class Flow:
-    """One function's walk."""
+    """The walk through one function's statements."""
 
     def __init__(self, node: FunctionNode, scope: Scope, *, is_program: bool = False) -> None:
         self.scope = scope
@@ -141,7 +141,7 @@ class Flow:
                 self._target(target, node, known, value)
 
     def _display(self, name: str, node: ast.stmt, value: ast.expr) -> None:
-        """`d = {"k": x}` binds `d['k']` too."""
+        """Bind the items of a display: `d = {"k": x}` binds `d['k']` too."""
         items: list[tuple[str, ast.expr]] = []
         if isinstance(value, ast.Dict):
             pairs = zip(value.keys, value.values, strict=True)
@@ -174,7 +174,7 @@ class Flow:
     def _store(
         self, target: ast.Attribute | ast.Subscript, node: ast.stmt, known: Known, value: ast.expr | None
     ) -> None:
-        """`x.xy = …` and `x[:] = …` change a value; `self.k = …` and `d["k"] = …` rebind."""
+        """Visit a store: `x.xy = …` and `x[:] = …` change a value; `self.k = …` and `d["k"] = …` rebind."""
         self.expressions.store_operands(target)
         kind = self.judge.kind(target.value).kind
         if kind is Kind.VALUE:
@@ -187,7 +187,7 @@ class Flow:
             self.places.bind_path(path, node, known, value=value, existed=existed)
 
     def _augment(self, node: ast.AugAssign) -> None:
-        """`x += v`: in place for a value, a rebinding for a number of Python."""
+        """Visit `x += v`: a store in place for a value, a rebinding for a number of Python."""
         self.expressions.visit(node.value)
         target = node.target
         place = ast.unparse(target)

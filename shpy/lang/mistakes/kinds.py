@@ -35,7 +35,7 @@ _KEPT = ("abs", "min", "max", "sum", "pow", "divmod")  # numbers of numbers
 
 
 class Kind(Enum):
-    """The knowledge of an object at the time of recording."""
+    """The kinds of objects while a program is recorded."""
 
     VALUE = "a value of the language"
     NUMBER = "a number of Python"

@@ -17,19 +17,19 @@ _LONGEST = 96
 
 
 class _Rewriter(ast.NodeTransformer):
-    """Python's own logic into operators that values have."""
+    """Rewrites Python's own logic as operators that values have."""
 
     def __init__(self, prefix: str) -> None:
         self.prefix = prefix
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
-        """`and` is `&`, `or` is `|`."""
+        """Rewrite `and` as `&`, `or` as `|`."""
         self.generic_visit(node)
         operator = ast.BitAnd() if isinstance(node.op, ast.And) else ast.BitOr()
         return reduce(lambda left, right: ast.BinOp(left, operator, right), node.values)
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        """`not` is `~`."""
+        """Rewrite `not` as `~`."""
         self.generic_visit(node)
         return ast.UnaryOp(ast.Invert(), node.operand) if isinstance(node.op, ast.Not) else node
 
@@ -55,7 +55,7 @@ class _Rewriter(ast.NodeTransformer):
         return ast.Call(function, [node.test, node.body, node.orelse], [])
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
-        """Another function is left as it is."""
+        """Leave another function as it is."""
         return node
 
 
@@ -70,7 +70,7 @@ def _joined(node: ast.Compare) -> ast.expr | None:
 
 
 def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.expr:
-    """`x in (a, b)` is `(x == a) | (x == b)`, `not in` is `(x != a) & (x != b)`."""
+    """Rewrite `x in (a, b)` as `(x == a) | (x == b)`, `not in` as `(x != a) & (x != b)`."""
     sign: ast.cmpop = ast.Eq() if wanted else ast.NotEq()
     join: ast.operator = ast.BitOr() if wanted else ast.BitAnd()
     compared: list[ast.expr] = [ast.Compare(left, [sign], [item]) for item in items]

@@ -76,7 +76,7 @@ def _spoken(type: Type) -> str:
 
 
 def _check_names(what: str, ports: Sequence[Port], inside: str = "") -> None:
-    """Dots and brackets make structures: their parts stand together, and a matrix has all its rows in order."""
+    """Check structures, which dots and brackets make: parts stand together, and a matrix has all its rows in order."""
     heads: set[str] = set()
     for head, group in groupby(ports, key=lambda port: re.split(r"[.\[]", port.name)[0]):
         members = list(group)

@@ -56,7 +56,7 @@ class Chain:
         self.variables = 0
 
     def add(self, branch: Branch) -> None:
-        """One more link; past the length of a segment, links go behind the flag `matched`."""
+        """Add a link; past the length of a segment, links go behind the flag `matched`."""
         if len(self.segments[-1]) == _CHAIN:
             self.segments.append([])
             if self.matched is None:

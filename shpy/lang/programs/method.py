@@ -62,7 +62,7 @@ class PerInstance:
         return self if instance is None else self._of(instance)
 
     def __call__(self, *args: Any, **named: Any) -> Any:
-        """`Class.method(instance, …)`: run the instance's program."""
+        """Run the instance's program: `Class.method(instance, …)`."""
         if self.owner is None or not args or not isinstance(args[0], self.owner):
             name, first = self.function.__name__, next(iter(inspect.signature(self.function).parameters))
             raise RecordError(

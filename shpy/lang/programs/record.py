@@ -37,7 +37,7 @@ InputType = Layout | TableType | TextureType
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A module and what the host must know to run it; `defaults` holds what an input is that a call leaves out."""
+    """A module with what the host must know to run it; `defaults` are the values of inputs that a call leaves out."""
 
     module: Module
     inputs: dict[str, InputType]

@@ -37,7 +37,7 @@ class Returns:
         self.ports: list[tuple[str, str]] = []
 
     def check_place(self, *, through: bool = False) -> None:
-        """Error for an SH_RETURN that stands in a function which the recorded one calls: it would end the caller.
+        """Raise RecordError for an SH_RETURN in a function which the recorded one calls: it would end the caller.
 
         With `through` it may: what matters then is the body from which the function was called.
         """
@@ -59,7 +59,7 @@ class Returns:
             }
 
     def _check_wrappers(self) -> None:
-        """Error for a decorator that goes on computing after the function that it wraps, which SH_RETURN skips."""
+        """Raise RecordError for a decorator that computes after the function that it wraps, which SH_RETURN skips."""
         for statement in walk(tuple(self.frame.scopes[0].statements[self._wrapped_at :])) if self._wrappers else ():
             loc = statement.value.loc if isinstance(statement, Let) else getattr(statement, "loc", None)
             if loc in self._wrappers:
@@ -131,7 +131,7 @@ class Returns:
 
 
 def _check_count(what: str, layout: Layout, value: Any) -> None:
-    """Error for several values where the annotation names one, and for another number of values than it names."""
+    """Raise RecordError for several values where the annotation names one, and for another number than it names."""
     several = isinstance(value, tuple | list)
     match layout:
         case Leaf(cls):

@@ -53,7 +53,7 @@ class Subroutine:
         self._is_library = self._loc is not None and is_library(self._loc)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
-        """Methods work too: the instance is part of what the subroutine is recorded for."""
+        """Bind a method: the instance is part of what the subroutine is recorded for."""
         return self if instance is None else functools.partial(self, instance)
 
     def __call__(self, *args: Any, **named: Any) -> Any:
@@ -237,7 +237,7 @@ class Recorded:
         return args
 
     def _check_apart(self, passed: list[tuple[str, Any]]) -> None:
-        """Error for one variable given for two parameters, unless both are only read.
+        """Raise RecordError for one variable given for two parameters, unless both are only read.
 
         A parameter that is only read is passed by value, so it would not see what is stored through the other one.
         """

@@ -75,16 +75,16 @@ class FrameEmitter:
         self.frame = frame
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """One Let."""
+        """Record a Let."""
         type = result_type(name, tuple(t for _, t in args))
         return self.frame.let(name, tuple(h for h, _ in args), type), type
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
-        """One Let."""
+        """Record a Let."""
         return self.frame.let(op, args, type, attr)
 
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """One Let of a constant."""
+        """Record a Let of a constant."""
         return self.frame.let("const", (), type, attr)
 
 
@@ -103,18 +103,18 @@ class DeferredEmitter:
     """Keeps operations on uniforms as expressions."""
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """One node."""
+        """Make a node."""
         type = result_type(name, tuple(t for _, t in args))
         return Node(name, tuple(h for h, _ in args), type), type
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Any = None) -> Handle:
-        """One node; a `param` or `table` takes what it reads as its attr."""
+        """Make a node; a `param` or `table` takes what it reads as its attr."""
         if op in ("param", "table"):
             return Node(op, args, type, None, attr)
         return Node(op, args, type, attr)
 
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """One node of a constant."""
+        """Make a node of a constant."""
         return Node("const", (), type, attr)
 
 

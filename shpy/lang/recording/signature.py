@@ -52,7 +52,7 @@ def _call_method(thing: Any) -> Any:
 
 
 def loc_of(function: Any) -> Loc | None:
-    """Where the function is defined."""
+    """Return the line where the function is defined."""
     code = getattr(plain_function(function), "__code__", None)
     return loc_in(code.co_filename, code.co_firstlineno) if code is not None else None
 

@@ -52,7 +52,7 @@ class Same:
 
 
 class _Unreadable(Exception):
-    """An object has state that no snapshot can hold."""
+    """Raised for an object with state that no snapshot can hold."""
 
 
 def snapshot(*things: Any) -> Hashable | None:

@@ -51,7 +51,7 @@ class AbstractValue(Symbolic):
         handle: Handle = None,
         const: tuple[int, ...] | None = None,
     ) -> None:
-        """Be a new slot that holds the handle or constant; outside a recording, be the constant."""
+        """Become a new slot that holds the handle or constant; outside a recording, the constant."""
         set_ = object.__setattr__
         set_(self, "_frame", frame)
         set_(self, "_part", None)

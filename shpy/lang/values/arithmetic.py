@@ -54,7 +54,7 @@ def is_operand(x: Any) -> bool:
 
 
 def refuse_operand(x: Any, what: str) -> None:
-    """ShpyTypeError for what no operator takes beside a value; objects of other classes may know what to do."""
+    """Raise ShpyTypeError for what no operator takes beside a value; objects of other classes may know what to do."""
     cure = "a value of the language, a number, or a tuple, list or 1-D array of up to four"
     if isinstance(x, np.ndarray):
         cure = "sh.Table(array, type) to look numbers up in, an input for one number an element, or sh.Matrix3f(array)"

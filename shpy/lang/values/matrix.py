@@ -94,7 +94,7 @@ class Matrix(Symbolic):
         raise ShpyAttributeError(text, loc=here(), cure=cure)
 
     def _refuse(self, operator: str, other: Any, cure: str, *, reflected: bool = False) -> Any:
-        """ShpyTypeError for values, numbers and arrays; NotImplemented for objects that may know what to do."""
+        """Raise ShpyTypeError for values, numbers and arrays; return NotImplemented for other objects."""
         if not (literal(other) is not None or isinstance(other, Value | Matrix | list | tuple | np.ndarray)):
             return NotImplemented
         sides = [type(self).__name__, type(other).__name__]
@@ -324,7 +324,7 @@ def _matrix(m: Any, what: str) -> Matrix:
 
 
 def transpose(m: Any) -> Any:
-    """Rows for columns."""
+    """Return the transpose: rows for columns."""
     rows = _matrix(m, "transpose").rows
     return m._plain()(*(tuple(r[c] for r in rows) for c in range(m.size)))
 
