@@ -23,34 +23,4 @@ from shpy.library.patterns import cellnoise, fbm, turbulence, worley
 from shpy.library.textures import Mipmap, Texture3D, TextureCube, cubemap
 from shpy.library.transforms import look_at, perspective, rotate, scale, translate
 
-__all__ = [
-    "Mipmap",
-    "Texture3D",
-    "TextureCube",
-    "cellnoise",
-    "cubemap",
-    "fbm",
-    "hsl_from_rgb",
-    "hsv_from_rgb",
-    "hypot",
-    "isfinite",
-    "lab_from_xyz",
-    "lerp",
-    "linear_from_srgb",
-    "linear_from_xyz",
-    "log10",
-    "look_at",
-    "luminance",
-    "outer",
-    "perspective",
-    "rgb_from_hsl",
-    "rgb_from_hsv",
-    "rotate",
-    "scale",
-    "srgb_from_linear",
-    "translate",
-    "turbulence",
-    "worley",
-    "xyz_from_lab",
-    "xyz_from_linear",
-]
+__all__ = sorted(name for name, thing in globals().items() if str(getattr(thing, "__module__", "")).startswith("shpy."))
