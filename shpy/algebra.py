@@ -23,9 +23,9 @@ from shpy.lang.programs.inline import Constants, call_recorded
 from shpy.lang.programs.record import InputType, Recorded, record_body
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame, recording
-from shpy.lang.recording.snapshot import Same
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
+from shpy.lang.values.snapshot import Same
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_values, flatten, is_value, leaves, leaves_of
 from shpy.lang.values.value import CLASSES
 

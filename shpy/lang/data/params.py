@@ -23,10 +23,10 @@ from shpy.lang.recording.emit import DEFERRED, Emitter, Handle
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
-from shpy.lang.recording.snapshot import Same
 from shpy.lang.values import arithmetic, coerce
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.snapshot import Same
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_arrays, entries_of, layout_of, leaves
 from shpy.lang.values.value import CLASSES, Value
 

@@ -22,9 +22,9 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.emit import FrameEmitter, Node, replay
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, Recording
-from shpy.lang.recording.snapshot import Same
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
+from shpy.lang.values.snapshot import Same
 from shpy.lang.values.structure import build_values, flatten, leaves
 
 Constants = Mapping[Same, tuple[int, ...]]

@@ -26,10 +26,10 @@ from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import at, here, in_library, is_library
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
-from shpy.lang.recording.snapshot import snapshot
 from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.snapshot import snapshot
 from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, is_value, layout_from, layout_of, leaves
 from shpy.lang.values.value import Value
 
