@@ -56,7 +56,7 @@ def test_a_row_goes_component_by_component_or_says_that_it_does_not(name, base):
     apart = [evaluated(name, [a[k if len(a) > 1 else 0][None] for a in arrays]) for k in range(size if alone else 0)]
     each = np.concatenate([a.reshape(1, -1) for a in apart]) if alone else whole[:0]
     by_component = whole.shape == each.shape and same(whole, each)
-    assert by_component == OPS[name].componentwise
+    assert by_component == OPS[name].componentwise, f"the row of {name} wants componentwise={by_component}"
 
 
 @pytest.mark.parametrize(("name", "base"), [t for t in TYPED if t[0] in COMMUTATIVE])
@@ -76,7 +76,8 @@ def test_an_exact_row_gives_a_binary16_of_binary16(name):
     found = evaluated(name, arrays)
     with np.errstate(all="ignore"):
         rounded = found.astype(np.float16).astype(np.float32)
-    assert same(found, rounded) == OPS[name].exact
+    exact = same(found, rounded)
+    assert exact == OPS[name].exact, f"the row of {name} wants exact={exact}"
 
 
 @pytest.mark.parametrize("name", [n for n, row in OPS.items() if row.definition])
