@@ -14,6 +14,7 @@ from shpy.backends.opencl.device.driver import machine_of
 from shpy.backends.opencl.device.trial import Trial, works
 from shpy.backends.opencl.packets.prologue_wide import Words, declare_wide, try_wide
 from shpy.backends.opencl.packets.widen import WIDER
+from shpy.backends.opencl.text.operations import FUNCTIONS, NATIVE
 
 RNG = np.random.default_rng(9)
 each_wide = pytest.mark.parametrize("lanes", WIDER)
@@ -132,3 +133,10 @@ def test_only_what_a_text_uses_is_declared() -> None:
     assert text.index("int32 convert_int32_sat(") < text.index("int64 convert_int64_sat(")
     assert "min(" not in text
     assert "double" not in text
+
+
+@pytest.mark.parametrize("name", sorted({*FUNCTIONS.values(), *NATIVE.values()} - {"any", "all"}))
+def test_every_function_of_opencl_has_a_form_for_longer_vectors(name: str) -> None:
+    words = Words()
+    words.add_text(f"float32 x = {name}(y); int32 i = {name}(j);")
+    assert f" {name}(" in declare_wide(words, 32)
