@@ -39,7 +39,7 @@ def evaluated(name, arrays):
 
 
 def same(a, b):
-    """Whether the bits are the same, but for those of a NaN."""
+    """Tell whether the bits are the same, but for those of a NaN."""
     equal = (a == b) & (np.signbit(a) == np.signbit(b)) if a.dtype.kind == "f" else a == b
     return bool(np.all(equal | (a != a) & (b != b)))
 
