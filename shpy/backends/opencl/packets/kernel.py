@@ -16,17 +16,16 @@ what does not stays a `float`, and control flow is what it was where it is the s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import ClassVar, Final
 
 from shpy.backends.emit import tree
-from shpy.backends.emit.entry import Needs, leaves_early, needed_by
+from shpy.backends.emit.entry import Needs, needed_by
 from shpy.backends.emit.tree import (
     BOOL,
     INT,
     UINT,
-    AnyType,
     Block,
     Cast,
     Construct,
@@ -51,7 +50,7 @@ from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, w
 from shpy.backends.opencl.text.kernel import INDEX, SHAPE, SIZE, ULONG, Kernel, KernelMaker
 from shpy.backends.opencl.text.operations import ClBody
 from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
-from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
+from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
@@ -109,6 +108,7 @@ class PacketMaker(KernelMaker):
 
     prologue: PacketPrologue
     body: ClassVar[type[ClBody]] = PacketBody
+    work: ClassVar[str] = "packet"
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class PacketMaker(KernelMaker):
         *,
         hides_zeros: bool = False,
     ) -> None:
-        self.lanes, self.columns, self.ports_before = lanes, columns, ports
+        self.lanes, self.columns = lanes, columns
         super().__init__(module, math, Prologue(), elementwise=abilities.elementwise, hides_zeros=hides_zeros)
         self.listed = columns == lanes and not self.needs[module.entry.name].grid
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
@@ -132,12 +132,13 @@ class PacketMaker(KernelMaker):
                 if base is not Base.H:
                     self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
         take = self.globals.take
-        self.place: dict[Name, AnyType] = {}
-        """What the packet is made of, which the entry's own function is handed."""
+        self.outer = ports
         self.row = Name(INT, "" if self.listed else take("row"))
         self.corner = Name(UINT if self.listed else vec(Base.I, 2), take("start" if self.listed else "corner"))
         self.place = {self.corner: SIZE if self.listed else self.corner.type, self.count: ULONG}
         self.place |= {} if self.listed else {self.row: INT}
+        self.dispatch = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
+        self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
         self.words = Words()
         """What the kernel needs of vectors of more numbers than OpenCL C has."""
@@ -244,46 +245,51 @@ class PacketMaker(KernelMaker):
             return ()
         return (self._make_packet(), *self._find_place())
 
-    # The kernel
+    # What a work item does with its packet
 
-    def add_kernel(self, entry: Function, name: str) -> tuple[int, ...]:
-        """Add the kernel itself; return the positions of the inputs that it reads."""
-        apart = _is_large(entry) or leaves_early(entry)
-        inner = self.globals.take(f"{name}_packet") if apart else ""
+    def is_apart(self, entry: Function) -> bool:
+        """Return whether the entry is a function that the kernel calls."""
+        return _is_large(entry) or super().is_apart(entry)
+
+    def direct(self, entry: Function) -> Collection[int]:
+        """Return no output: each is written for all lanes, at the end."""
+        return ()
+
+    def begin_kernel(self) -> None:
+        """Ask for the packet."""
         self.prologue.packet()
-        if apart:
-            self.add(entry, inner)
-        body = self.body(self, entry)
-        body.begin(returns=False)
-        uses, take = body.planned.uses, body.scope.take
-        read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
-        arrays = [Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read]
-        steps = [Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read]
-        outputs = [Name(o.type, take(f"{o.name or 'result'}_out")) for o in self.ports_before.outputs]
-        before = self.ports_before
-        parameters = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
-        parameters += [] if self.listed else [Parameter(INT, self.row.text)]
-        parameters += [self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else []
-        for (at, _), array, step in zip(read, arrays, steps, strict=True):
-            parameters.append(Parameter(self.array(before.inputs[at].type.scalar, "const "), array.text))
-            parameters.append(Parameter(INT, step.text))
-        own = {*self.place, *self.grid.values()}
-        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in own]
-        parameters += [Parameter(self.array(o.type.scalar), o.text) for o in outputs]
-        body.out += self._find_packet(apart=apart)
-        for (at, i), array, step in zip(read, arrays, steps, strict=True):
-            type = before.inputs[at].type
-            function = self.prologue.memory("read", type.base, type.size)
-            body.bind(i.id, tree.call(function, i.type, array, step, self.packet))
-        if apart:
-            self._call_packet(body, inner)
-        else:
-            body.statements()
-        self._write_outputs(body, outputs)
-        self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
-        return tuple(at for at, _ in read)
 
-    def _find_packet(self, *, apart: bool) -> Block:
+    def stored(self, type: Type) -> Type:
+        """Return the type of an array that holds an input or output: one of numbers."""
+        return type.scalar
+
+    def nothing(self, body: ClBody, type: Type) -> Expr:
+        """Return an input that is not used."""
+        zero = Construct(lanes_of(type.base, self.lanes), (number(0),))
+        return zero if isinstance(type, Lanes) else Construct(type, (zero,))
+
+    def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
+        """Return the elements of an input."""
+        read = self.prologue.memory("read", type.base, type.size)
+        return tree.call(read, rows_of(type.base, type.size, self.lanes), array, step, self.packet)
+
+    def write_outputs(self, body: ClBody) -> None:
+        """Append the stores of the outputs, each lane's number to its element."""
+        parts = iter(body.function.outputs)
+        for output in self.outer.outputs:
+            type, array = output.type, self.arrays[output.id]
+            numbers = [self._wide(body, next(parts)) for _ in range(type.size)]
+            rows = rows_of(type.base, type.size, self.lanes)
+            value = numbers[0] if type.size == 1 else Construct(rows, tuple(numbers))
+            write = self.prologue.memory("write", type.base, type.size)
+            body.out.append(Do(tree.call(write, BOOL, array, value, self.packet)))
+
+    def _wide(self, body: ClBody, variable: Variable) -> Expr:
+        """Return an output, for each lane."""
+        e, type = body.slots[variable.id], variable.type
+        return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))
+
+    def find_element(self, *, apart: bool) -> Block:
         """Return the statements by which a work item finds its packet; they end it if that has no element."""
         if self.listed:
             number_of = tree.infix("+", Cast(UINT, self.first, SIZE), tree.call("get_global_id", UINT, number(0)))
@@ -319,39 +325,3 @@ class PacketMaker(KernelMaker):
             axes.insert(0, tree.infix("%", rest, side))
             rest = tree.infix("/", rest, side)
         return Construct(type, (rest, *axes))
-
-    def _call_packet(self, body: ClBody, inner: str) -> None:
-        """Call the function that the entry is."""
-        entry = body.function
-        args = [body.exprs[i.id] if i.id in body.exprs else self._nothing(i.type) for i in entry.inputs]
-        handed = self.handed(entry.name)
-        if len(entry.outputs) == 1:
-            (o,) = entry.outputs
-            body.out.append(Declare(o.type, body.slot(o), tree.call(inner, o.type, *args, *handed)))
-            return
-        for o in entry.outputs:
-            body.out.append(Declare(o.type, body.slot(o)))
-            args.append(tree.prefix("&", body.slots[o.id]))
-        body.out.append(Do(tree.call(inner, BOOL, *args, *handed)))
-
-    def _nothing(self, type: Type) -> Expr:
-        """Return an input that is not used."""
-        zero = Construct(lanes_of(type.base, self.lanes), (number(0),))
-        return zero if isinstance(type, Lanes) else Construct(type, (zero,))
-
-    def _write_outputs(self, body: ClBody, arrays: Sequence[Name]) -> None:
-        """Append the stores of the outputs, each lane's number to its element."""
-        parts = iter(body.function.outputs)
-        for output, array in zip(self.ports_before.outputs, arrays, strict=True):
-            type = output.type
-            numbers = [self._wide(body, next(parts)) for _ in range(type.size)]
-            value = numbers[0]
-            if type.size > 1:
-                value = Construct(rows_of(type.base, type.size, self.lanes), tuple(numbers))
-            write = self.prologue.memory("write", type.base, type.size)
-            body.out.append(Do(tree.call(write, BOOL, array, value, self.packet)))
-
-    def _wide(self, body: ClBody, variable: Variable) -> Expr:
-        """Return an output, for each lane."""
-        e, type = body.slots[variable.id], variable.type
-        return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))

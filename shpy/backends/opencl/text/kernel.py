@@ -8,7 +8,7 @@ them. An entry that returns early is a function of its own, which the kernel cal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -19,6 +19,7 @@ from shpy.backends.emit.tree import (
     BOOL,
     INT,
     UINT,
+    AnyType,
     Assign,
     Block,
     Cast,
@@ -90,6 +91,7 @@ class KernelMaker(ClUnit):
     """Makes one module one kernel."""
 
     body: ClassVar[type[ClBody]] = ClBody
+    work: ClassVar[str] = "element"
 
     def __init__(
         self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, hides_zeros: bool = False
@@ -108,6 +110,11 @@ class KernelMaker(ClUnit):
         }
         self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
         self.apart = kept_apart(module)
+        self.outer = module.entry
+        """The entry with its inputs and outputs as they are in memory."""
+        self.dispatch = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
+        self.place: dict[Name, AnyType] = {}
+        """What tells the entry's own function where it is, and the types by which it is handed on."""
         self.speller: ClSpeller = ClSpeller()
 
     # What a kernel of packets has in its own way
@@ -233,42 +240,84 @@ class KernelMaker(ClUnit):
 
     def add_kernel(self, entry: Function, name: str) -> tuple[int, ...]:
         """Add the kernel itself; return the positions of the inputs that it reads."""
-        inner = self.globals.take(f"{name}_element") if leaves_early(entry) else ""
+        inner = self.globals.take(f"{name}_{self.work}") if self.is_apart(entry) else ""
+        self.begin_kernel()
         if inner:
             self.add(entry, inner)
-        body = self.body(self, entry, () if inner else direct_outputs(entry, self.callees))
+        body = self.body(self, entry, () if inner else self.direct(entry))
         body.begin(returns=False)
-        uses, take = body.planned.uses, body.scope.take
+        uses, take, outer = body.planned.uses, body.scope.take, self.outer
         read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
-        arrays = {i.id: Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read}
-        steps = {i.id: Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read}
-        self.arrays = {o.id: Name(o.type, take(f"{o.name or 'result'}_out")) for o in entry.outputs}
-        parameters = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
-        parameters += [self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else []
-        for _, i in read:
-            parameters.append(Parameter(self.array(i.type, "const "), arrays[i.id].text))
-            parameters.append(Parameter(INT, steps[i.id].text))
-        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in self.grid.values()]
-        parameters += [Parameter(self.array(o.type), self.arrays[o.id].text) for o in entry.outputs]
-        body.out += self.find_element(entry)
-        for _, i in read:
-            body.bind(i.id, body.read(arrays[i.id], tree.infix("*", self.element, steps[i.id]), i.type))
+        arrays = [Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read]
+        steps = [Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read]
+        self.arrays = {o.id: Name(o.type, take(f"{o.name or 'result'}_out")) for o in outer.outputs}
+        parameters = [*self.dispatch, *([self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else [])]
+        for (at, _), array, step in zip(read, arrays, steps, strict=True):
+            parameters.append(Parameter(self.array(self.stored(outer.inputs[at].type), "const "), array.text))
+            parameters.append(Parameter(INT, step.text))
+        found = {*self.place, *self.grid.values()}
+        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in found]
+        parameters += [Parameter(self.array(self.stored(o.type)), self.arrays[o.id].text) for o in outer.outputs]
+        body.out += self.find_element(apart=bool(inner))
+        for (at, i), array, step in zip(read, arrays, steps, strict=True):
+            body.bind(i.id, self.fetched(body, array, step, outer.inputs[at].type))
         if inner:
             self.call_entry(body, inner)
         else:
             body.statements()
-            left = [o for o in entry.outputs if o.id not in body.direct]
-            body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
+        self.write_outputs(body)
         self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
         return tuple(at for at, _ in read)
 
-    def find_element(self, entry: Function) -> Block:
-        """Return the statements by which a work item finds its element, and its place in the grid."""
+    def call_entry(self, body: ClBody, inner: str) -> None:
+        """Call the function that the entry is; its results stand in the slots of the outputs."""
+        outputs = body.function.outputs
+        args = [body.exprs[i.id] if i.id in body.exprs else self.nothing(body, i.type) for i in body.function.inputs]
+        handed = self.handed(body.function.name)
+        if len(outputs) == 1:
+            body.slots[outputs[0].id] = tree.call(inner, outputs[0].type, *args, *handed)
+            return
+        body.out += [Declare(o.type, body.slot(o)) for o in outputs]
+        results = [tree.prefix("&", body.slots[o.id]) for o in outputs]
+        body.out.append(tree.Do(tree.call(inner, BOOL, *args, *results, *handed)))
+
+    # What a work item does with its element
+
+    def is_apart(self, entry: Function) -> bool:
+        """Return whether the entry is a function that the kernel calls."""
+        return leaves_early(entry)
+
+    def direct(self, entry: Function) -> Collection[int]:
+        """Return the outputs that are written where they are stored."""
+        return direct_outputs(entry, self.callees)
+
+    def begin_kernel(self) -> None:
+        """Ask for what the kernel needs of the prologue before any function."""
+
+    def stored(self, type: Type) -> Type:
+        """Return the type of an array that holds an input or output."""
+        return type
+
+    def nothing(self, body: ClBody, type: Type) -> Expr:
+        """Return an input that is not used."""
+        return body.zero(type)
+
+    def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
+        """Return the element of an input."""
+        return body.read(array, tree.infix("*", self.element, step), type)
+
+    def write_outputs(self, body: ClBody) -> None:
+        """Append the stores of the outputs that are not written yet."""
+        left = [o for o in body.function.outputs if o.id not in body.direct]
+        body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
+
+    def find_element(self, *, apart: bool) -> Block:
+        """Return the statements by which a work item finds its element and its place; `apart`: for a function."""
         element, index = self.element, self.grid[INDEX]
         start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
         outside = tree.If(tree.infix(">=", element, self.count, BOOL), (Exit("return"),))
         found: Block = (Declare(SIZE, element.text, start), outside)
-        if INDEX not in self.needs[entry.name].grid:
+        if INDEX not in self.needs[self.module.entry.name].grid:
             return found
         rest: Expr = element
         axes: list[Expr] = []
@@ -278,18 +327,3 @@ class KernelMaker(ClUnit):
             rest = tree.infix("/", rest, side)
         made: Expr = Cast(INT, element) if self.grid_rank == 1 else tree.Construct(index.type, (rest, *axes))
         return (*found, Declare(index.type, index.text, made))
-
-    def call_entry(self, body: ClBody, inner: str) -> None:
-        """Call the function that the entry is."""
-        entry = body.function
-        args = [body.exprs[i.id] if i.id in body.exprs else body.zero(i.type) for i in entry.inputs]
-        handed = self.handed(entry.name)
-        if len(entry.outputs) == 1:
-            (o,) = entry.outputs
-            body.out.append(body.write(self.arrays[o.id], tree.call(inner, o.type, *args, *handed), o.type))
-            return
-        for o in entry.outputs:
-            body.out.append(Declare(o.type, body.slot(o)))
-            args.append(tree.prefix("&", body.slots[o.id]))
-        body.out.append(tree.Do(tree.call(inner, BOOL, *args, *handed)))
-        body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in entry.outputs]
