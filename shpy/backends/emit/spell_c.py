@@ -41,7 +41,7 @@ from shpy.backends.emit.tree import (
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Type
 
-__all__ = ["Level", "Line", "Speller", "comment", "text_of"]
+__all__ = ["Level", "Line", "Speller", "comment", "row_major", "text_of"]
 
 Line = tuple[str, Loc | None]
 """One line of text, and the line of the user's code that it comes from."""
@@ -299,6 +299,15 @@ def _begins_with(e: Expr, symbol: str) -> bool:
 def is_negative(value: float | int | bool) -> bool:
     """Return whether a number is written with a minus."""
     return bool(np.signbit(value)) if isinstance(value, float) else value < 0
+
+
+def row_major(at: Sequence[str], size: str) -> str:
+    """Spell the place of an element in memory, in C order, from its index on each axis."""
+    place, *others = at
+    for axis, index in zip("yzw", others, strict=False):
+        first = place if axis == "y" else f"({place})"
+        place = f"{first} * {size}.{axis} + {index}"
+    return place
 
 
 def comment(loc: Loc) -> str:

@@ -21,6 +21,7 @@ from functools import cache
 from importlib import resources
 from typing import Final
 
+from shpy.backends.emit.spell_c import row_major
 from shpy.backends.emit.tree import Name
 from shpy.backends.glsl.device.textures import FOLD
 from shpy.backends.glsl.text.interface import (
@@ -212,7 +213,7 @@ def output(location: int, type: Type, name: str) -> str:
 def reader(table: TableTexture, name: str) -> str:
     """Return the function that reads a table: its texels are the elements in C order, folded."""
     index, n, type = spelled(vec(Base.I, table.rank)), table.shape, table.type
-    flat = {1: "at", 2: f"at.x * {n}.y + at.y", 3: f"(at.x * {n}.y + at.y) * {n}.z + at.z"}[table.rank]
+    flat = "at" if table.rank == 1 else row_major([f"at.{c}" for c in "xyz"[: table.rank]], n)
     texel = f"texelFetch({table.sampler}, ivec2(i & {FOLD - 1}, i >> {_FOLD_BITS}), 0)"
     if type.is_bool or type.size < 4:
         texel = f"{texel}.{'xyzw'[: type.size]}"

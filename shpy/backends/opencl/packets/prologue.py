@@ -23,9 +23,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from shpy.backends.emit.spell_c import row_major
 from shpy.backends.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
 from shpy.backends.opencl.packets.widen import Lanes, lanes_of, rows_of
-from shpy.backends.opencl.text.prologue import LDEXP, SCALARS, Prologue
+from shpy.backends.opencl.text.prologue import ANY_SIZE, LDEXP, SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
 __all__ = ["IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]
@@ -56,16 +57,7 @@ class Abilities:
 
 
 _TEXTS: Final = {
-    ("min", Base.F): """\
-// The number where one is NaN.
-T {name}(T a, T b) {
-    return !(a <= b) & (b == b) ? b : a;
-}""",
-    ("max", Base.F): """\
-// The number where one is NaN.
-T {name}(T a, T b) {
-    return !(a >= b) & (b == b) ? b : a;
-}""",
+    **{(op, Base.F): text for op, text in ANY_SIZE.items()},
     ("abs", Base.I): """\
 // |a|, but INT_MIN for INT_MIN.
 INT {name}(INT a) {
@@ -257,10 +249,7 @@ def _each_lane(name: str, op: str, wide: str, lanes: int) -> str:
 
 
 def _flat(name: str, index: str, rank: int, lanes: int) -> str:
-    steps = [f"clamp(at.{c}, 0, size.{c} - 1)" for c in "xyz"[:rank]]
-    made = f"{steps[0]} * size.y + {steps[1]}"
-    if rank == 3:
-        made = f"({made}) * size.z + {steps[2]}"
+    made = row_major([f"clamp(at.{c}, 0, size.{c} - 1)" for c in "xyz"[:rank]], "size")
     return f"""\
 // The places of elements, the nearest ones for indices that are out of range.
 int{lanes} {name}({index} at, int{rank} size) {{

@@ -20,6 +20,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from shpy.backends.emit.spell_c import row_major
 from shpy.ir.types import Base, Type, vec
 
 NOINLINE: Final = "__attribute__((noinline))"
@@ -47,7 +48,7 @@ T {{name}}(T x, INT n) {{
 LDEXP: Final = {Base.F: _powers_of_two(127, 23, ""), Base.D: _powers_of_two(1023, 52, "convert_LONG")}
 """PoCL's own rounds denormal results twice, in vectors; rusticl's makes zeros of them."""
 
-_ANY_SIZE: Final = {
+ANY_SIZE: Final = {
     "min": """\
 // The number where one is NaN.
 T {name}(T a, T b) {
@@ -153,21 +154,6 @@ uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }"""
 
-_FLAT: Final = {
-    2: """\
-// The place of an element, the nearest one for an index that is out of range.
-size_t sh_at2(int2 at, int2 size) {
-    at = clamp(at, (int2)(0), size - 1);
-    return (size_t)at.x * size.y + at.y;
-}""",
-    3: """\
-// The place of an element, the nearest one for an index that is out of range.
-size_t sh_at3(int3 at, int3 size) {
-    at = clamp(at, (int3)(0), size - 1);
-    return ((size_t)at.x * size.y + at.y) * size.z + at.z;
-}""",
-}
-
 
 def spelled(type: Type) -> str:
     """OpenCL's name of a type; a vector of bools is one of ints, -1 for true. KeyError for a binary16."""
@@ -188,8 +174,8 @@ class Prologue:
         name = f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
         if name in self._texts:
             return name
-        if op in _ANY_SIZE:
-            self._texts[name] = re.sub(r"\bT\b", spelled(type), _ANY_SIZE[op]).replace("{name}", name)
+        if op in ANY_SIZE:
+            self._texts[name] = re.sub(r"\bT\b", spelled(type), ANY_SIZE[op]).replace("{name}", name)
         elif op == "ldexp":
             self._texts[name] = _ldexp(name, type)
         elif op in NAN_LOST:
@@ -214,12 +200,23 @@ class Prologue:
         if rank == 1:
             self._texts.setdefault("sh_at", _NEAREST)
             return "sh_at"
-        self._texts.setdefault(f"sh_at{rank}", _FLAT[rank])
-        return f"sh_at{rank}"
+        name = f"sh_at{rank}"
+        self._texts.setdefault(name, _flat(name, rank))
+        return name
 
     def text(self) -> str:
         """Return the functions, one empty line between them."""
         return "\n\n".join(self._texts.values())
+
+
+def _flat(name: str, rank: int) -> str:
+    place = row_major(["(size_t)at.x", *(f"at.{c}" for c in "yz"[: rank - 1])], "size")
+    return f"""\
+// The place of an element, the nearest one for an index that is out of range.
+size_t {name}(int{rank} at, int{rank} size) {{
+    at = clamp(at, (int{rank})(0), size - 1);
+    return {place};
+}}"""
 
 
 _SHORT: Final = {"bits_from_float": "bits", "component": "pick"}
