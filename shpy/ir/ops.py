@@ -106,6 +106,11 @@ class Op:
         """The letter of the result."""
         return self.signature.rpartition(" ")[2]
 
+    def arguments(self, typed: Type, count: Base = Base.I) -> tuple[Type, ...] | None:
+        """Return the types of the arguments where T is `typed`; `count` is the base of X. None if T cannot be that."""
+        types = tuple(typed.based(count) if letter == "X" else _instance(letter, typed) for letter in self.takes)
+        return types if _match(self.takes, types, self.bases) else None
+
     @property
     def function(self) -> Callable[..., Any]:
         """The function on arrays without what rounds its result: one of numpy, of `meaning.py`, or a lambda."""

@@ -45,12 +45,11 @@ def test_the_rest_of_a_number_is_kept():
 
 def one_operation(name: str) -> tuple[sh.Program, int]:
     """A program that is one row of the table on scalars or, where it takes only those, three components."""
-    _, _, rest = OPS[name].signature.partition(": ")
-    pattern, _, _ = rest.partition(" -> ")
-    size = 3 if "V3" in pattern or name in ("reflect", "refract", "faceforward") else 1
+    row = OPS[name]
+    size = 3 if "V3" in row.takes or name in ("reflect", "refract", "faceforward") else 1
     b = Builder(name)
-    types = [vec("b", size) if w == "B" else vec("i", size) if w == "I" else vec("f", size) for w in pattern.split()]
-    types = [t.scalar if w == "S" else t for t, w in zip(types, pattern.split(), strict=True)]
+    types = row.arguments(vec("f", size))
+    assert types is not None
     args = [b.input(t, f"x{n}") for n, t in enumerate(types)]
     value = b.let(name, *args)
     b.store(b.output(value.type, "y"), value)

@@ -127,20 +127,12 @@ def rows() -> list[Any]:
     """Every op with every choice of types that GLSL has."""
     found = []
     for name, op in OPS.items():
-        bases, _, rest = op.signature.partition(": ")
-        wanted = rest.partition(" -> ")[0].split()
-        for base in {"f": "f", "i": "iu", "u": "u", "b": "b", "n": "fiu", "w": "iub", "a": "fiub"}[bases]:
+        for base in (b for b in "fiub" if Base(b) in op.bases):
             for size in (1, 2, 3, 4):
-                for count in "iu" if "X" in wanted else "i":
-                    t = vec(base, size)
-                    letters = {"T": t, "V": t, "V3": t, "S": t.scalar, "B": t.based(Base.B), "I": t.based(Base.I),
-                               "U": t.based(Base.U), "X": t.based(Base(count)), "b": vec(Base.B)}  # fmt: skip
-                    types = tuple(letters[w] for w in wanted)
-                    try:
-                        result_type(name, types)
-                    except TypeError:
-                        continue
-                    found.append(pytest.param(name, types, id="-".join([name, *map(repr, types)])))
+                for count in "iu" if "X" in op.takes else "i":
+                    types = op.arguments(vec(base, size), Base(count))
+                    if types is not None:
+                        found.append(pytest.param(name, types, id="-".join([name, *map(repr, types)])))
     return found
 
 

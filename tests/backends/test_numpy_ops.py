@@ -85,7 +85,7 @@ def assert_equal(found, expected, told):
 
 def argument_types(op):
     """Some lists of argument types that the row takes."""
-    arity = len(OPS[op].signature.partition(": ")[2].partition(" -> ")[0].split())
+    arity = len(OPS[op].takes)
     found = []
     for base in (Base.F, Base.D, Base.I, Base.U, Base.B):
         for size in (1, 3, 2):

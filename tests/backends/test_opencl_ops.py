@@ -121,25 +121,20 @@ def same(found: Any, expected: Any, inputs: list[Any]) -> None:
 def rows() -> list[Any]:
     found = []
     for name, op in OPS.items():
-        bases, _, rest = op.signature.partition(": ")
-        for base in {"f": "fd", "i": "iu", "u": "u", "b": "b", "n": "fdiu", "w": "iub", "a": "fdiub"}[bases]:
-            for shift in "iu" if "X" in rest else "i":
-                found.append(pytest.param(name, base, shift, id=f"{name}-{base}{shift if 'X' in rest else ''}"))
+        for base in (b for b in "fdiub" if Base(b) in op.bases):
+            for shift in "iu" if "X" in op.takes else "i":
+                found.append(pytest.param(name, base, shift, id=f"{name}-{base}{shift if 'X' in op.takes else ''}"))
     return found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "base", "shift"), rows())
 def test_op(name: str, base: str, shift: str) -> None:
-    wanted = OPS[name].signature.partition(": ")[2].partition(" -> ")[0].split()
     cases = []
     for size in SIZES:
-        t = vec(base, size)
-        letters = {"T": t, "V": t, "V3": t, "S": t.scalar, "B": t.based(Base.B), "I": t.based(Base.I),
-                   "U": t.based(Base.U), "X": t.based(Base(shift)), "b": vec(Base.B)}  # fmt: skip
-        if ("V3" in wanted and size != 3) or ("V" in wanted and size == 1):
+        types = OPS[name].arguments(vec(base, size), Base(shift))
+        if types is None:
             continue
-        types = tuple(letters[w] for w in wanted)
         result = result_type(name, types)
         arrays = [values(t, k, len(types)) for k, t in enumerate(types)]
         with np.errstate(all="ignore"):

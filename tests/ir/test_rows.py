@@ -13,10 +13,10 @@ import pytest
 import shpy as sh
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import COMMUTATIVE, OPS, STRUCTURAL
+from shpy.ir.types import Base, vec
 from shpy.lang.mistakes.foreign import OTHER_NAMES
 from shpy.passes.library import CORRECTABLE, PARTS, definition
 from shpy.testing.conformance.cases import SPECIAL
-from shpy.testing.conformance.operations import BASES, arguments
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,7 +25,7 @@ def operands(name, base, size, count=2000):
     """Arrays for a row, a third of them special numbers; vectors as (size, count)."""
     rng = np.random.default_rng(size)
     made = []
-    for t in arguments(name, base, size, "i"):
+    for t in OPS[name].arguments(vec(base, size)):
         special = rng.choice(SPECIAL[t.base], (t.size, count))
         with np.errstate(all="ignore"):
             ordinary = (rng.normal(0, 4, (t.size, count))).astype(DTYPES[t.base])
@@ -44,7 +44,7 @@ def same(a, b):
     return bool(np.all(equal | (a != a) & (b != b)))
 
 
-TYPED = [(name, base) for name, row in OPS.items() for base in BASES[row.signature[0]]]
+TYPED = [(name, base) for name, row in OPS.items() for base in sorted(b.value for b in row.bases)]
 
 
 @pytest.mark.parametrize(("name", "base"), TYPED)
@@ -52,7 +52,7 @@ def test_a_row_goes_component_by_component_or_says_that_it_does_not(name, base):
     size = 3
     arrays = operands(name, base, size)
     whole = evaluated(name, arrays)
-    alone = arguments(name, base, 1, "i") is not None
+    alone = OPS[name].arguments(vec(base)) is not None
     apart = [evaluated(name, [a[k if len(a) > 1 else 0][None] for a in arrays]) for k in range(size if alone else 0)]
     each = np.concatenate([a.reshape(1, -1) for a in apart]) if alone else whole[:0]
     by_component = whole.shape == each.shape and same(whole, each)
@@ -66,7 +66,7 @@ def test_operands_of_a_commutative_row_change_places(name, base):
         assert same(evaluated(name, (a, b)), evaluated(name, (b, a)))
 
 
-HALF = [name for name, row in OPS.items() if "h" in BASES[row.signature[0]] and row.gives in ("T", "S", "V3")]
+HALF = [name for name, row in OPS.items() if Base.H in row.bases and row.gives in ("T", "S", "V3")]
 
 
 @pytest.mark.parametrize("name", HALF)
@@ -82,7 +82,7 @@ def test_an_exact_row_gives_a_binary16_of_binary16(name):
 
 @pytest.mark.parametrize("name", [n for n, row in OPS.items() if row.definition])
 def test_a_definition_is_a_function_of_the_ir_with_the_same_parameters(name):
-    types = next(t for size in (3, 1) if (t := arguments(name, "f", size, "i")) is not None)
+    types = next(t for size in (3, 1) if (t := OPS[name].arguments(vec("f", size))) is not None)
     function = definition(name, types)
     assert [i.name for i in function.inputs] == list(OPS[name].parameters)
     assert function.pure

@@ -36,7 +36,7 @@ _TINY: Final = 2.0**-126
 def function(name: str) -> Program:
     """Return the program that applies one operation of the table to scalars."""
     b = Builder(name)
-    arity = OPS[name].signature.partition(" -> ")[0].count("T")
+    arity = len(OPS[name].takes)
     b.store(b.output(vec("f"), "result"), b.let(name, *(b.input(vec("f"), "xyz"[k]) for k in range(arity))))
     made: Program = program_of(b.finish())
     return made
@@ -113,7 +113,7 @@ def input_checks() -> list[Check]:
     return [
         Check(f"{name}, part {part + 1} of {PARTS}", functools.partial(_all, name, part))
         for name in SWEPT
-        if OPS[name].signature.partition(" -> ")[0].count("T") == 1
+        if len(OPS[name].takes) == 1
         for part in range(PARTS)
     ]
 

@@ -20,7 +20,6 @@ from shpy.ir.types import Base, Type, vec
 from shpy.testing.conformance.cases import SPECIAL, Case
 from shpy.testing.conformance.exact import exact
 
-BASES = {"f": "fdh", "i": "iu", "u": "u", "b": "b", "n": "fdhiu", "w": "iub", "a": "fdhiub"}
 NO_DOUBLES = {"glsl": "has no 64-bit floats"}
 
 
@@ -34,20 +33,6 @@ def program(entry: Function, params: tuple[Param, ...] = (), tables: tuple[Table
     inputs = tuple(Port(str(i.name), kind(i.type)) for i in entry.inputs)
     outputs = tuple(Port(str(o.name), kind(o.type)) for o in entry.outputs)
     return sh.Program.from_ir(Module("operation", inputs, outputs, params, tables, (*callees, entry)))
-
-
-def arguments(name: str, base: str, size: int, count: str) -> tuple[Type, ...] | None:
-    """Return the types of a row's arguments, `count` the base of a shift's; None where it takes none of this size."""
-    wanted = OPS[name].signature.partition(": ")[2].partition(" -> ")[0].split()
-    t = vec(base, size)
-    letters = {"T": t, "V": t, "V3": t, "S": t.scalar, "B": t.based(Base.B), "I": t.based(Base.I), "U": t.based(Base.U),
-               "X": t.based(Base(count)), "b": vec(Base.B)}  # fmt: skip
-    types = tuple(letters[w] for w in wanted)
-    try:
-        result_type(name, types)
-    except TypeError:
-        return None
-    return types
 
 
 def values(name: str, types: tuple[Type, ...], size: int) -> list[Array]:
@@ -90,7 +75,8 @@ def ordinary(rng: Any, like: Array) -> Array:
 
 def row_case(name: str, base: str, count: str) -> Case | None:
     """One row of the table for one base."""
-    sizes = {n: types for n in (1, 2, 3, 4) if (types := arguments(name, base, n, count)) is not None}
+    arguments = {n: OPS[name].arguments(vec(base, n), Base(count)) for n in (1, 2, 3, 4)}
+    sizes = {n: types for n, types in arguments.items() if types is not None}
     if not sizes:
         return None
     b = Builder("operation")
@@ -104,7 +90,7 @@ def row_case(name: str, base: str, count: str) -> Case | None:
     for size, value in zip(sizes, made, strict=True):
         b.store(b.output(value.type, f"r{size}"), value)
     function = b.finish()
-    shifted = f"-{count}" if "X" in OPS[name].signature else ""
+    shifted = f"-{count}" if "X" in OPS[name].takes else ""
     longest = max(len(a) for a in arrays.values())
     inputs = {n: a[np.arange(longest) % len(a)] for n, a in arrays.items()}
 
@@ -130,8 +116,8 @@ def rows() -> list[Case]:
     """Every row of the table with every base."""
     found = []
     for name, op in OPS.items():
-        for base in BASES[op.signature.partition(": ")[0]]:
-            for count in "iu" if "X" in op.signature else "i":
+        for base in (b for b in "fdhiub" if Base(b) in op.bases):
+            for count in "iu" if "X" in op.takes else "i":
                 case = row_case(name, base, count)
                 if case is not None:
                     found.append(case)
