@@ -248,7 +248,7 @@ class _Planner:
             return
         self.repeat(place, self.wishes.repeats(s))
         depth, width = self.size(s)
-        fits = depth <= MAX_DEPTH and width <= MAX_WIDTH
+        fits = depth <= MAX_DEPTH and (width <= MAX_WIDTH or self.is_given(value, place))
         reads = _NONE.union(*(self.reads.get(a, _NONE) for a in s.args))
         if s.op == "load" and isinstance(s.attr, int):
             reads |= {s.attr}
@@ -263,6 +263,14 @@ class _Planner:
             self.reads[value] = reads
         else:
             self.plan.named.add(value)
+
+    def is_given(self, value: int, place: Place) -> bool:
+        """Return whether the next statement does nothing but return the value, or write it to an output."""
+        region, index = self.survey.regions[place[0]], place[1] + 1
+        store = region[index] if index < len(region) else None
+        if not isinstance(store, Store) or store.value != value:
+            return False
+        return (place[0], index) in self.plan.returns or store.variable in self.wishes.direct
 
     def goes_into_a_variable(self, value: Value, place: Place) -> bool:
         """Return whether the next statement stores it: then that variable's name stands for it."""
