@@ -111,6 +111,12 @@ def test_files_are_short_and_well_named():
     assert [name for name, names in parts.items() if any(UNNAMED.fullmatch(n) for n in names)] == []
 
 
+def test_no_two_files_of_tests_have_one_name():
+    """Pytest imports them by their names alone, and refuses the second."""
+    names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
 def is_one_match(function):
     """Return whether the function is one flat `match`, which may be as long as there are cases."""
     last = function.body[-1]

@@ -129,10 +129,9 @@ def _op(name: str, signature: str, meaning: Callable[..., Any], doc: str, says: 
 
 def _composite(signature: str, definition: Callable[..., Any], doc: str, *, exact: bool = False, **traits: Any) -> None:
     """Add the row of an operation that others define: its definition gives the name, the parameters and `says`."""
-    meaning = definition if exact else m.in_f32(definition)
     parameters = " ".join(inspect.signature(definition).parameters)
     traits = {"definition": inspect.unwrap(definition), "parameters": parameters, "exact": exact, **traits}
-    _op(definition.__name__, signature, meaning, doc, str(definition.__doc__), **traits)
+    _op(definition.__name__, signature, m.in_f32(definition), doc, str(definition.__doc__), **traits)
 
 
 _geometry = partial(_composite, componentwise=False)
