@@ -26,7 +26,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from shpy.backends.device import listed, pace
+from shpy.backends.device import listed, pace, pool
 from shpy.backends.glsl.device import memory as glsl_memory, run as glsl_runtime, textures as glsl_textures
 from shpy.backends.numpy.device import run as numpy_runtime
 from shpy.backends.opencl.device import (
@@ -35,6 +35,7 @@ from shpy.backends.opencl.device import (
     run as opencl_runtime,
     staging as opencl_staging,
 )
+from shpy.backends.opencl.device.driver import devices, machine_of
 
 TAKEN = np.uint32(0x7FA0DEAD)
 """A signalling NaN: what memory holds that a pool hands out."""
@@ -53,6 +54,19 @@ def poison(array: np.ndarray[Any, Any], pattern: np.uint32 = TAKEN) -> np.ndarra
         flat[:whole].view(np.uint32)[...] = pattern
         flat[whole:] = 0xAD
     return array
+
+
+def fill(thing: Any, pattern: np.uint32) -> Any:
+    """Fill a buffer, a texture or all textures of a framebuffer with a pattern."""
+    if hasattr(thing, "int_ptr"):
+        machine = next(m for m in map(machine_of, range(len(devices()))) if m.context == thing.context)
+        machine.cl.enqueue_fill_buffer(machine.queue, thing, pattern, 0, thing.size)
+        return thing
+    for texture in getattr(thing, "textures", (thing,)):
+        width, height = texture.size
+        count = width * height * texture.components * int(texture.dtype[1])
+        texture.write(np.full(-(-count // 4), pattern).tobytes()[:count])
+    return thing
 
 
 class Stress:
@@ -105,25 +119,21 @@ class Stress:
 
     # Memory: every pool hands out garbage, and overwrites what it gets back.
 
-    def poison_opencl(self, stack: ExitStack) -> None:
-        """Patch the pool of buffers, and the arrays that small runs pass through."""
-        machine_class = opencl_device.Machine
-        take, keep = machine_class.take, machine_class._keep_buffer
+    def poison_pools(self, stack: ExitStack) -> None:
+        """Patch the pool of buffers and textures. Each device's runs one thread at a time."""
+        take, give_back, make_texture = pool.Pool.take, pool.Pool.give_back, glsl_textures.Store._texture
 
-        def fill(machine: Any, buffer: Any, pattern: np.uint32) -> None:
-            machine.cl.enqueue_fill_buffer(machine.queue, buffer, pattern, 0, buffer.size)
+        def given_back(one: Any, kind: Any, thing: Any) -> None:
+            give_back(one, kind, fill(thing, GIVEN_BACK))
 
-        def taken(machine: Any, size: int) -> Any:
-            buffer = take(machine, size)
-            fill(machine, buffer, TAKEN)
-            return buffer
+        stack.enter_context(patch.object(pool.Pool, "take", lambda *args: fill(take(*args), TAKEN)))
+        stack.enter_context(patch.object(pool.Pool, "give_back", given_back))
+        stack.enter_context(
+            patch.object(glsl_textures.Store, "_texture", lambda *args: fill(make_texture(*args), TAKEN))
+        )
 
-        def kept(machine: Any, buffer: Any) -> None:
-            fill(machine, buffer, GIVEN_BACK)
-            keep(machine, buffer)
-
-        stack.enter_context(patch.object(machine_class, "take", taken))
-        stack.enter_context(patch.object(machine_class, "_keep_buffer", kept))
+    def poison_stages(self, stack: ExitStack) -> None:
+        """Patch the arrays that small runs on OpenCL pass through."""
         get = opencl_staging.Stages.get
 
         def staged(stages: Any, call: Any, make: Any) -> Any:
@@ -133,32 +143,6 @@ class Stress:
             return found
 
         stack.enter_context(patch.object(opencl_staging.Stages, "get", staged))
-
-    def poison_glsl(self, stack: ExitStack) -> None:
-        """Patch the store of textures and framebuffers; all of it runs on the context's thread."""
-        store_class = glsl_textures.Store
-        take, give_back = store_class.take, store_class.give_back
-        make_texture, make_target = store_class._texture, store_class.make_target
-
-        def fill(thing: Any, pattern: np.uint32) -> Any:
-            for texture in getattr(thing, "textures", (thing,)):
-                width, height = texture.size
-                count = width * height * texture.components * int(texture.dtype[1])
-                texture.write(np.full(-(-count // 4), pattern).tobytes()[:count])
-            return thing
-
-        def taken(store: Any, key: Any, size: int) -> Any:
-            thing = take(store, key, size)
-            return thing if thing is None else fill(thing, TAKEN)
-
-        def given_back(store: Any, key: Any, thing: Any, size: int) -> None:
-            fill(thing, GIVEN_BACK)
-            give_back(store, key, thing, size)
-
-        stack.enter_context(patch.object(store_class, "take", taken))
-        stack.enter_context(patch.object(store_class, "give_back", given_back))
-        stack.enter_context(patch.object(store_class, "_texture", lambda *a: fill(make_texture(*a), TAKEN)))
-        stack.enter_context(patch.object(store_class, "make_target", lambda *a: fill(make_target(*a), TAKEN)))
 
     def poison_numpy(self, stack: ExitStack) -> None:
         """Patch numpy's own functions for memory that holds anything."""
@@ -172,7 +156,7 @@ def stressed(seed: int) -> Iterator[Stress]:
     stress = Stress(seed)
     with ExitStack() as stack:
         stress.split(stack)
-        stress.poison_opencl(stack)
-        stress.poison_glsl(stack)
+        stress.poison_pools(stack)
+        stress.poison_stages(stack)
         stress.poison_numpy(stack)
         yield stress

@@ -28,7 +28,6 @@ from shpy.backends.glsl.device.textures import (
     Target,
     as_texels,
     read,
-    rounded,
     shown_texture,
     write,
 )
@@ -173,8 +172,6 @@ class GlslSpace:
         self._programs: dict[tuple[str, str], Any] = {}
         self._depths: dict[tuple[int, int], Any] = {}
         self._started = 0
-        self._dropped: list[tuple[tuple[Any, ...], Target]] = []
-        """Memory that is gone. The context's thread gives it back before it takes other memory."""
 
     def call(self, job: Callable[[], Any]) -> Any:
         """Run a job on the context's thread."""
@@ -217,22 +214,13 @@ class GlslSpace:
                 f"a stream of {count:,} elements: the textures of this device hold {width * limit:,}",
                 cure="several streams, or another backend",
             )
-        size = (rounded(width, limit), rounded(height, limit))
-        made: GlslMemory = self.call(lambda: self._taken(size, width, count, type, dtype))
+        made: GlslMemory = self.call(lambda: self._taken(width, height, count, type, dtype))
         return made
 
-    def _taken(self, size: tuple[int, int], width: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
-        store = self._store
-        while self._dropped:
-            dropped, target = self._dropped.pop()
-            store.give_back(dropped, target, target.bytes)
-        kind = (4 if type.size == 3 else type.size, FORMATS[type.base.value])
-        key = ("target", size, (kind,))
-        cells = kind[0] * int(kind[1][1])
-        target = store.take(key, size[0] * size[1] * cells) or store.make_target(size, (kind,), cells)
+    def _taken(self, width: int, height: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
+        kind, target = self._store.target([type], width, height)
         memory = GlslMemory(self, target, width, count, type, dtype)
-        memory.pooling = weakref.finalize(memory, self._dropped.append, (key, target))
-        memory.pooling.atexit = False
+        memory.pooling = self._store.pool.belong(memory, kind, target)
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
@@ -247,7 +235,7 @@ class GlslSpace:
         if native.dtype != wanted or native.components != type.size or type.size == 3:
             raise ShpyTypeError(f"a stream of {type!r} takes a texture of {type.size} components {wanted!r}")
         width, height = native.size
-        target = self.call(lambda: Target(context.gl.framebuffer([native]), (native,), 0))
+        target = self.call(lambda: Target(context.gl.framebuffer([native]), (native,)))
         return GlslMemory(self, target, width, width * height, type, dtype)
 
     def view(self, memory: GlslMemory, type: Type, count: int) -> None:
@@ -304,11 +292,10 @@ class GlslSpace:
         text = _COUNT.replace("BLOCK", str(_BLOCK))
         for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED"):
             text = text.replace(name, str(getattr(Status, name)))
-        source, size, limit = status, (status.width, status.height), self._context.limits.width
+        source, size = status, (status.width, status.height)
         while True:
             blocks = (-(-size[0] // _BLOCK), -(-size[1] // _BLOCK))
-            room = (rounded(blocks[0], limit), rounded(blocks[1], limit))
-            counts = self._taken(room, blocks[0], blocks[0] * blocks[1], vec(Base.I, 4), np.dtype(np.int32))
+            counts = self._taken(*blocks, blocks[0] * blocks[1], vec(Base.I, 4), np.dtype(np.int32))
             numbers = {"size": size, "count": status.count, "is_status": int(source is status)}
             self.draw(text, {"source": source}, numbers, counts, blocks)
             if blocks == (1, 1):

@@ -14,7 +14,7 @@ a table is kept as long as its `TableData` lives and its version does not change
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -23,15 +23,13 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, TableData
+from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.glsl.device.context import Context, check
 from shpy.errors import ShpyError
 from shpy.ir.types import Type
 
 FOLD: Final = 4096
 """Texels in a row of a table: element i stands at (i % FOLD, i / FOLD)."""
-
-KEPT_BYTES: Final = 256 << 20
-"""How much a store keeps of what is not lent out."""
 
 FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}
 """The components of a texture by the base of what it holds."""
@@ -43,7 +41,6 @@ class Target:
 
     framebuffer: Any
     textures: tuple[Any, ...]
-    bytes: int
 
     def release(self) -> None:
         """Give it back to GL."""
@@ -87,11 +84,6 @@ def as_texels(array: Array) -> Array:
     return np.ascontiguousarray(array).view(np.uint8) if array.dtype == np.bool_ else np.ascontiguousarray(array)
 
 
-def rounded(extent: int, limit: int) -> int:
-    """Return the next power of two: textures of few sizes are found again more often."""
-    return min(1 << max(extent - 1, 0).bit_length(), limit)
-
-
 class Store:
     """The textures of one context. Everything here runs on the context's thread."""
 
@@ -100,8 +92,7 @@ class Store:
         self.tables: weakref.WeakKeyDictionary[TableData, tuple[Any, int]] = weakref.WeakKeyDictionary()
         self.uploads = 0
         """How many tables were sent so far."""
-        self._free: dict[tuple[Any, ...], list[Any]] = {}
-        self._kept = 0
+        self.pool = Pool(lambda thing: thing.release())
 
     def table(self, data: TableData, type: Type) -> Any:
         """Return the texture that holds the table's elements in C order, folded."""
@@ -141,76 +132,65 @@ class Store:
             yield lent
         finally:
             self.context.resting.use()
-            for key, thing, size in lent.things:
-                self.give_back(key, thing, size)
+            for kind, thing in lent.things:
+                self.pool.give_back(kind, thing)
 
-    def take(self, key: tuple[Any, ...], size: int) -> Any | None:
-        """Return a free thing of this kind, or None."""
-        free = self._free.get(key)
-        if not free:
-            return None
-        self._kept -= size
-        return free.pop()
+    def _room(self, width: int, height: int) -> tuple[int, int]:
+        """Return the size of a texture, which is one of few, that has room for so many rows of a width."""
+        limit = self.context.limits.width
+        return min(rounded(width), limit), min(rounded(height), limit)
 
-    def make_target(self, size: tuple[int, int], kinds: tuple[tuple[int, str], ...], cells: int) -> Target:
-        """Return a framebuffer of this size with a texture of each kind, (components, format), `cells` bytes a cell."""
+    def texture(self, components: int, dtype: np.dtype[Any], width: int, height: int) -> tuple[Kind, Any]:
+        """Take a texture of at least `width` x `height`."""
+        size = self._room(width, height)
+        kind = Kind(size[0] * size[1] * components * dtype.itemsize, (size, components, dtype.str))
+        return kind, self.pool.take(kind, lambda: self._texture(size, components, dtype))
+
+    def target(self, types: Sequence[Type], width: int, height: int) -> tuple[Kind, Target]:
+        """Take a framebuffer of at least `width` x `height` with an output of each type."""
+        size = self._room(width, height)
+        # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
+        formats = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
+        cells = sum(components * int(dtype[1]) for components, dtype in formats)
+        kind = Kind(size[0] * size[1] * cells, (size, formats))
+        return kind, self.pool.take(kind, lambda: self._made(size, formats))
+
+    def _made(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Target:
+        """Return a new framebuffer of this size with a texture for each of (components, format)."""
         gl = self.context.gl
         textures = []
-        for components, dtype in kinds:
+        for components, dtype in formats:
             textures.append(gl.texture(size, components, dtype=dtype, alignment=1))
             check(gl, f"make an output of {size[0]} x {size[1]}")
         framebuffer = gl.framebuffer(textures)
-        check(gl, f"make a framebuffer of {len(kinds)} outputs")
-        return Target(framebuffer, tuple(textures), size[0] * size[1] * cells)
-
-    def give_back(self, key: tuple[Any, ...], thing: Any, size: int) -> None:
-        """Keep a thing that nobody uses any longer, or release it where much is kept."""
-        if self._kept + size > KEPT_BYTES:
-            thing.release()
-            return
-        self._kept += size
-        self._free.setdefault(key, []).append(thing)
+        check(gl, f"make a framebuffer of {len(formats)} outputs")
+        return Target(framebuffer, tuple(textures))
 
 
 class Lent:
-    """What one run has borrowed."""
+    """The textures and framebuffers that one run has borrowed."""
 
     def __init__(self, store: Store) -> None:
-        self.store = store
-        self.things: list[tuple[tuple[Any, ...], Any, int]] = []
-
-    def _borrow(self, key: tuple[Any, ...], size: int, make: Any) -> Any:
-        thing = self.store.take(key, size) or make()
-        self.things.append((key, thing, size))
-        return thing
+        self._store = store
+        self.things: list[tuple[Kind, Any]] = []
 
     def filled(self, array: Array, width: int) -> Any:
         """Return a texture with the elements of `array`, (n, components) or (n,), in rows of `width`."""
         texels = as_texels(array).reshape(len(array), -1)
-        limit = self.store.context.limits.width
-        size = (rounded(width, limit), rounded(-(-len(texels) // width), limit))
-        components = texels.shape[1]
-        key = ("texture", size, components, texels.dtype.str)
-        texture = self._borrow(
-            key,
-            size[0] * size[1] * components * texels.itemsize,
-            lambda: self.store._texture(size, components, texels.dtype),
-        )
+        height = -(-len(texels) // width)
+        texture = self._noted(self._store.texture(texels.shape[1], texels.dtype, width, height))
         write(texture, texels, width)
-        check(self.store.context.gl, "send an input")
+        check(self._store.context.gl, "send an input")
         return texture
 
-    def target(self, types: list[Type], width: int, height: int) -> Target:
-        """Return a framebuffer of at least `width` x `height` with an output of each type."""
-        limit = self.store.context.limits.width
-        size = (rounded(width, limit), rounded(height, limit))
-        # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
-        kinds = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
-        cells = sum(components * int(dtype[1]) for components, dtype in kinds)
-        made: Target = self._borrow(
-            ("target", size, kinds), size[0] * size[1] * cells, lambda: self.store.make_target(size, kinds, cells)
-        )
+    def target(self, types: Sequence[Type], width: int, height: int) -> Target:
+        """Return a framebuffer with an output of each type: see `Store.target`."""
+        made: Target = self._noted(self._store.target(types, width, height))
         return made
+
+    def _noted(self, taken: tuple[Kind, Any]) -> Any:
+        self.things.append(taken)
+        return taken[1]
 
 
 def _format(dtype: np.dtype[Any]) -> str:

@@ -14,7 +14,6 @@ import os
 import sys
 import threading
 import warnings
-from collections import defaultdict
 from contextlib import AbstractContextManager
 from functools import cache, cached_property
 from typing import Any
@@ -25,6 +24,7 @@ import numpy as np
 from shpy.backends.base import Array, Device, Math
 from shpy.backends.device import store
 from shpy.backends.device.pace import Pace
+from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.device.processes import Driver
 from shpy.backends.opencl.device.absence import explain_absence, explain_cache
@@ -63,10 +63,10 @@ _PLAIN = "-cl-opt-disable"
 """The option for a compiler that makes errors where it optimises."""
 _CPU_SECONDS = 0.5
 """Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
-_POOLED_BYTES = 1 << 28
-"""Buffers that are kept for the next run, in bytes a device."""
 ANY_SIZE = 1 << 16
 """Work items of the first launch of a kernel: they are idle in microseconds, wherever they run."""
+_LEAST = 64
+"""Bytes of the smallest buffer."""
 _WORTH_LENDING = 1 << 16
 """Smaller arrays are copied in less time than it takes to make a buffer of their memory."""
 
@@ -186,15 +186,12 @@ class Machine:
         # Whoever runs a program keeps it: once its last executable is gone, so is the program.
         self._programs: WeakValueDictionary[tuple[str, Math], Any] = WeakValueDictionary()
         self._on_disk: WeakSet[Any] = WeakSet()
-        self._free: dict[int, list[Any]] = defaultdict(list)
-        self._pooled = 0
+        self.pool = Pool()
         self._uploads: list[Any] = []
         """Copies to the device that may be under way: they keep their arrays."""
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
         self.may_take_long = False
         """True if a run over streams that may not be brief was started since its end was last waited for."""
-        self.dropped: list[Any] = []
-        """Buffers of memory that is gone. They are given back by whoever holds the lock next."""
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
@@ -257,24 +254,14 @@ class Machine:
 
     def take(self, size: int) -> Any:
         """Return a buffer of at least `size` bytes, to be given back."""
-        while self.dropped:
-            self._keep_buffer(self.dropped.pop())
-        size = 1 << max(6, (size - 1).bit_length())
-        if self._free[size]:
-            self._pooled -= size
-            return self._free[size].pop()
-        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
+        size = rounded(max(size, _LEAST))
+        return self.pool.take(Kind(size), lambda: self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size))
 
     def give_back(self, buffers: list[Any]) -> None:
-        """Keep the buffers for the next run, as long as there are not too many; the device is done with them."""
+        """Keep the buffers for the next run; the device is done with them."""
         self._uploads.clear()
         for buffer in buffers:
-            self._keep_buffer(buffer)
-
-    def _keep_buffer(self, buffer: Any) -> None:
-        if self._pooled + buffer.size <= _POOLED_BYTES:
-            self._pooled += buffer.size
-            self._free[buffer.size].append(buffer)
+            self.pool.give_back(Kind(buffer.size), buffer)
 
     @cached_property
     def shares_memory(self) -> bool:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import re
 import sys
-import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backends.base import Array, Collectives, Counts, too_large
+from shpy.backends.device.pool import Kind
 from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
 from shpy.backends.opencl.device.driver import ANY_SIZE, Machine
 from shpy.errors import ShpyTypeError
@@ -183,8 +183,7 @@ class OpenCLSpace:
             except (machine.cl.MemoryError, machine.cl.LogicError) as error:
                 raise too_large(count, type, dtype) from error
         memory = OpenCLMemory(self, buffer, count, type, dtype)
-        memory.pooling = weakref.finalize(memory, machine.dropped.append, buffer)
-        memory.pooling.atexit = False
+        memory.pooling = machine.pool.belong(memory, Kind(buffer.size), buffer)
         return memory
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
