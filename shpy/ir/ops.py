@@ -55,6 +55,11 @@ class Tolerance:
     absolute: float = 0.0
 
 
+@cache
+def _letters(signature: str) -> tuple[str, ...]:
+    return tuple(signature.partition(": ")[2].partition(" -> ")[0].split())
+
+
 @dataclass(frozen=True, slots=True)
 class Op:
     """One row. `meaning` takes and gives arrays (see `meaning.py`).
@@ -99,7 +104,7 @@ class Op:
     @property
     def takes(self) -> tuple[str, ...]:
         """The letters of the arguments: `("T", "T", "S")`."""
-        return tuple(self.signature.partition(": ")[2].partition(" -> ")[0].split())
+        return _letters(self.signature)
 
     @property
     def gives(self) -> str:
