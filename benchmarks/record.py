@@ -26,7 +26,7 @@ from shpy.backends.base import Options
 from shpy.backends.glsl import TARGET as GLSL
 from shpy.backends.glsl.text.shader import print_shader
 from shpy.backends.numpy.device.run import TARGET as NUMPY
-from shpy.backends.numpy.printer import print_python
+from shpy.backends.numpy.text.module import print_python
 from shpy.backends.opencl.device.targets import TARGET as OPENCL
 from shpy.backends.opencl.text.kernel import print_kernel
 from shpy.ir.collector import uncollected

@@ -6,40 +6,54 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.numpy.expressions import Expr, call, condition, infix, item, method, name, negation, prefix, ternary
+from shpy.backends.emit.spell_python import PythonSpeller
+from shpy.backends.emit.tree import BOOL, Expr, Index, Method, Name, call, choice, infix, negation, number, prefix
 
-a, b, c = (name(n) for n in "abc")
+a, b, c = (Name(BOOL, n) for n in "abc")
 COMBINED = {
     **{symbol: lambda x, y, symbol=symbol: infix(symbol, x, y) for symbol in "+ - * / // % & | ^ << >> < ==".split()},
     "-x": lambda x, y: prefix("-", x),
     "~x": lambda x, y: prefix("~", x),
     "negation": lambda x, y: negation(x),
-    "condition": lambda x, y: condition(x),
-    "condition of a negation": lambda x, y: condition(negation(x)),
-    "if": lambda x, y: ternary(x, y, y),
-    "then": lambda x, y: ternary(y, x, y),
-    "else": lambda x, y: ternary(y, y, x),
-    "call": lambda x, y: call("f", x, y),
-    "method": lambda x, y: method(x, "sum", "0"),
-    "item": lambda x, y: item(x, "0"),
+    "if": lambda x, y: choice(x, y, y),
+    "then": lambda x, y: choice(y, x, y),
+    "else": lambda x, y: choice(y, y, x),
+    "call": lambda x, y: call("f", BOOL, x, y),
+    "method": lambda x, y: Method(BOOL, x, "sum", (number(0),)),
+    "item": lambda x, y: Index(BOOL, x, number(0)),
 }
-"""Every way in which the printer puts an expression into another."""
+"""Every way in which the tree puts an expression into another."""
 
 
+def read(e: Expr, *, condition: bool = False) -> ast.expr:
+    """Return how Python reads the text of an expression; `condition`: as it stands after `if`."""
+    speller = PythonSpeller()
+    return ast.parse(speller.condition(e)[0] if condition else speller.text(e), mode="eval").body
+
+
+class _Put(ast.NodeTransformer):
+    """Puts an expression in the place of the name x."""
+
+    def __init__(self, operand: ast.expr) -> None:
+        self.operand = operand
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return self.operand if node.id == "x" else node
+
+
+@pytest.mark.parametrize("condition", [False, True])
 @pytest.mark.parametrize("outer", COMBINED)
-def test_an_expression_in_another_is_read_as_one_operand(outer: str) -> None:
-    whole = ast.dump(ast.parse(COMBINED[outer](name("x"), c).text, mode="eval"))
+def test_an_expression_in_another_is_read_as_one_operand(outer: str, condition: bool) -> None:
     for inner, made in COMBINED.items():
-        if inner.startswith("condition"):
-            continue  # stands after `if` and `while` alone
+        if outer == "negation" and inner in ("<", "==", "negation"):
+            continue  # the opposite is another comparison
         operand = made(a, b)
-        found = COMBINED[outer](Expr(operand.text, operand.level), c)
-        bracketed = whole.replace(
-            ast.dump(ast.Name("x", ast.Load())), ast.dump(ast.parse(operand.text, mode="eval").body)
-        )
-        assert ast.dump(ast.parse(found.text, mode="eval")) == bracketed, f"{inner} in {outer}: {found.text}"
-        flipped = COMBINED[outer](c, Expr(operand.text, operand.level))
-        ast.parse(flipped.text, mode="eval")
+        found = read(COMBINED[outer](operand, c), condition=condition)
+        wanted = _Put(read(operand)).visit(read(COMBINED[outer](Name(BOOL, "x"), c), condition=condition))
+        if outer == "if" and inner == "negation":
+            wanted.test = ast.UnaryOp(ast.Not(), ast.Name("a", ast.Load()))  # a choice has a condition
+        assert ast.dump(found) == ast.dump(wanted), f"{inner} in {outer}"
+        read(COMBINED[outer](c, operand), condition=condition)
 
 
 def test_a_choice_among_uniform_bools_may_be_a_condition() -> None:

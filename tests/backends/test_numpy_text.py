@@ -8,11 +8,11 @@ import pytest
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELIF, SH_ELSE, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
-from shpy.backends.numpy.expressions import Expr, call, comparison, condition, infix, name, negation, prefix
-from shpy.backends.numpy.operations import constant
-from shpy.ir.constants import encode
+from shpy.backends.emit.spell_python import PythonSpeller
+from shpy.backends.emit.tree import BOOL, Expr, Literal, Name, call, infix, negation, prefix
 from shpy.ir.types import Base, vec
 
+INT, FLOAT = vec(Base.I), vec(Base.F)
 heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")
 children = sh.Table(np.zeros((9, 2), np.int32), sh.Attrib2i, name="children")
 sky = sh.Param(sh.Color3f, (0.2, 0.4, 0.8), name="sky")
@@ -164,7 +164,8 @@ def test_a_long_chain_of_conditions_stays_flat() -> None:
     assert chain.compile("numpy")(np.float32([2, 4])).tolist() == [1.5, 3.75]
 
 
-a, b, c = (name(n) for n in "abc")
+a, b, c = (Name(INT, n) for n in "abc")
+x, y = Name(FLOAT, "x"), Name(FLOAT, "y")
 
 
 @pytest.mark.parametrize(
@@ -183,28 +184,31 @@ a, b, c = (name(n) for n in "abc")
         (infix("&", infix("<", a, b), prefix("~", c)), "(a < b) & ~c"),
         (infix("<<", infix("+", a, b), c), "(a + b) << c"),
         (prefix("~", infix("&", a, b)), "~(a & b)"),
-        (infix("-", a, constant(vec(Base.F), encode(vec(Base.F), [-1.0]))), "a - -1.0"),
-        (call("np.sqrt", infix("+", a, b)), "np.sqrt(a + b)"),
+        (infix("-", a, Literal(FLOAT, -1.0)), "a - -1.0"),
+        (call("np.sqrt", INT, infix("+", a, b)), "np.sqrt(a + b)"),
     ],
 )
 def test_brackets(expression: Expr, text: str) -> None:
-    assert expression.text == text
+    assert PythonSpeller().text(expression) == text
 
 
 def test_negations() -> None:
-    assert negation(comparison("<", a, b, ordered=True)).text == "a >= b"
-    assert condition(negation(comparison("<", a, b, ordered=False))).text == "not a < b"
-    assert negation(comparison("==", a, b, ordered=False)).text == "a != b"
+    def condition(e: Expr) -> str:
+        return PythonSpeller().condition(e)[0]
+
+    assert condition(negation(infix("<", a, b, BOOL))) == "a >= b"
+    assert condition(negation(infix("<", x, y, BOOL))) == "not x < y"
+    assert condition(negation(infix("==", x, y, BOOL))) == "x != y"
     assert negation(negation(a)) == a
-    assert condition(negation(infix("&", a, b))).text == "not a & b"
+    assert condition(negation(infix("&", a, b, BOOL))) == "not a & b"
 
 
 @pytest.mark.parametrize("value", [0.1, -0.0, 1e-45, 3.4028235e38, float("inf"), float("nan"), 1 / 3, 16777217.0])
 def test_literals_mean_the_constant_at_its_precision(value: float) -> None:
     for base, dtype in ((Base.F, np.float32), (Base.D, np.float64)):
-        literal = constant(vec(base), encode(vec(base), [value]))
+        literal = PythonSpeller().text(Literal(vec(base), value))
         with np.errstate(all="ignore"):
-            found = np.ones(1, dtype) * eval(literal.text, {"np": np})
+            found = np.ones(1, dtype) * eval(literal, {"np": np})
             expected = dtype(value)
         assert found.dtype == dtype
         np.testing.assert_array_equal(found[0], expected)

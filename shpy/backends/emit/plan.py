@@ -30,7 +30,7 @@ MAX_DEPTH: Final = 32
 MAX_WIDTH: Final = 100
 """Letters, about, of an expression that needs no name."""
 _NONE: Final[frozenset[int]] = frozenset()
-_INFIX: Final = frozenset("add sub mul div and or xor shl shr eq ne lt le gt ge".split())
+INFIX: Final = frozenset("add sub mul div and or xor shl shr eq ne lt le gt ge".split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,9 @@ class Plan:
     """The variables that a region may change."""
     inner: Mapping[Place, tuple[int, ...]]
     """The numbers of the regions inside a statement."""
-    declared: Mapping[Place, list[int]]
+    declared: dict[Place, list[int]] = field(default_factory=dict)
     """Variables that are declared before a statement."""
-    zeroed: Collection[int]
+    zeroed: set[int] = field(default_factory=set)
     """Variables that may be read before they are stored."""
     named: set[int] = field(default_factory=set)
     """Values that are declared where they are made."""
@@ -83,6 +83,10 @@ class Plan:
     """Loops whose `continuing` is an assignment that can stand in the head of a `for`."""
     feet: set[Place] = field(default_factory=set)
     """Loops whose `continuing` does nothing but compute `until`, from what is known outside of the body."""
+    updated: set[int] = field(default_factory=set)
+    """Values for which the array of the first operand stands, which changes (`late`)."""
+    adopting: set[Place] = field(default_factory=set)
+    """Stores after which the variable stands for the value (`late`)."""
     unnamed: int | None = None
     """The result, if it needs no variable: every way through the function ends with a store of it."""
 
@@ -97,31 +101,19 @@ class Plan:
 def plan(function: Function, callees: Mapping[str, Function], wishes: Wishes | None = None) -> Plan:
     """Plan the text of `function`; `callees` are all functions by name."""
     survey = Survey(function, callees)
-    return _Planner(function, callees, survey, wishes or Wishes()).run()
+    return Planner(function, callees, survey, wishes or Wishes()).run()
 
 
-class _Planner:
+class Planner:
     """One walk in program order."""
 
     def __init__(self, function: Function, callees: Mapping[str, Function], survey: Survey, wishes: Wishes) -> None:
         self.function, self.callees, self.survey, self.wishes = function, callees, survey, wishes
-        inlined = {value for value in survey.lets if survey.may_inline(value)}
-        self.inlined = inlined.difference(wishes.apart(inlined))
-        declared: dict[Place, list[int]] = {}
-        zeroed = set()
+        self.inlined = self.find_inlined()
         self.homes: dict[int, int] = {}
         """The regions in which variables are declared."""
-        for variable in variables_of(function):
-            place = (
-                survey.place(variable, output=variable in function.outputs) if variable not in function.inputs else None
-            )
-            if place is not None:
-                where, zero = place
-                declared.setdefault(where, []).append(variable.id)
-                self.homes[variable.id] = where[0]
-                if zero:
-                    zeroed.add(variable.id)
-        self.plan = Plan(survey.uses, survey.regions, survey.stored_in, survey.inner, declared, zeroed)
+        self.plan = Plan(survey.uses, survey.regions, survey.stored_in, survey.inner)
+        self.declare()
         self.left = Counter(survey.uses)
         self.variable_names = {v.id: v.name for v in variables_of(function)}
         self.value_names = {v.id: v.name for v in defined(function)}
@@ -137,11 +129,31 @@ class _Planner:
         """Those of them that are still to be used."""
 
     def run(self) -> Plan:
+        """Return the plan."""
         result = self.wishes.result
         if result is not None:
             self.find_returns(result)
         self.region(self.function.body, 0)
         return self.plan
+
+    def find_inlined(self) -> set[int]:
+        """Return the values that may stand where they are used."""
+        inlined = {value for value in self.survey.lets if self.survey.may_inline(value)}
+        return inlined.difference(self.wishes.apart(inlined))
+
+    def declare(self) -> None:
+        """Find where each variable is declared."""
+        function = self.function
+        for variable in variables_of(function):
+            if variable in function.inputs:
+                continue
+            place = self.survey.place(variable, output=variable in function.outputs)
+            if place is not None:
+                where, zero = place
+                self.plan.declared.setdefault(where, []).append(variable.id)
+                self.homes[variable.id] = where[0]
+                if zero:
+                    self.plan.zeroed.add(variable.id)
 
     # Returns
 
@@ -214,6 +226,7 @@ class _Planner:
         self.pending = {v: None for v in self.pending if v in before}
 
     def statements(self, region: Region, number: int) -> None:
+        """Plan the statements of a region."""
         for index, s in enumerate(region):
             place = number, index
             if place in self.plan.returns and isinstance(s, Store):
@@ -225,6 +238,7 @@ class _Planner:
             self.statement(s, place)
 
     def statement(self, s: Stmt, place: Place) -> None:
+        """Plan one statement."""
         match s:
             case Let():
                 self.let(s, place)
@@ -243,6 +257,7 @@ class _Planner:
                 self.loop(s, place)
 
     def let(self, s: Let, place: Place) -> None:
+        """Plan the name of a value."""
         value = s.value.id
         if not self.survey.uses[value]:
             return
@@ -283,6 +298,7 @@ class _Planner:
         return not self.opens_for(store, _NONE, (place[0], index))
 
     def store(self, s: Store, place: Place) -> None:
+        """Plan a store: what it names, and whether it starts a variable."""
         self.use(s.value)
         if s.variable in self.wishes.direct:
             return
@@ -312,6 +328,7 @@ class _Planner:
     # Loops
 
     def loop(self, s: Loop, place: Place) -> None:
+        """Plan a loop and its head."""
         self.change(place, self.survey.stored[place])
         before = set(self.pending)
         body, continuing = self.survey.inner[place]
@@ -387,7 +404,7 @@ class _Planner:
             case "cond":
                 brackets = sum([2 for a in s.args if a in self.sizes and self.survey.lets[a].op == "cond"])
                 return depth, width + 6 + brackets
-            case op if op in _INFIX:
+            case op if op in INFIX:
                 return depth, width + 3
         name = len(s.attr) if isinstance(s.attr, str) else self.wishes.letters(s.op)
         if s.op == "table":
@@ -431,4 +448,4 @@ def is_step(region: Region) -> bool:
     return isinstance(last, Store) and is_whole(last) and all(isinstance(s, Let) for s in lets)
 
 
-__all__ = ["MAX_DEPTH", "MAX_WIDTH", "Place", "Plan", "Wishes", "is_whole", "leading_test", "plan"]
+__all__ = ["MAX_DEPTH", "MAX_WIDTH", "Place", "Plan", "Planner", "Wishes", "is_whole", "leading_test", "plan"]

@@ -169,6 +169,44 @@ class Method(Expr):
         return (self.of, *self.args)
 
 
+@dataclass(frozen=True, slots=True)
+class Tuple(Expr):
+    """Several values side by side, as Python returns and assigns them."""
+
+    args: tuple[Expr, ...]
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The values."""
+        return self.args
+
+
+@dataclass(frozen=True, slots=True)
+class Slice(Expr):
+    """An index of several components in a row, up to `stop`; `start` None is the first."""
+
+    start: int | None
+    stop: int
+
+
+@dataclass(frozen=True, slots=True)
+class Listed(Tuple):
+    """A list, which as an index gives a copy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Named(Expr):
+    """An argument by its name, as Python has them."""
+
+    name: str
+    value: Expr
+
+    @property
+    def parts(self) -> tuple[Expr, ...]:
+        """The value."""
+        return (self.value,)
+
+
 # Statements
 
 
@@ -228,6 +266,26 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True)
+class Update:
+    """`target += value`: the array that the target names changes. Only where arrays are objects, as in Python."""
+
+    target: Name
+    symbol: str
+    value: Expr
+    loc: Loc | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Each:
+    """A loop over the values of a sequence: `for name in over`."""
+
+    name: Name
+    over: Expr
+    body: Block
+    loc: Loc | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Exit:
     """`break`, `continue` or `return`."""
 
@@ -236,7 +294,7 @@ class Exit:
     loc: Loc | None = None
 
 
-Stmt = Declare | Assign | Do | If | Loop | Exit
+Stmt = Declare | Assign | Update | Do | If | Loop | Each | Exit
 Block = tuple[Stmt, ...]
 
 
@@ -324,15 +382,19 @@ def statements_of(block: Block) -> Iterator[Stmt]:
                 yield from statements_of((*s.then, *s.orelse))
             case Loop():
                 yield from statements_of((*s.starts, *(() if s.step is None else (s.step,)), *s.body))
+            case Each():
+                yield from statements_of(s.body)
 
 
 def expressions_of(s: Stmt) -> list[Expr]:
     """Return the expressions of a statement itself, not those of the statements inside it."""
     match s:
-        case Assign():
+        case Assign() | Update():
             return [s.target, s.value]
         case If():
             return [s.condition]
+        case Each():
+            return [s.name, s.over]
         case Loop():
             return [e for e in (s.test, s.again) if e is not None]
     return [] if s.value is None else [s.value]

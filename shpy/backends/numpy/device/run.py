@@ -20,11 +20,11 @@ import numpy as np
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options, TableData
 from shpy.backends.device.listed import few, is_worth_a_list, run_some
 from shpy.backends.dump import dump
-from shpy.backends.numpy.apart import Layout, lay_out
 from shpy.backends.numpy.device.collective import COLLECTIVES
 from shpy.backends.numpy.device.memory import NumpySpace, over_arrays
-from shpy.backends.numpy.printer import Printed, print_python
 from shpy.backends.numpy.tables import Listed, Place, TableView, places_of
+from shpy.backends.numpy.text.apart import Layout, lay_out
+from shpy.backends.numpy.text.module import Printed, print_python
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Module, Status, Value
@@ -111,13 +111,10 @@ class NumpyExecutable:
     rejection: NumpyExecutable | None = None
     views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
     ports: tuple[Type, ...] = field(init=False)
-    outs: tuple[tuple[int, np.dtype[Any]], ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Derive the types of the inputs, and the number and dtype of each output that the text writes in place."""
+        """Derive the types of the inputs."""
         self.ports = tuple(port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
-        outputs = self.layout.vector.module.entry.outputs
-        self.outs = tuple((at, np.dtype(DTYPES[outputs[at].type.base])) for at in self.printed.outs)
 
     @property
     def source(self) -> str:
@@ -183,8 +180,7 @@ class NumpyExecutable:
             inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in inputs]
         given = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
         outputs = self._outputs(call, part)
-        told = {} if status is not None else {at: _whole(outputs[at], dtype, extents) for at, dtype in self.outs}
-        results = self.entry(*inputs, *given, *told.values())
+        results = self.entry(*inputs, *given)
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:
@@ -193,9 +189,8 @@ class NumpyExecutable:
             written = status[part] == Status.WRITTEN
             if written.all():
                 written = None
-        for at, (out, result) in enumerate(zip(outputs, results, strict=True)):
-            if result is not told.get(at):
-                _write(out, result, written, extents)
+        for out, result in zip(outputs, results, strict=True):
+            _write(out, result, written, extents)
 
     def _outputs(self, call: Call, part: slice) -> list[Array]:
         """Where the results belong: a vector, or each of its components."""
@@ -247,11 +242,6 @@ def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> 
         np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
     )
     return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
-
-
-def _whole(out: Array, dtype: np.dtype[Any], extents: tuple[int, ...]) -> Array | None:
-    """Return the memory of an output as what may be written directly: None if numbers lie apart or are converted."""
-    return out.reshape(extents) if out.dtype == dtype and out.flags.c_contiguous else None
 
 
 def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, ...]) -> None:

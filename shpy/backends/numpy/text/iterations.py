@@ -18,13 +18,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from shpy.ir.constants import to_array
-from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Store
-from shpy.ir.traverse import defined, uses, walk
+from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Stmt, Store, Value
+from shpy.ir.traverse import defined, map_regions, uses, walk
 from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
 from shpy.passes.liveness import Note, annotate, loops
 
-__all__ = ["Iterations", "Sum", "counted", "lanes_alone"]
+__all__ = ["Iterations", "Sum", "counted", "lanes_alone", "rewritten"]
 
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
@@ -35,11 +35,13 @@ _NOT_IN_FUNCTIONS = frozenset({"neighbour", "lane_any", "any_lane", "component"}
 
 @dataclass(frozen=True, slots=True)
 class Sum:
-    """`slot = slot op term`, once in each iteration: `fold` is numpy's function."""
+    """`slot = slot op term`, once in each iteration: `fold` is numpy's function, `value` what is stored."""
 
     slot: int
     term: int
     fold: str
+    load: Let
+    value: Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,30 @@ def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict
         id(loop): _summed(*iterations, facts, made, used, sizes, alone) for loop, iterations in found if iterations
     }
     return {loop: iterations for loop, iterations in every.items() if iterations}
+
+
+def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Function, dict[int, Iterations]]:
+    """Return the function with the sums of such loops as folds at the end of an iteration, and the loops by `id`."""
+    made: dict[int, Iterations] = {}
+
+    def region(r: Region) -> Region:
+        return tuple([statement(s) for s in r])
+
+    def statement(s: Stmt) -> Stmt:
+        iterations = found.get(id(s))
+        if not isinstance(s, Loop) or iterations is None:
+            return map_regions(s, region)
+        at = next(k for k, t in enumerate(s.body) if isinstance(t, If))
+        test = s.body[: at + 1]
+        sums: list[Stmt] = []
+        for total in iterations.sums:
+            sums += [total.load, Let(total.value, "fold", (total.load.value.id, total.term), total.fold)]
+            sums.append(Store(total.slot, total.value.id, loc=total.value.loc))
+        loop = replace(s, body=(*test, *(t for t in iterations.body if t not in test), *sums))
+        made[id(loop)] = iterations
+        return loop
+
+    return (replace(function, body=region(function.body)), made) if found else (function, made)
 
 
 def _iterations(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Iterations, Region] | None:
@@ -163,5 +189,6 @@ def _sum(s: Store, made: dict[int, Let], used: Counter[int]) -> Sum | None:
     for load, term in (let.args, let.args[::-1]):
         loaded = made.get(load)
         if loaded and loaded.op == "load" and loaded.attr == s.variable and used[load] == 1 and not loaded.args:
-            return Sum(s.variable, term, _FOLDS[let.op])
+            stored = replace(let.value, loc=made[term].value.loc) if term in made else let.value
+            return Sum(s.variable, term, _FOLDS[let.op], loaded, stored)
     return None

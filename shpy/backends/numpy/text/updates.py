@@ -10,17 +10,15 @@ neither has a name.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 
-from shpy.backends.numpy.operations import INFIX
+from shpy.backends.numpy.text.operations import INFIX, UPDATES
 from shpy.ir.nodes import Function, Let, Value
 from shpy.ir.traverse import defined, uses, walk
 from shpy.passes.calls import LaneFacts
 
-__all__ = ["UPDATES", "Updates"]
+__all__ = ["Updates"]
 
-UPDATES = {"add": ("+",), "sub": ("-",), "mul": ("*",), "mad": ("*", "+")}
-"""By operation what is done to its first operand, with one of the others after the other."""
 _READERS = frozenset(INFIX) | UPDATES.keys() | {"sqrt", "neg"}
 """What makes a new array of those that it reads."""
 
@@ -41,19 +39,12 @@ class Updates:
         self.changing = {v for v in own & large if readers[v] <= _READERS}
         self.large = large
 
-    def allows(self, s: Let, left: Counter[int]) -> bool:
-        """Whether the operation may change its first operand."""
+    def allows(self, s: Let) -> bool:
+        """Return whether the operation may change its first operand, once nothing else reads that."""
         if s.op not in UPDATES:
             return False
-        first, *rest = s.args
-        before = self.made.get(first)
-        return (
-            first in self.changing
-            and left[first] == 1
-            and first not in rest
-            and before is not None
-            and _alike(before.value, s.value)
-        )
+        before = self.made.get(s.args[0])
+        return s.args[0] in self.changing and before is not None and _alike(before.value, s.value)
 
 
 def _alike(before: Value, after: Value) -> bool:

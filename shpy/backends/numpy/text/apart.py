@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from shpy.backends.numpy.iterations import counted, lanes_alone
+from shpy.backends.numpy.text.iterations import counted, lanes_alone
 from shpy.ir.nodes import Let, Loop, Module, Region, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import regions_of, walk

@@ -1,0 +1,1 @@
+"""The Python text of a vectorised module for numpy."""
