@@ -243,7 +243,7 @@ def stored(k: sh.Attrib1i, v: sh.Attrib2f):
 def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
     wrong(stores_apart=False)
     kernel = compiled(stored, "glsl")
-    assert "for (int sh_i = 0; sh_i < 5; sh_i++)" in kernel.source
+    assert "for (int sh_i = 0; sh_i < 5; sh_i += 1)" in kernel.source
     assert "mixes up stores" in " ".join(kernel.notes)
     k = np.int32([*range(-3, 8), 2**31 - 1, -(2**31)])
     given = k, np.arange(2 * len(k), dtype=np.float32).reshape(-1, 2) - 5

@@ -35,7 +35,7 @@ from shpy.backends.opencl.device import (
     run as opencl_runtime,
     staging as opencl_staging,
 )
-from shpy.backends.opencl.device.driver import devices, machine_of
+from shpy.backends.opencl.device.driver import _found, machine_of
 
 TAKEN = np.uint32(0x7FA0DEAD)
 """A signalling NaN: what memory holds that a pool hands out."""
@@ -59,7 +59,7 @@ def poison(array: np.ndarray[Any, Any], pattern: np.uint32 = TAKEN) -> np.ndarra
 def fill(thing: Any, pattern: np.uint32) -> Any:
     """Fill a buffer, a texture or all textures of a framebuffer with a pattern."""
     if hasattr(thing, "int_ptr"):
-        machine = next(m for m in map(machine_of, range(len(devices()))) if m.context == thing.context)
+        machine = next(m for m in map(machine_of, range(len(_found()))) if m.context == thing.context)
         machine.cl.enqueue_fill_buffer(machine.queue, thing, pattern, 0, thing.size)
         return thing
     for texture in getattr(thing, "textures", (thing,)):
