@@ -1,4 +1,4 @@
-"""What a backend is: the protocol between `Kernel` (above) and the targets (below).
+"""The protocol of a backend, between `Kernel` (above) and the targets (below).
 
 Stage: emit, compile, run. A backend takes a verified module as it was recorded, prepares it with `passes`, prints it
 and runs it. It knows nothing of user arrays: `Kernel` checks and flattens them, and shapes what comes back.

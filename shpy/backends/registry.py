@@ -1,4 +1,4 @@
-"""Which backends there are, and which is the default.
+"""The list of backends, and the default one.
 
 Stage: compile. Backends are imported when they are asked for, so the core needs numpy and lark alone.
 

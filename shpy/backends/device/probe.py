@@ -1,4 +1,4 @@
-"""What a device gets wrong: the operations that everything else is built from, on inputs chosen to be hard.
+"""Probes of a device: the operations that everything else is built from, on inputs chosen to be hard.
 
 Stage: compile. Each device is asked once for each version of its driver, by a program of its backend's own; here are
 the inputs, the exact results and what follows. What can be corrected is lowered to other operations, anything else is

@@ -1,4 +1,4 @@
-"""Which process uses a driver: a forked child has its parent's driver, but not the driver's threads, and would hang.
+"""The process that uses a driver: a forked child has its parent's driver, but not the driver's threads, and would hang.
 
 Stage: compile, run. A backend asks before it touches its driver, and before it takes a lock that another thread of the
 parent may have held at the time of the fork.

@@ -33,7 +33,7 @@ class Operations:
     """Makes the expressions of one function. `Body` is above it, the targets above that."""
 
     scalar_comparisons: ClassVar[bool] = False
-    """Whether a vector may be compared with a scalar."""
+    """Return whether a vector may be compared with a scalar."""
 
     exprs: dict[int, Expr]
     """What stands for each value that has been made."""

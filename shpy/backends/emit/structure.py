@@ -52,7 +52,7 @@ class Body(Operations):
     """
 
     returns_expressions: ClassVar[bool] = True
-    """Whether a result may be returned without a variable."""
+    """Return whether a result may be returned without a variable."""
 
     def __init__(self, unit: Unit, function: Function, direct: Collection[int] = ()) -> None:
         self.unit = unit
@@ -67,7 +67,7 @@ class Body(Operations):
         self.scope = unit.globals.scope()
         self.out: list[tree.Stmt] = []
         self.gives_value = False
-        """Whether the function returns its one result."""
+        """Return whether the function returns its one result."""
         self._held: dict[int, tuple[Expr, Loc | None]] = {}
         self._load_names: dict[int, str] = {}
         for s in walk(function.body):

@@ -1,4 +1,4 @@
-"""What emitted code calls and numpy lacks: gathers, arrays of a lane's own, vectors from components.
+"""Functions that emitted code calls and numpy lacks: gathers, arrays of a lane's own, vectors from components.
 
 Stage: run. A scalar that varies is an array (lanes,), a vector (size, lanes); a uniform one () or (1,), and (size, 1).
 A local array is (length, lanes) or (length, size, lanes), with 1 for `lanes` while it is uniform. Nothing here traps:

@@ -1,4 +1,4 @@
-"""What emitted code reads by index: tables, and the place of a tile in the grid.
+"""Data that emitted code reads by index: tables, and the place of a tile in the grid.
 
 Stage: run. Indices are clamped on every axis: nothing here traps.
 
@@ -68,7 +68,7 @@ class Place:
 
     @property
     def lanes(self) -> Any:
-        """What arrays of the tile are made with: a number of lanes, or the extents of a block."""
+        """Return the shape of a tile's arrays: a number of lanes, or the extents of a block."""
         return self.extents if self.block else self.extents[0]
 
     @property
@@ -152,7 +152,7 @@ class TableView:
         """Its shape, as a uniform."""
 
     def looks_into(self, array: Array) -> bool:
-        """Whether it reads this array itself, and no copy of it."""
+        """Return whether it reads this array itself, and no copy of it."""
         return np.may_share_memory(self._rows, array)
 
     def renew(self) -> None:

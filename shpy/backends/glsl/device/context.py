@@ -72,7 +72,7 @@ void main() {
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the device can do: texels along an axis, outputs and textures of one program, and how exact it is."""
+    """The limits of the device: texels along an axis, outputs and textures of one program, and how exact it is."""
 
     width: int
     outputs: int

@@ -133,7 +133,7 @@ class NumpyExecutable:
 
     @property
     def writes_all(self) -> bool:
-        """Whether no element has a status."""
+        """Return whether no element has a status."""
         return not self.prepared.status
 
     def run(self, call: Call) -> Array | None:

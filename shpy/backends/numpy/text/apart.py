@@ -75,7 +75,7 @@ def _only_places(module: Module) -> bool:
 
 
 def _holds(module: Module, kind: Callable[[Variable], bool]) -> bool:
-    """Whether it has a slot of some kind."""
+    """Return whether it has a slot of some kind."""
     return any(kind(slot) for f in module.functions for slot in (*f.variables, *f.outputs))
 
 

@@ -1,4 +1,4 @@
-"""Which values may take the place of another: `total += w * x` instead of `total_2 = total + w * x`.
+"""Updates, values that take the place of another: `total += w * x` instead of `total_2 = total + w * x`.
 
 Stage: emit. Part of the numpy printer. Takes the entry of a vectorised module; says of an operation whether the array
 of its first operand may be changed. numpy then neither makes an array nor fills another part of the cache.

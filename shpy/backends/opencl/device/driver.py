@@ -265,7 +265,7 @@ class Machine:
 
     @cached_property
     def shares_memory(self) -> bool:
-        """Whether the device works in the host's memory, so that arrays need not be copied to be used."""
+        """Return whether the device works in the host's memory, so that arrays need not be copied to be used."""
         return bool(self.device.type & self.cl.device_type.CPU and self.device.host_unified_memory)
 
     def lend(self, array: Array, size: int, *, write: bool = False) -> Any:
@@ -347,7 +347,7 @@ class Machine:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of this device."""
+        """Return facts about this device for the user."""
         native = min(self.device.native_vector_width_float, max(WIDTHS))
         if self.lanes < native and self.device.type & self.cl.device_type.CPU:
             return (

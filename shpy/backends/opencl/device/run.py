@@ -221,7 +221,7 @@ class OpenCLExecutable:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the device does not do as it should, and why elements run one at a time where packets were tried."""
+        """Return the faults of the device, and why elements run one at a time where packets were tried."""
         return (*self.machine.notes, *self.remarks)
 
     @property
@@ -231,7 +231,7 @@ class OpenCLExecutable:
 
     @property
     def writes_all(self) -> bool:
-        """Whether no element has a status."""
+        """Return whether no element has a status."""
         return not self.prepared.status
 
     def warm_up(self) -> None:

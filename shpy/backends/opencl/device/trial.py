@@ -1,4 +1,4 @@
-"""Which extras of a driver's compiler work: each is built, run and compared, where it can harm nobody.
+"""Trials of a driver's compiler: each extra is built, run and compared, where it can harm nobody.
 
 Stage: compile. A driver may print errors of a build to the terminal, refuse a kernel that it has built, or end the
 process. So the trials run in a process of their own, whose outcome is kept on disk for each device and version of its

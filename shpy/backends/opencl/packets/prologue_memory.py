@@ -351,7 +351,7 @@ typedef struct {{
     # Shuffles
 
     def _loaded(self, text: str, base: Base) -> str:
-        """What was read, as a packet holds it."""
+        """Return the data that were read, as a packet holds them."""
         return f"convert_int{self.lanes}({text} != (uchar)0)" if base is Base.B else text
 
     def _shuffled(self, element: str, picks: Iterable[Pick]) -> str:
