@@ -21,7 +21,7 @@ _PATHS: Final = {"cornell": 512}
 """The samples of pictures that are path traced, as large as the shorter side along both."""
 _SAMPLES: Final = 9
 _BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4, "teapot": 4}
-"""How often rays are mirrored or refracted, where it is not 3."""
+"""The number of reflections and refractions of scenes that do not use the default, 3."""
 
 
 def gallery(

@@ -34,9 +34,9 @@ from raytracer.scene.scene import Scene
 
 _NEIGHBOURS, _GROUPS = 16, 64
 START = 16.0
-"""How far the origin of a ray with `leaving=True` may be off its triangle, in roundings of coordinates."""
+"""The largest distance from its triangle of the origin of a ray with `leaving=True`, in roundings of coordinates."""
 _FARTHEST = 2.0**56
-"""Where a point is put that is farther away in the kernel's coordinates: 2**24 times the size of the scene."""
+"""The limit of the kernel's coordinates, 2**24 times the size of the scene: farther points are clamped to it."""
 
 
 class Hits(NamedTuple):

@@ -20,7 +20,7 @@ _GROUPS = (
     ("/sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
     ("/sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 )
-"""Where versions 2 and 1 of Linux's control groups tell a container's limit, what it uses, and how much of that is
+"""Files in which versions 2 and 1 of Linux's control groups give a container's limit, its use, and how much of that is
 contents of files, which Linux gives up first."""
 
 

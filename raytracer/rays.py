@@ -21,7 +21,7 @@ from raytracer.meshes.mesh import affine
 
 Floats = NDArray[np.floating[Any]]
 _RIGID = 1e-4
-"""How far a rotation's matrix may be off a rotation, as one that was rounded to f16 or written with four digits is."""
+"""The tolerance of a rotation matrix: it admits a matrix that was rounded to f16 or written with four digits."""
 _DIRECT = 2.0**-40, 2.0**60
 """Scales with which f32 holds all numbers of the conversion."""
 

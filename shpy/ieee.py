@@ -52,7 +52,7 @@ class ieee_arithmetic:
         self._before = None if _DENORMAL * _HALF else _set_default()
 
     def __exit__(self, *_: object) -> None:
-        """Set the environment that there was."""
+        """Restore the environment of before."""
         if self._before is not None:
             _library().fesetenv(self._before)
 

@@ -95,7 +95,7 @@ def relative(found: Array, exact: Array) -> Array:
 
 
 def steps(a: Array, b: Array) -> Array:
-    """How many numbers of their type lie between two arrays of floats of one type, as float64.
+    """Count the numbers of their type between two arrays of floats of one type, as float64.
 
     0 between the two zeros and between NaNs; infinite between a NaN and a number.
     """

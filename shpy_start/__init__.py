@@ -1,4 +1,4 @@
-"""How the commands start: Ctrl-C while Python still imports packages is one line and status 130, and no traceback.
+"""The start of the commands: Ctrl-C during imports gives one line and status 130, without a traceback.
 
 A package of its own, since whatever stands in `shpy` is imported after `shpy`, which takes most of that time. For the
 same reason `shpy` and `raytracer` import it first: `python -m shpy` imports `shpy` before the module that starts the

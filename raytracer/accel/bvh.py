@@ -31,7 +31,7 @@ COUNT_BITS = 3
 GROWTH = 2.0**-67
 """By how much boxes are grown at least: more than `kernels.triangle` grows those of triangles."""
 DESCENT = 3.0
-"""What it costs to look into the two nodes below a cut, if trying a triangle costs 1."""
+"""The cost of visiting the two nodes below a cut; the test of a triangle costs 1."""
 END = -1
 """The link that ends the walk."""
 

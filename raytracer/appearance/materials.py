@@ -145,4 +145,4 @@ class Material:
 
 
 PLAIN: Final = Material()
-"""What a mesh is made of when nothing is said."""
+"""The default material of a mesh."""

@@ -17,7 +17,7 @@ import shpy as sh
 from raytracer.errors import SceneError, place_of, users_line
 
 Sources = Mapping[str, Callable[[], Any]]
-"""What records a value, by the value's name."""
+"""Functions that record a value, by the value's name."""
 
 
 class _Known:
@@ -121,9 +121,9 @@ class Surface(_Known):
 
 
 GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmission", "ior", "normal", "emission")
-"""What a `surface` may say."""
+"""The outputs that a `surface` may have."""
 UNSHADED = ("transmission", "ior", "emission")
-"""What a `shade` is not told: it gives the colour of the share that is not clear, where light falls on it."""
+"""The outputs of a `surface` that `shade` does not get: it gives the colour of the opaque share under a light."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTe
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
-"""Of where a ray meets a face, in units of the last place: more than `triangle.BESIDE`, so that
+"""The margin of a ray's distance to a face, in units in the last place: more than `triangle.BESIDE`, so that
 where a triangle is met so are the boxes that hold it."""
 
 

@@ -25,7 +25,7 @@ from raytracer.scene.lights import EnvironmentLight
 from shpy import SH_IF
 
 NEARER = 1 - 2.0**-13
-"""How far toward a point on a triangle a shadow ray goes, as a part of the way: rounding may move the triangle."""
+"""The end of a shadow ray to a point on a triangle, as a part of the distance: rounding may move the triangle."""
 FINEST = 256
 """Rows of the table of an environment's brightness, at most; it has twice as many columns."""
 EVERYWHERE = 1 / 64

@@ -34,9 +34,9 @@ from raytracer.layered.cube import LayeredCube
 from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 
 ROUNDED = 2.0**-8
-"""How far off a depth may be, in slices."""
+"""The error bound of a depth, in slices."""
 CLOSE, CLOSER = 4.0, 2.0
-"""How close to its start a ray that leaves a surface hits no sample, in half the sum of a texel's sides, or in the
+"""The distance within which a ray that leaves a surface hits no sample, in half the sum of a texel's sides, or in the
 tolerance if that is larger; the second one for planes of triangles that cover the texel's centre.
 
 There the plane of a neighbour of its triangle may lie ahead, though the neighbour itself does not reach so far. A hit
@@ -44,7 +44,7 @@ is moved into its triangle (`DepthTest.finish`) by less than this, at most 3.7 a
 to hit, through glass, comes to an end.
 """
 OUTSIDE = 2.0**-20
-"""How far before the box and behind it the walk begins and ends, as a part of the distance: 16 roundings."""
+"""The margin before and behind the box at which the walk begins and ends, as a part of the distance: 16 roundings."""
 
 
 class LayeredIntersector(Walk):

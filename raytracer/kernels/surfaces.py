@@ -22,8 +22,8 @@ from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, 
 from raytracer.scene.layout import Layout, is_programmed
 
 ROUNDINGS = 7
-"""What a point of a triangle may be off its plane, in roundings of its coordinates: 2 as the weights may not sum to 1,
-3 of their products and sums, and 2 of moving it off the plane (Pharr, Jakob and Humphreys 2023, section 6.8.4)."""
+"""The largest distance of a triangle's point from its plane, in roundings of its coordinates: 2 as the weights may not
+sum to 1, 3 of their products and sums, and 2 of moving it off the plane (Pharr, Jakob and Humphreys 2023, 6.8.4)."""
 PLANE_ROUNDINGS = 12
 """The same of a point of the ray at the distance of the plane, in roundings of the plane's level, of the eye and of the
 way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""

@@ -35,9 +35,9 @@ from raytracer.accel.planes import levels_of
 from shpy import SH_IF
 
 REACH = 2.0**-10
-"""How much farther than the nearest hit a box may be and be looked into, as a part of the distance."""
+"""The margin beyond the nearest hit within which a box is still visited, as a part of the distance."""
 BESIDE = 10 * 2.0**-24
-"""How far a ray may pass beside a triangle's own box, as a part of the distance: 3 roundings of each side, and more."""
+"""The margin around a triangle's box relative to the distance: 3 roundings of each side and more."""
 GROWTH = 2.0**-68
 """By how much the box is grown, so that a ray along its side is inside. `accel.bvh` grows boxes by more.
 

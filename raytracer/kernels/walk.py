@@ -26,7 +26,7 @@ from shpy import SH_ELSE, SH_IF
 Structure = Grid | Bvh | LayeredCube
 
 TOGETHER = frozenset({"opencl"})
-"""Where rays that run side by side are few enough to share their way: packets of up to 16, not numpy's tiles."""
+"""Backends on which rays that run side by side share their traversal: packets of up to 16, not numpy's tiles."""
 MANY = 6000
 """Triangles from which on scattered rays walk faster alone; measured: it is between 2,400 and 10,000."""
 

@@ -31,7 +31,7 @@ MAX_RESOLUTION = 8192
 """Texels along a side, so that an index counts the texels of three images."""
 _RESOLUTION, _BLOCK = 1024, 16
 _SMALLER = 4.0
-"""How much smaller the box is at least without the triangles that a cube leaves out."""
+"""The least factor by which the box shrinks without the triangles that a cube leaves out."""
 _THINNEST = 2.0**-8
 """The least side of the box as a part of the largest."""
 _ROUNDING = 2.0**-18

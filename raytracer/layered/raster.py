@@ -24,7 +24,7 @@ from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
 from shpy import SH_FOR, SH_IF
 
 MARGIN = 2.0**-6
-"""How far beyond its texels a conservative triangle reaches, in texels: more than the roundings of the walk."""
+"""The margin of a conservative triangle beyond its texels, in texels: more than the roundings of the walk."""
 LOW, INVERSE, SIZE, SLACK, NEAREST, FARTHEST, HIGH, COUNTS = range(8)
 """Rows of a cube's `frame`: the corner of its box, 1 / texel, texel, the depth by which a surface may leave its sample
 within a texel; the least and largest depth of samples in each image; the box's other corner; resolution, block,

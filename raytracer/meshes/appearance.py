@@ -22,7 +22,7 @@ from raytracer.meshes.folder import Notices
 from raytracer.meshes.pictures import Picture, channel
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
-"""What a mesh of a file is made of that has neither material nor colours: friendlier than white."""
+"""The material of a mesh whose file has neither material nor colours: friendlier than white."""
 WHITE: Triple = (1.0, 1.0, 1.0)
 BLACK: Triple = (0.0, 0.0, 0.0)
 SHARPEST = 1000.0

@@ -33,7 +33,7 @@ _SPOUT = ((1.7, 0.6, 1.7, 1.425, 0.66), (3.1, 0.825, 2.6, 1.425, 0.66), (2.4, 2.
           (3.3, 2.4, 2.7, 2.4, 0.25), (3.525, 2.49375, 2.8, 2.475, 0.25), (3.45, 2.5125, 2.9, 2.475, 0.15),
           (3.2, 2.4, 2.8, 2.4, 0.15))  # fmt: skip
 _ARC = 0.56
-"""How far along the tangent, in radii, the inner control points of a quarter of a ring lie."""
+"""The distance of a quarter ring's inner control points along the tangent, in radii."""
 _KNOB_ARC = 0.5625
 """The same for the ring of radius 0.8 round the knob of the lid."""
 

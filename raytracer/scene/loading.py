@@ -53,7 +53,7 @@ class Contents:
     camera: Camera | None = None
     lights: Sequence[Light] = ()
     materials: int = 0
-    """How many materials the file has that were not read."""
+    """The number of materials in the file that were not read."""
 
 
 def load_mesh(path: str | PathLike[str], *, material: Material | None = None) -> Mesh:

@@ -41,7 +41,7 @@ _TESTS = ("plane", "triangle", "sample")
 """The hit tests, those first without which the others mean little."""
 _MARKS = {"plane": "o", "triangle": "^", "sample": "s"}
 _TINY = 1e-4
-"""What errors of 0 are drawn as."""
+"""The value at which a logarithmic axis shows errors of 0."""
 _AMPLIFIED = 8
 
 

@@ -41,7 +41,7 @@ _SLOW = 1.0
 SMALLER = 4
 """Errors are those of a picture whose sides are this many times shorter, and of the rays from its pixels."""
 MISPLACED = 1e-3
-"""How far a hit may be from the exact one along its ray, as a part of the model's largest side."""
+"""The largest distance of a correct hit from the exact one along its ray, as a part of the model's largest side."""
 KINDS = ("mirrored", "shadow", "scattered")
 """Rays from the points that the eye sees: mirrored at the face, to the light, and in random directions."""
 _MIRROR = Material((0.5, 0.5, 0.5), specular=0.2, reflectivity=0.5)

@@ -1,4 +1,4 @@
-"""How far results are from the exact ones, and what that costs or saves.
+"""Accuracy: the distance of results from the exact ones, and the time that a larger distance saves.
 
 Stage: measure, above programs and kernels; `import shpy as sh` brings it as `sh.accuracy`.
 

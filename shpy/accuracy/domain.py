@@ -25,7 +25,7 @@ from shpy.run.host import dtypes_at
 
 Array = NDArray[Any]
 Domain = Mapping[str, Any]
-"""For each input (or leaf of one, `ray.o`): (lo, hi), (lo, hi, "log"), an array, or a function of rng and count."""
+"""The values of each input or leaf (`ray.o`): (lo, hi), (lo, hi, "log"), an array, or a function of rng and count."""
 
 _EXPONENTS = (-100, -64, -24, -12, -6, -3, -2, -1, 0, 1, 2, 3, 6, 12, 20, 24, 64, 100)
 
@@ -40,12 +40,12 @@ class Samples:
 
     @property
     def count(self) -> int:
-        """How many elements there are."""
+        """The number of elements."""
         return self.inside.size
 
 
 def special_values(type: Type, precision: str = "f32") -> Array:
-    """Where much goes wrong, of one base.
+    """Return the values of a type at which errors are most frequent.
 
     Floats: zeros, ones, halves, powers of two and their neighbours, denormals, the least and largest, infinities, NaN.
     """

@@ -1,4 +1,4 @@
-"""How far a program's results are from the exact ones, on every backend, mode and precision.
+"""Measure the errors of a program's results on every backend, mode and precision.
 
 Stage: measure. Takes a program and a domain, gives a `Report`.
 

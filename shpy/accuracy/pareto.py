@@ -66,7 +66,7 @@ Candidate = TypeVar("Candidate", bound=Timed)
 
 
 def frontier(candidates: Iterable[Measured], error: Callable[[Measured], float]) -> tuple[Measured, ...]:
-    """Of candidates in order of time, fastest first, those whose error is less than that of all before (Pareto).
+    """Return the candidates, fastest first, whose error is less than that of every faster one (Pareto).
 
     >>> frontier([(1, 0.5), (2, 0.7), (3, 0.1)], lambda c: c[1])
     ((1, 0.5), (3, 0.1))

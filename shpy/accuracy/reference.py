@@ -207,7 +207,7 @@ class _Exactly(Compiler):
         return lambda frame: meaning.convert(frame[place], dtype)
 
     def bits(self, let: Let, place: int) -> Callable[[Any], Any]:
-        """Where bits are asked for, a number is what the working precision makes of it: binary32."""
+        """Return the bits of a number as the working precision rounds it: binary32."""
         mp, f = self.mp, OPS[let.op].meaning if let.op in OPS else None
         if let.op == "half":
             return lambda frame: frame[place]

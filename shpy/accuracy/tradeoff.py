@@ -36,7 +36,7 @@ from shpy.units import Budget
 _ENOUGH = 0.003
 """Seconds: shorter calls are timed several at once."""
 _UNSEEN = 4
-"""How many times as many elements a choice must hold on as it was made on."""
+"""The ratio of the elements that confirm a choice to those that made it."""
 
 
 @dataclass

@@ -219,7 +219,7 @@ class Builder:
 
     @property
     def depth(self) -> int:
-        """How many regions are open, the body included."""
+        """The number of open regions, the body included."""
         return len(self._regions)
 
     @property

@@ -46,7 +46,7 @@ Trace = Callable[[Loc | None, str, Any, tuple[int, ...]], None]
 with the iterations of the loops around it, counted from 1, the outermost loop first."""
 
 LaneOracle = Callable[[], bool]
-"""What other lanes may do to `any_lane(c)` where c is false, and to `all_lanes(c)` where c is true, for this one."""
+"""The influence of other lanes: `any_lane(c)` where c is false here, or `all_lanes(c)` where c is true."""
 
 Frame = list[Any]
 Step = Callable[[Frame], int | None]
@@ -74,7 +74,7 @@ class Run:
     trace: Trace | None
     oracle: LaneOracle | None
     iterations: tuple[int, ...] = ()
-    """Of the loops that run, the outermost first; counted in traced runs alone."""
+    """The iteration of each running loop, the outermost first; traced runs alone count them."""
 
     def note(self, loc: Loc | None, name: str, value: Any) -> None:
         """Call the trace, if there is one."""

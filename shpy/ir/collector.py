@@ -39,7 +39,7 @@ class _Pause:
             self._restore()
 
     def forget_other_threads(self) -> None:
-        """In the child of a fork only the forking thread goes on: the blocks of others never end there."""
+        """Drop the blocks of other threads: in the child of a fork only the forking thread goes on."""
         self.lock = threading.RLock()
         if self.threads:
             self.threads = [thread for thread in self.threads if thread == threading.get_ident()]

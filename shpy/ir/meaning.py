@@ -252,7 +252,7 @@ RANGES: dict[str, tuple[float, float, float]] = {
     "f": (2.0**-50, 2.0**62, 2.0**100),
     "d": (2.0**-450, 2.0**500, 2.0**700),
 }
-"""Of binary32 and binary64: components below and above which squares lose bits, and by what those are scaled."""
+"""For binary32 and binary64: bounds beyond which squares of components lose bits, and the factors that scale those."""
 
 
 def in_range(squares: Array) -> bool:

@@ -23,7 +23,7 @@ MAX_REGION_DEPTH = 64
 MAX_LOOP_DEPTH = 12
 MAX_ARRAY = 4096
 MAX_PART_DEPTH = 64
-"""How deep structures of inputs and outputs are nested."""
+"""The depth limit of nested structures of inputs and outputs."""
 MAX_TABLE = 2**31 - 1
 """Elements of a table, which an `i` counts."""
 

@@ -49,7 +49,7 @@ _SPOKEN: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far a result may be from the exact one: `ulp` units in the last place or `absolute`, whichever is more."""
+    """The bound of a result's error: `ulp` units in the last place or `absolute`, whichever is more."""
 
     ulp: float = 0.0
     absolute: float = 0.0

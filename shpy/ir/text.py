@@ -51,8 +51,8 @@ LETTERS: Final = "xyzw"
 """The components, as swizzles and stores name them."""
 
 Anchor = tuple[str, int]
-"""What a line shows: ("statement", n), its n-th in program order, ("until", n) for a Loop's last line, ("function", i),
-("variable", n), ("input", i), ("output", i), ("param", i), ("table", i), ("module", 0), or ("", 0)."""
+"""The content of a line: ("statement", n), the n-th in program order, ("until", n) for a Loop's last line,
+("function", i), ("variable", n), ("input", i), ("output", i), ("param", i), ("table", i), ("module", 0), or ("", 0)."""
 
 _BARE = re.compile(r"[^\W\d]\w*")
 _ESCAPED = re.compile(r"\\u\{([0-9a-f]+)\}|\\(.)")

@@ -148,7 +148,7 @@ def is_straight(body: Iterable[Stmt]) -> bool:
 
 
 def test_length(body: Region) -> int:
-    """How many statements at the start of a loop's body are its test, `while (c)`; 0 if it has none there.
+    """Count the statements at the start of a loop's body that are its test, `while (c)`; 0 without a test.
 
     An iteration is counted once its test has passed.
     """

@@ -357,7 +357,7 @@ class _Function:
         self.targets, self.in_continuing = outer
 
     def check_exit(self, statement: Stmt) -> None:
-        """In a continuing part, only a loop nested in it may be left."""
+        """Refuse an exit from a continuing part, unless it leaves a loop nested in that part."""
         word = type(statement).__name__.lower()
         inner = isinstance(statement, (Break, Continue)) and self.targets > 0
         if self.in_continuing and not inner:

@@ -170,7 +170,7 @@ trip_count = Subroutine(_trip_count, "trip_count")
 
 
 Wrap = tuple[Callable[[Any], Any], Callable[[Any, Any], Any]]
-"""How an axis goes on outside of [0, 1]: where a coordinate is read, and which index an index on an axis stands for.
+"""The continuation of an axis outside of [0, 1]: it maps a coordinate, and an index on the axis.
 
 Far outside, the fraction of a repeated texture and the edge of a clamped one are all that is left of a coordinate.
 """

@@ -30,11 +30,11 @@ from shpy.ir.traverse import rewrite, walk
 
 COMPONENTS = "xyzw"
 SCALED = frozenset({"length", "distance", "normalize"})
-"""What a target may do itself, and knows best for whole vectors."""
+"""Operations on whole vectors that a target may have itself."""
 _KEPT = frozenset({"param", "table", "table_size", "grid_index", "grid_shape", "call"})
 _SCALAR = frozenset({"convert", "half", "any_lane", "all_lanes"})
 GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise) - SCALED
-"""What does not work component by component, and has to be lowered before."""
+"""Operations that are not component-wise; an earlier pass lowers them."""
 
 
 def take_apart(module: Module, *, throughout: bool = False) -> Module:

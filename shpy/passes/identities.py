@@ -53,7 +53,7 @@ _RIGHT_NEUTRAL: dict[str, tuple[float | None, int | None]] = {
     "pow": (1.0, None),
     "ldexp": (None, 0),
 }
-"""What leaves the left operand as it is when it stands on the right: the float, the int."""
+"""The right operand that leaves the left one unchanged: as a float, as an int."""
 
 _ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
 """The int or bool that makes the result itself, whatever the other operand."""

@@ -48,7 +48,7 @@ from shpy.passes.size import check_growth
 _MOST_STATEMENTS = 50_000
 """A function that would become larger is refused: text and compile time would grow without bound."""
 _DEEPEST_GUARD = 8
-"""How many Returns in a row may each put the rest of the body one region deeper."""
+"""The limit of consecutive Returns, each of which nests the rest of the body one region deeper."""
 
 
 def inline_calls(module: Module, chosen: Callable[[Function], bool] = lambda function: True) -> Module:

@@ -82,7 +82,7 @@ class Known:
         return _SPANNED[let.op]([self.span(a) for a in args], anything)
 
     def _slot(self, variable: int, anything: Span) -> Span:
-        """Of what is stored in it, and of the zero that it begins with."""
+        """Return the span of the stored values and of the zero that the variable begins with."""
         if variable in self._hidden:
             return anything
         key = "slot", variable

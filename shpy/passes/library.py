@@ -49,13 +49,13 @@ def _half_from_double(x: Term) -> Term:
 
 
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
-"""What `lower_half` needs besides."""
+"""The functions that `lower_half` calls."""
 
 PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
 """Operations that only definitions have: functions that these share."""
 
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
-"""What becomes of functions that a target has within the bounds for angles that are not far only."""
+"""Replacements of functions that a target has within the bounds for near angles only."""
 
 CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.

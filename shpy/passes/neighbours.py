@@ -50,7 +50,7 @@ class _Moved:
 
 
 Parts = tuple[_Moved, ...]
-"""What each component of a value is."""
+"""The origin of each component of a value."""
 
 
 def find_neighbours(vector: VectorModule) -> VectorModule:

@@ -32,7 +32,7 @@ from shpy.passes.share import WORTH_SHARING, share_calls
 from shpy.passes.size import inlined_sizes
 
 _ROUNDS = 3
-"""How often constants may make branches go, which makes more constants."""
+"""The limit of repetitions: constants remove branches, which makes more constants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,5 +140,5 @@ def optimise(module: Module, *, fixed: bool = True) -> Module:
 
 
 def _control(module: Module) -> int:
-    """How many Ifs and Loops there are: with fewer of them, more variables are values."""
+    """Count Ifs and Loops: with fewer of them, more variables are values."""
     return sum(isinstance(s, (If, Loop)) for f in module.functions for s in walk(f.body))

@@ -34,7 +34,7 @@ Piece = tuple[int, int]
 """A component of a value: (value's id, which)."""
 
 State = int | tuple[Piece, ...]
-"""What a variable holds: a value's id, or a piece for each component."""
+"""The content of a variable: a value's id, or a piece for each component."""
 
 _ZERO = -1
 """Stands for a value that is zero: what variables hold at first."""

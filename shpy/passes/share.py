@@ -363,7 +363,7 @@ def _leaves(s: Stmt, in_loop: bool = False) -> bool:
 
 
 def _inner_depths(module: Module) -> dict[str, int]:
-    """How deep loops are nested in each function, with those that it calls."""
+    """Return the depth of nested loops of each function, functions that it calls included."""
     depths: dict[str, int] = {}
 
     def depth(region: Region) -> int:

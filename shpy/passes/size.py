@@ -25,7 +25,7 @@ _SMALL = 30
 
 
 def count_ops(module: Module) -> dict[str, int]:
-    """How often each operation and each kind of statement stands in the module, most frequent first."""
+    """Count the occurrences of each operation and kind of statement in the module, most frequent first."""
     counted: Counter[str] = Counter()
     for function in module.functions:
         for s in walk(function.body):

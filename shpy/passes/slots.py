@@ -1,4 +1,4 @@
-"""Where a variable lives once many lanes run as one: a slot while it is uniform, others while it varies.
+"""Slots: the storage of a variable once many lanes run as one, one while it is uniform, others while it varies.
 
 Stage: improve. Part of `vectorize`. A variable has one uniform slot for the whole function, one lanes slot, and one
 more lanes slot for each loop that must not disturb the outer one.
@@ -28,17 +28,17 @@ class Slots:
         """Ids of the slots that hold one value for every lane."""
 
     def uniform(self, variable: int) -> Variable:
-        """Where it lives while it is uniform."""
+        """Return the slot of the variable while it is uniform."""
         return self._slot("uniform", variable)
 
     def lanes(self, variable: int, loop: int | None = None) -> Variable:
-        """Where it lives while it varies, in the function or in a loop that has its own."""
+        """Return the slot of the variable while it varies, in the function or in a loop with a slot of its own."""
         made = self._slot("lanes", variable, _FUNCTION if loop is None else loop)
         self.varying.add(made.id)
         return made
 
     def array(self, variable: int, varies: bool) -> Variable:
-        """Where an array lives; it does not change."""
+        """Return the slot of an array, which is the same throughout."""
         made = self._slot("array", variable)
         if varies:
             self.varying.add(made.id)

@@ -114,7 +114,7 @@ class DeviceLeaf:
 
 
 def _trailing(name: str, shape: Shape, size: int) -> str:
-    """How to give an array a last axis of `size`: never by reading its numbers in another order."""
+    """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
     if len(shape) > 1 and shape[-1] > size:
         dropped = " which drops the alpha channel" if (shape[-1], size) == (4, 3) else ""
         return f"{name}[..., :{size}]{',' * bool(dropped)}{dropped}"

@@ -29,7 +29,7 @@ def flat_leaves(outputs: Any) -> list[Array]:
 
 
 def differing(a: Array, b: Array) -> Array:
-    """Where two arrays differ in any bit; NaNs are all the same."""
+    """Return a mask of the elements that differ in any bit; all NaNs are equal."""
     if a.dtype.kind != "f":
         return np.asarray(a != b)
     equal = (a == b) & (np.signbit(a) == np.signbit(b))
@@ -38,7 +38,7 @@ def differing(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Bound:
-    """How far apart two results may be: `ulp` numbers, or atol + rtol * |first|; 0 of each asks for the same bits."""
+    """The largest distance of two results: `ulp` numbers, or atol + rtol * |first|; all 0 asks for the same bits."""
 
     ulp: float = 0
     atol: float = 0
@@ -50,7 +50,7 @@ class Bound:
         return not (self.ulp or self.atol or self.rtol)
 
     def exceeded(self, a: Array, b: Array) -> Array:
-        """Where two arrays are further apart."""
+        """Return a mask of the elements whose distance exceeds the bound."""
         wrong = differing(a, b)
         if a.dtype.kind == "f" and not self.exact:
             with np.errstate(all="ignore"):

@@ -60,7 +60,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Divergence:
-    """Where two backends part: `loc`, the variable's `name`, the statement as `text`, the `turns` of the loops around.
+    """The first divergence of two backends: `loc`, the variable's `name`, the statement as `text`, and `turns`.
 
     `turns` are the numbers of the iterations, counted from 1, the innermost loop first. `first` and `second` are the
     values that the backends named in `backends` computed there; where the backends are at different statements, `rows`

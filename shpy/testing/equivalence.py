@@ -41,7 +41,7 @@ class Agreement:
 
     @cached_property
     def flushes(self) -> tuple[Flush, ...]:
-        """For each backend on which elements differ by flushed denormals: how far, and which denormal it was.
+        """Return, for each backend whose elements differ by flushed denormals, the distance and the denormal.
 
         Computed on first use, by one more run of the program on numpy for each such backend.
         """

@@ -79,7 +79,7 @@ class Excused:
 
 
 def _distance(a: Array, b: Array) -> Array:
-    """How far the rows of two arrays are apart, (n,): 0 to 2 relative to the larger, inf beside NaN and infinities.
+    """Return the distance of two arrays' rows, (n,): 0 to 2 relative to the larger, inf beside NaN and infinities.
 
     Denormals and the least normal number count as zero.
     """

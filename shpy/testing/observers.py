@@ -110,7 +110,7 @@ class Observer(Protocol):
 
     @property
     def count(self) -> int:
-        """How many events the element has."""
+        """Count the events of the element."""
 
     def trail(self, event: int) -> int:
         """Return the hash of every event up to this one."""

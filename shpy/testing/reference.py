@@ -30,7 +30,7 @@ from shpy.run.kernel import Kernel
 
 INTERPRETER = "interpreter"
 _WIDTHS = {"opencl": (1, *WIDTHS)}
-"""How many elements a backend runs together in comparisons that name the backend alone."""
+"""The numbers of lanes that comparisons run when they name the backend alone."""
 _MORE_WIDTHS = {"opencl": WIDER}
 """Widths that are compared where they are named: they take long to compile, and not every driver has them."""
 

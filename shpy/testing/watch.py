@@ -25,7 +25,7 @@ from shpy.ir.types import Base, Type, vec
 from shpy.passes.exits import make_exits_explicit
 
 OPERANDS = 4
-"""How many operands of an event are kept, at most."""
+"""The limit of operands that an event keeps."""
 
 _SILENT = frozenset({"const", "param", "lane_mask", "table_size"})
 """Operations that are no events: nothing can go wrong there that is not seen where they are used."""
@@ -35,7 +35,7 @@ _FAMILY = {Base.F: Base.F, Base.H: Base.F, Base.D: Base.D, Base.I: Base.U, Base.
 """The base in which values of a base are kept, exactly."""
 
 _LOOPS = 4
-"""How many loops around an event have their iterations kept, from the innermost outwards."""
+"""The limit of enclosing loops whose iterations an event keeps, from the innermost outwards."""
 
 
 @dataclass(frozen=True, slots=True)

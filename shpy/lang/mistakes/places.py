@@ -1,4 +1,4 @@
-"""Where the places of a function's text come from, at each point of a walk: names, items and attributes.
+"""Reaching definitions of the places in a function's text, at each point of a walk: names, items and attributes.
 
 Stage: record. Keeps the state that statements change; raises when a place is used that a closed block has rebound, or
 when a value is read that was changed through another name.

@@ -29,7 +29,7 @@ _KINDS = {cls.__name__: cls.type for cls in CLASSES.values()}
 
 
 _RECORDED = {"lane_mask": "const true", "lane_any": "any_lane", "neighbour": "grid_index, add and table"}
-"""What to write instead of an operation that passes make."""
+"""Replacements that messages name for operations that only passes make."""
 
 
 def checked(module: Module) -> Module:

@@ -1,4 +1,4 @@
-"""Where operations go: into the recording under way, or, outside one, straight to their meaning.
+"""Emitters: operations go into the recording under way or, outside of a recording, straight to their meaning.
 
 Stage: record. A handle is the id of an IR value in the first case and an array in the second; the code that types
 operands and picks operations is the same for both. Outside a recording, operations on uniforms are kept as an

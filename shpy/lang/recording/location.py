@@ -1,4 +1,4 @@
-"""Where the user is: the nearest frame outside the package.
+"""Locations: the nearest frame outside the package is the user's.
 
 Stage: record. Costs well under a microsecond, so every node can carry its line.
 """

@@ -98,7 +98,7 @@ def _bounded(name: str, found: Array, arrays: tuple[Array, ...], bound: Toleranc
 
 
 def errors(found: Array, wanted: Array) -> Array:
-    """How many units in the last place of a binary32 lie between what was found and exact results in binary64."""
+    """Return the errors of results against exact ones in binary64, in units in the last place of a binary32."""
     with np.errstate(all="ignore"):
         nearest = wanted.astype(np.float32)
         exponent = np.floor(np.log2(np.maximum(np.abs(wanted), _TINY)))

@@ -56,7 +56,7 @@ class Ran:
         return {name: finding for name, finding in self.findings.items() if finding.wrong}
 
     def count(self, verdict: str) -> int:
-        """How many checks had this verdict."""
+        """Count the checks with this verdict."""
         return sum(finding.verdict == verdict for finding in self.findings.values())
 
 

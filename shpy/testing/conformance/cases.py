@@ -132,7 +132,7 @@ class Case:
             raise AssertionError(wrong)
 
     def difference(self, found: Outcome, who: str, **more: Any) -> str | None:
-        """How a target's outcome differs from the reference's, None where it does not; `more` as for `run`.
+        """Describe how a target's outcome differs from the reference's; None if it does not. `more` as for `run`.
 
         Elements that meet a denormal on their way may differ on a device that flushes denormals.
         """

@@ -39,7 +39,7 @@ WIDTHS = (*TILES, *PACKETS)
 LANES = {f"opencl-{n}": n for n in (1, *PACKET_WIDTHS)}
 """Every width of OpenCL by itself: one element a work item is what a GPU runs."""
 WIDE = {"opencl-32": 32, "opencl-64": 64}
-"""Those of which a driver may have no vectors."""
+"""The widths for which a driver may lack vectors."""
 TINY = {np.dtype(t): np.finfo(t).tiny for t in (np.float16, np.float32, np.float64)}
 
 
@@ -90,7 +90,7 @@ def run(program: sh.Program, backend: str, *arrays: Any, out: Any = None, shape:
 
 
 def differs(found: Array, expected: Array, ulp: float = 0, absolute: float = 0) -> Array:
-    """Where two arrays differ: in any bit but those of a NaN, or by more than the bound."""
+    """Return a mask of the elements that differ: in any bit but those of a NaN, or by more than the bound."""
     wrong = differing(found, expected)
     if found.dtype.kind == "f" and (ulp or absolute):
         with np.errstate(all="ignore"):

@@ -150,7 +150,7 @@ class Statements(Expressions):
         return Lanes(self.pick(("any_lane", "all_lanes")), self.expr(B), name, self.expr(type))
 
     def exit_kind(self) -> str:
-        """How a block may be left here."""
+        """Draw a kind of exit that is allowed here."""
         kinds = [
             "return",
             *["break", "continue"] * bool(self.loops),

@@ -73,7 +73,7 @@ def _start(type: Type) -> Expr:
 
 
 def _parameters(draw: Any) -> tuple[Variable, ...]:
-    """Of the types that programs have most of, and others; the last is an array."""
+    """Draw parameters, mostly of the types that programs use most; the last one is an array."""
     other = draw(st.sampled_from(OTHERS)), draw(st.sampled_from(OTHERS))
     types = (F, F3, I, *other)
     return (*(Variable(n, t) for n, t in zip("pqmst", types, strict=True)), Variable("own", F, 3))
