@@ -28,7 +28,7 @@ _AT_ONCE = 1 << 20
 
 
 def hits(mesh: Mesh, quick: bool) -> Table:
-    """How many rays meet the same triangle as Embree's, and the errors of both where they do not."""
+    """Return the share of rays that meet the same triangle as Embree's, and the errors of both on the others."""
     head = ["mesh", "rays", "number", "equal", "ours is exact", "Embree's is exact", "our error", "Embree's error"]
     if peers.available(["embreex"])[1]:
         return Table("hits", "no Embree", head, [])

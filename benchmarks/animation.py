@@ -1,4 +1,4 @@
-"""How evenly frames come while `lanes="auto"` tries widths: 200 frames in a new process that finds no cache.
+"""The evenness of frames while `lanes="auto"` tries widths: 200 frames in a new process with empty caches.
 
     python -m benchmarks --only frames-auto
 

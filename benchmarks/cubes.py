@@ -28,7 +28,7 @@ HEAD = (
 )
 BUILDS = 5
 WRONG = 1e-3
-"""How far a distance may be from the exact one, as a part of the mesh's largest side."""
+"""The largest error of a correct distance, as a part of the mesh's largest side."""
 
 
 def layered(mesh: Mesh, quick: bool) -> Table:

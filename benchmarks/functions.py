@@ -56,7 +56,7 @@ def named(name: str) -> sh.Program:
 
 
 def core_seconds(kernel: Any, x: Any) -> float:
-    """Of one call, on all cores together."""
+    """Return the seconds of one call, on all cores together."""
     start = time.process_time()
     kernel(x)
     return time.process_time() - start

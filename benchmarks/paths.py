@@ -105,7 +105,7 @@ def mitsuba_picture(size: int, samples: int, seed: int, scene: Any = None, ours:
 
 
 def z_test(quick: bool) -> Table:
-    """How far our picture and Mitsuba's lie apart at each pixel, in standard errors of their difference."""
+    """Return the distance of our picture from Mitsuba's at each pixel, in standard errors of their difference."""
     note = "no Mitsuba"
     rows: list[list[str]] = []
     if not peers.available(["mitsuba"])[1]:

@@ -89,7 +89,7 @@ def ray_tracer() -> sh.Program:
 
 
 def measured(make: Callable[[], sh.Program], repeats: int = 2) -> tuple[int, dict[str, float]]:
-    """How many statements are recorded; seconds of recording and of each target, the best of `repeats`."""
+    """Return the number of recorded statements; seconds of recording and of each target, the best of `repeats`."""
     best: dict[str, float] = {}
 
     def timed(name: str, work: Callable[[], Any]) -> Any:

@@ -51,7 +51,7 @@ class Measured:
         return not self.failed and all(a.same for a in self.agreement.values())
 
     def ratios(self, contender: str, base: str) -> np.ndarray:
-        """How many times as long `contender` took as `base`, one number a round."""
+        """Return the ratio of the times of `contender` and `base`, a number for each round."""
         return np.divide(self.seconds[contender], self.seconds[base])
 
 

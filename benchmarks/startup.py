@@ -1,4 +1,4 @@
-"""How long until a kernel runs: recording, emitting and compiling, in new processes, cold and warm.
+"""The time until a kernel runs: recording, emitting and compiling, in new processes, cold and warm.
 
     print(compiling(mesh, quick=False))
 
@@ -65,7 +65,7 @@ PROGRAMS: dict[str, Callable[[], Any]] = {
 
 
 def statements(program: Any) -> int:
-    """Of its IR, when the passes have made it shorter."""
+    """Return the number of its IR's statements after the passes."""
     return sum(count_ops(prepare(program.ir, Options(), OPENCL).module).values())
 
 

@@ -1,4 +1,4 @@
-"""How time grows: with triangles, pixels, bounces and lights; and what it takes to build the accelerators.
+"""The growth of time with triangles, pixels, bounces and lights, and the time to build the accelerators.
 
     print(STUDIES["lights"](mesh, quick=False))
 

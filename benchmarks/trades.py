@@ -25,7 +25,7 @@ from raytracer.studies import tradeoff as trade
 
 ROUNDS = 15
 SEED = 4711
-"""Of inputs that no search has drawn."""
+"""The seed of inputs that no search has drawn."""
 CAMERAS = 8
 """From which each scene is looked at."""
 

@@ -1,4 +1,4 @@
-"""How well `lanes="auto"` chooses: the width that it takes against every width of OpenCL packets, on each kernel.
+"""The choice of `lanes="auto"` against every width of OpenCL packets, on each kernel.
 
     python -m benchmarks --only widths
 

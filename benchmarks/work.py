@@ -36,7 +36,7 @@ TARGETS: dict[str, dict[str, Any]] = {
     "numpy": {"backend": "numpy"},
     "numpy-relaxed": {"backend": "numpy", "math": "relaxed"},
 }
-"""How a program of ours is compiled, by the name of the contender."""
+"""The options with which our programs are compiled, by the name of the contender."""
 
 
 @dataclass
@@ -90,7 +90,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How an answer compares with the reference: the largest difference, the share beyond what is allowed.
+    """The comparison of an answer with the reference: the largest difference, and the share beyond the tolerance.
 
     `other_order`: it agrees with what both round, so that the difference comes of the order of sums.
     """

@@ -33,7 +33,7 @@ stone = Texture3D(random.random((12, 12, 12)), filter="cubic", wrap="repeat")
 
 
 def ball(origin, direction, center):
-    """How far away a ball of radius 1 is, or a negative number."""
+    """Return the distance to a ball of radius 1, or a negative number."""
     along = sh.dot(center - origin, direction)
     rest = 1 - sh.dot(center - origin, center - origin) + along * along
     return sh.cond(rest > 0, along - sh.sqrt(sh.max(rest, 0)), -1.0)
@@ -46,7 +46,7 @@ def seen(origin, direction, uv, level):
 
 
 def below(origin, direction):
-    """Where a ray meets the floor, in tiles."""
+    """Return the point at which a ray meets the floor, in tiles."""
     return (origin - direction * (origin.y / sh.min(direction.y, -1e-4))).xz / 1.5
 
 

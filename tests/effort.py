@@ -1,4 +1,4 @@
-"""How much Python a computation runs: the same number on every machine, busy or idle, unlike seconds."""
+"""The effort of a computation in steps of Python: unlike seconds, the same on every machine, busy or idle."""
 
 import sys
 from collections.abc import Callable

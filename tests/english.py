@@ -23,10 +23,10 @@ Place = tuple[str, int, str]
 
 KINDS = {
     "moods": "docstrings of functions that do not start with an imperative verb (D401), by folder",
-    "openings": "docstrings that open with a question word, by folder",
+    "openings": "docstrings, of attributes too, that open with a question word, by folder",
 }
 
-OPENING = re.compile(r"(What|Whether|Which|Who|That|Of which)\b")
+OPENING = re.compile(r"(What|Whether|Which|Who|That|Those|Of|How|Where|Why)\b")
 
 WORDS = {
     r"that (is|are) (?-i:none)": "is not one, does not exist",
@@ -53,13 +53,19 @@ def files(*suffixes: str) -> list[str]:
 
 
 def openings() -> Iterator[Place]:
-    """Yield the docstrings that open with a question word."""
+    """Yield the docstrings, of attributes and constants too, that open with a question word."""
     for file in files(".py"):
-        for node in ast.walk(ast.parse((ROOT / file).read_text())):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-                text = ast.get_docstring(node)
-                if text and OPENING.match(text):
-                    yield file, getattr(node, "lineno", 1), text.splitlines()[0]
+        for line, text in _docstrings(ast.parse((ROOT / file).read_text())):
+            if OPENING.match(text):
+                yield file, line, text.splitlines()[0]
+
+
+def _docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield the docstrings of modules, classes, functions and assignments: any statement that is a string alone."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(text))):
+                yield node.lineno, text.strip()
 
 
 def words() -> Iterator[Place]:

@@ -202,7 +202,7 @@ _LATE = (
     *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
     *("lark", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
 )
-"""What importing neither shpy nor raytracer loads. The check of functions' text is for raytracer's structs."""
+"""Modules that importing shpy and raytracer does not load. The check of functions' text is for raytracer's structs."""
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_importing_loads_what_recording_needs_and_no_more(package, late):
 
 LEFT = Path(__file__).with_name("english_left.toml")
 SLACK = 20
-"""How many fewer may be found than are recorded, so that not every commit has to write the file."""
+"""The difference between recorded and found numbers up to which a commit need not write the file."""
 
 
 def test_words_are_those_of_the_textbook():
@@ -269,7 +269,7 @@ EMIT = [
     for folder in ("emit", "opencl/text", "opencl/packets", "glsl/text")
     for path in sorted((ROOT / "shpy/backends" / folder).glob("*.py"))
 ]
-"""Where texts are made. numpy's own folder joins them when it has moved."""
+"""The folders that make texts. numpy's own folder is to join them."""
 
 LOOKS = {"startswith", "endswith", "find", "index", "partition", "rpartition", "split", "replace", "removesuffix"}
 """Methods that look into a text."""

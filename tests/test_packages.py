@@ -1,4 +1,4 @@
-"""How shpy and what it needs are installed: every command that the product or a page names can work."""
+"""The installation of shpy and its requirements: every command that the product or a page names can work."""
 
 import re
 import subprocess

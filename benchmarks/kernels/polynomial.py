@@ -9,7 +9,7 @@ import shpy as sh
 from benchmarks.work import Work
 
 COEFFICIENTS = np.random.default_rng(1).normal(size=32).astype(np.float32)
-"""That of the highest power first."""
+"""The coefficients, that of the highest power first."""
 
 
 def numbers(size):

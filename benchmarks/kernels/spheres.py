@@ -16,10 +16,10 @@ SPHERES = (
 )  # fmt: skip
 """Centre and radius."""
 LIGHT = (0.48, 0.8, -0.36)
-"""Where it comes from, a unit vector."""
+"""The direction to the light, a unit vector."""
 RAYS = 4
 AWAY = 1e-3
-"""How far from a surface the next ray begins."""
+"""The distance from a surface at which the next ray begins."""
 FAR = 1e30
 
 WORK = Work(

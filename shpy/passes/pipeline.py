@@ -75,7 +75,7 @@ class Options(Protocol):
 
     @property
     def math(self) -> Math:
-        """How exact functions are."""
+        """The exactness of functions."""
 
     @property
     def loop_limit(self) -> int | None:

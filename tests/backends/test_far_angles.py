@@ -25,7 +25,7 @@ from shpy.passes.strict.payne_hanek import FAR
 NAMES = ("sin", "cos", "tan")
 DTYPES: dict[str, Any] = {"f32": np.float32, "f64": np.float64}
 KNOWN = {"f32": 16367173 * 2.0**72, "f64": 6381956970095103 * 2.0**797}
-"""Of all numbers of their width the closest to a multiple of pi / 2."""
+"""The numbers of their width that are closest to a multiple of pi / 2."""
 BITS = 1400
 
 
@@ -55,7 +55,7 @@ def close_to_multiples(precision: str) -> Iterator[float]:
 
 @functools.cache
 def angles(precision: str) -> Array:
-    """Of every exponent from 0 on, and of both signs."""
+    """Angles of every exponent from 0 on, and of both signs."""
     dtype, rng = DTYPES[precision], np.random.default_rng(8)
     top = np.finfo(dtype).maxexp
     powers = 2.0 ** np.arange(20, top)

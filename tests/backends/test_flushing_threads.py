@@ -19,7 +19,7 @@ import shpy as sh
 from shpy.ieee import ieee_arithmetic, keeps_denormals
 
 WORDS = {"x86_64": (28, 0x8040), "aarch64": (0, 1 << 24)}
-"""Where the environment of C has the word that says what denormals are, and the bits that make them zero."""
+"""The offset in C's environment of the word that controls denormals, and the bits that flush them to zero."""
 
 
 def flush():

@@ -95,7 +95,7 @@ def flushed(a: Any) -> Any:
 
 
 def wrong(found: Any, expected: Any) -> Any:
-    """Where the arrays differ: in any bit but NaN's."""
+    """Return a mask of the elements that differ in any bit; all NaNs are equal."""
     found, expected = flushed(found), flushed(expected)
     if found.dtype.kind != "f":
         return found != expected

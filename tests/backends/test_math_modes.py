@@ -55,7 +55,7 @@ def in_f64(name: str, *arrays: Array) -> Array:
 
 
 def ulps(found: Array, wanted: Array) -> Array:
-    """How many units in the last place of a binary32 lie between what was found and the exact results."""
+    """Return the errors against the exact results, in units in the last place of a binary32."""
     with np.errstate(all="ignore"):
         nearest = wanted.astype(np.float32)
         exponent = np.floor(np.log2(np.maximum(np.abs(wanted), TINY)))
@@ -291,7 +291,7 @@ HARD_POWERS = np.array([
 largest errors that are known now, 0.85 ULP."""
 
 POWER_EDGES = np.array([0.5, 0.7071068, 0.84375, 0.9453125, 1, 1.0625, 1.1875, 1.4142135, 2])
-"""Where strict `pow` changes the number that it divides a mantissa by, and the ends of what it covers."""
+"""The mantissas at which strict `pow` changes its divisor, and the ends of its range."""
 
 
 def large_powers(x: Array, rng: np.random.Generator) -> Array:

@@ -1,4 +1,4 @@
-"""How the numpy backend runs: tiles, uniform inputs, outputs in place, statuses, tables, precisions."""
+"""The runtime of the numpy backend: tiles, uniform inputs, outputs in place, statuses, tables, precisions."""
 
 import numpy as np
 import pytest

@@ -27,7 +27,7 @@ def text(program: sh.Program, **options: Any) -> str:
 
 
 def expression(make: Callable[[Builder, list[Value]], Value], *types: Type) -> str:
-    """How the text writes a value computed from inputs a, b, c, d."""
+    """Return the text of a value computed from inputs a, b, c, d."""
     b = Builder("expression")
     inputs = [b.input(t, name) for t, name in zip(types, "abcd", strict=False)]
     result = make(b, inputs)

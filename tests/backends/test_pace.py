@@ -1,4 +1,4 @@
-"""How much of a call one dispatch does, and that it makes no difference to the answer."""
+"""The pace: the part of a call that one dispatch does, which never changes the answer."""
 
 import numpy as np
 import pytest

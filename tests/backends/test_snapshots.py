@@ -40,7 +40,7 @@ def test_the_text_for(target, name, snapshots):
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_text_for_packets(name, snapshots):
-    """Of eight elements, for a compiler that has OpenCL C and nothing besides; one with its prologue, others not."""
+    """Packets of eight elements for a compiler with OpenCL C alone; one text with its prologue, others without."""
     kernel = print_packets(prepare(PROGRAMS[name].ir, Options(), PACKET_TARGET).module, 8, Abilities())
     first = 0 if name == "mandelbrot" else next(at for at, loc in enumerate(kernel.lines) if loc)
     snapshots.check(f"programs/{name}.packets.cl", "\n".join(kernel.text.splitlines()[first:]) + "\n")

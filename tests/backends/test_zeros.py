@@ -85,7 +85,7 @@ def counted(a: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def test_a_difference_with_itself_is_not_always_nothing():
-    """Where it is handed to a function of ours and a loop is unrolled, Mesa once took it for 0."""
+    """Mesa once took -0 for 0 as the argument of a function in an unrolled loop."""
     a = np.float32([np.inf, 1, np.nan, -np.inf, 0.7, 3e38])
     sh.testing.assert_equivalent(counted, a, backends=["interpreter", "numpy", "opencl", "glsl"])
     assert "precise" not in counted.compile("glsl", math="fast").source.split("bool sh_isnan(")[1].split(")")[0]

@@ -42,7 +42,7 @@ def test_all_backends_give_the_same_bits_in_space(filter, wrap):
 
 
 def centers(shape):
-    """Where the pixels of an image are, the first coordinate along the last axis."""
+    """Return the coordinates of an image's pixels, the first one along the last axis."""
     grid = np.meshgrid(*[(np.arange(n) + 0.5) / n for n in shape], indexing="ij")
     return np.stack(grid[::-1], axis=-1)
 

@@ -67,7 +67,7 @@ MEASURES = [op for op in GEOMETRY if OPS[op].gives == "S"]
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is generated: statements in a region, and how deep regions nest."""
+    """The limits of a generated module: statements in a region, and the depth of nested regions."""
 
     statements: int = 7
     depth: int = 4

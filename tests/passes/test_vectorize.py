@@ -75,7 +75,7 @@ class Vectorised:
         return [s for s in self.statements if isinstance(s, Let) and s.op in names]
 
     def selects_into(self, name):
-        """How many stores into the slot choose between the new and the old value."""
+        """Count the stores into the slot that choose between the new and the old value."""
         made = {s.value.id: s for s in self.ops("cond")}
         slots = {slot for slot, known in self.names.items() if known == name}
         return sum(isinstance(s, Store) and s.variable in slots and s.value in made for s in self.statements)

@@ -27,7 +27,7 @@ EACH = 10
 """Variants of a program."""
 
 SHARES = {"numpy": (0.3, 4), "glsl": (0.2, 3), "opencl-1": (0.2, 2), "opencl-4": (0.05, 2)}
-"""Of how many programs how many variants run on a backend; on the interpreter all of them do."""
+"""The numbers of programs and of variants of each that run on a backend; the interpreter runs all."""
 
 INPUTS = tuple(elements(8))
 

@@ -14,7 +14,7 @@ UNIT = 2.0**-24
 F64 = 2.0**-53
 """The same in f64."""
 ACROSS = 16 * UNIT
-"""How far across a ray an edge is in doubt, of the largest coordinate of a corner as seen from the ray's origin."""
+"""The margin across a ray in which an edge is in doubt, relative to a corner's largest coordinate."""
 
 
 class Part(NamedTuple):

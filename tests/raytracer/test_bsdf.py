@@ -56,7 +56,7 @@ def test_densities_integrate_to_1_and_are_those_of_the_directions_drawn(specular
 
 
 def test_highlights_end_across_the_mirrored_ray():
-    """Those of exponent 0 as well: pow(0, 0) is 1."""
+    """Lobes of exponent 0 integrate to 1 as well: pow(0, 0) is 1."""
 
     @sh.program
     def shine(light: sh.Vector3f) -> sh.Attrib1f:

@@ -140,7 +140,7 @@ def test_path_tracing_agrees_on_every_backend():
 
 
 def test_a_lamp_with_holes_gives_half_the_light():
-    """Of the square light only the parts that are there shine, whichever way they are found."""
+    """Only the opaque parts of the square light shine, in every way of sampling them."""
     lamp = Material((0, 0, 0), specular=0, emission=(1, 1, 1))
     ground = floor(4, Material((1, 1, 1), 1.0, 0.0))
     camera = Camera((0, 0.5, 0), (0, 0, 0), up=(0, 0, -1), fov=1)

@@ -287,7 +287,7 @@ def unit(vectors):
 @pytest.mark.parametrize(("accel", "distance"), [("bvh", 0), ("bvh", 1e3), ("bvh", 1e6), ("grid", 0), ("grid", 1e4)])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_hits_the_triangle_that_it_starts_from(name, distance, accel):
-    """Of 20,000 rays from outside a convex body none hits it again, of those inside each hits another triangle.
+    """No ray of 20,000 from outside a convex body hits it again, and each ray from inside hits another triangle.
 
     The start is no farther off the triangle's plane than pbrt-v4's, section 6.8.6: 7 roundings of its coordinates, 5
     that the point itself may be off, and 2 of the step to the next float.

@@ -150,7 +150,7 @@ def test_the_ior_of_gltf_decides_how_high_highlights_are():
 
 
 def test_masks_of_gltf_cut_out(tmp_path):
-    """Where alpha is at least the cutoff there is a surface: 0.4 * 128 / 255 = 0.2008."""
+    """A surface exists where alpha is at least the cutoff: 0.4 * 128 / 255 = 0.2008."""
     pixels = [[[255, 0, 0, 0], [255, 0, 0, 128]]]
     look = {"baseColorFactor": [1, 1, 1, 0.4], "roughnessFactor": 1}
     seen = {}

@@ -52,7 +52,7 @@ def test_fresnel_at_normal_incidence(ior):
 
 
 def fresnel(cosine, ratio):
-    """Of unpolarised light, in f64; `ratio` of the indices, behind to before."""
+    """Return the reflectance of unpolarised light, in f64; `ratio` of the indices, behind to before."""
     square = 1 - (1 - cosine**2) / ratio**2
     inner = np.sqrt(np.maximum(square, 0))
     across = (cosine - ratio * inner) / (cosine + ratio * inner)

@@ -58,7 +58,7 @@ def lamp(side, height, radiance=(1, 1, 1)):
 
 
 def form_factor(half, height):
-    """Of a point for a parallel square centred over it, with sides 2 * half (Howell, catalog of factors, B-4)."""
+    """Return the view factor of a point for a parallel square centred over it, with sides 2 * half (Howell, B-4)."""
     x = half / height
     return 4 / math.pi * x / math.sqrt(1 + x * x) * math.atan(x / math.sqrt(1 + x * x))
 

@@ -314,7 +314,7 @@ def test_a_tiny_ball_is_seen_where_it_is():
 @pytest.mark.parametrize("backend", ["numpy", "glsl"])
 @pytest.mark.parametrize("name", ["mirror-box", "glass"])
 def test_relaxed_pictures_are_nearly_the_strict_ones(name, backend):
-    """Of 99.9 % of the pixels no channel is more than 1/255 off."""
+    """Assert that no channel of 99.9 % of the pixels is off by more than 1/255."""
     strict, relaxed = (
         Renderer(Scene.builtin(name), backend=backend, math=math).render((80, 60)) for math in ("strict", "relaxed")
     )

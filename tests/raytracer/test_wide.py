@@ -91,7 +91,7 @@ def children_of(bvh, node):
 
 
 def held_below(bvh, node):
-    """How many triangles a node of the two-armed hierarchy holds."""
+    """Return the number of triangles in a node of the binary hierarchy."""
     code = -1 - int(bvh.links[0, node, 0])
     children = children_of(bvh, node)
     return sum(held_below(bvh, child) for child in children) if children else code % (1 << COUNT_BITS)

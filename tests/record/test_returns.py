@@ -1,4 +1,4 @@
-"""Where SH_RETURN may stand: in the body of a program or subroutine, and in no function that one calls."""
+"""The places of SH_RETURN: the body of a program or subroutine, and no function that either calls."""
 
 import functools
 

@@ -39,7 +39,7 @@ def settle(n: sh.Attrib1i, v: sh.Attrib1f):
 MEMBERS = {1: (*ALL, settle), 2: (roll, place, move, swing, wear, settle), 3: (move, swing, wear, settle)}
 """Kernels of chains over shapes of each rank."""
 LOOPED = {1: (wear, count_up, settle), 2: (wear, settle), 3: (wear, settle)}
-"""Those that reject every element in the end."""
+"""Chains that reject every element in the end."""
 
 
 def tree(rng, rank, depth=0):

@@ -175,7 +175,7 @@ function inner(%0: f) -> ($0: f) {
 
 
 def test_a_fault_is_not_excused_by_denormals_elsewhere(monkeypatch):
-    """Of the 8 elements at which the fault shows, one has a denormal besides."""
+    """One of the 8 elements at which the fault shows has a denormal too."""
     with_fault(monkeypatch, "glsl", op("floor", "ceil"))
     beside = np.tile(np.float32([1, 2]), (17, 1))
     beside[1, 0] = 1e-40

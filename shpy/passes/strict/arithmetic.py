@@ -176,4 +176,4 @@ def fma(a: Term, b: Term, c: Term) -> Term:
 
 
 CORRECTED: Final[Mapping[str, Callable[..., Term]]] = {"div": div, "sqrt": sqrt, "fma": fma}
-"""What an operation of binary32 is lowered to on a device that gets it wrong."""
+"""Replacements of operations of binary32 for a device that rounds them wrong."""

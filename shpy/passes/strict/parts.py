@@ -22,7 +22,7 @@ Pair = tuple[Term, Term]
 Numbers = Mapping[Base, tuple[float, ...]]
 
 MAGIC: Final = {Base.F: 1.5 * 2.0**23, Base.D: 1.5 * 2.0**52}
-"""What is added to it is rounded to a whole number, which stands in the lowest bits of the sum."""
+"""Adding this number rounds to a whole number, which stands in the lowest bits of the sum."""
 
 TINY: Final = {Base.F: 2.0**-13, Base.D: 2.0**-28}
 """Up to here an odd function with a slope of 1 is x; its sum with a product would lose the sign of -0."""
