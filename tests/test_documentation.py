@@ -95,14 +95,6 @@ def write_jar(path):
     scene.export(path)
 
 
-def compared(path, found, update):
-    """Assert that the document reads like this, or make it so."""
-    if update:
-        assert not os.environ.get("CI"), "documents are not written in CI"
-        path.write_text(found)
-    assert path.read_text() == found, f"{path.name} is out of date: run pytest --update-snapshots {Path(__file__).name}"
-
-
 @pytest.mark.parametrize("name", RUN)
 def test_the_code_runs_and_prints_what_the_document_says(name, tmp_path, monkeypatch, snapshots):
     path = ROOT / name
@@ -114,9 +106,10 @@ def test_the_code_runs_and_prints_what_the_document_says(name, tmp_path, monkeyp
     def block(match):
         return f"```{match['info']}\n{document.block(match).rstrip()}\n```".replace("\n\n```", "\n```")
 
-    found = FENCE.sub(block, path.read_text())
+    text = path.read_text()
+    found = FENCE.sub(block, text)
     assert document.count > 0
-    compared(path, found, snapshots.update)
+    snapshots.check_part(path, text, found)
 
 
 @pytest.mark.parametrize(("file", "place", "table"), TABLES, ids=["operations", "functions"])
@@ -124,7 +117,7 @@ def test_the_table_is_that_of_the_code(file, place, table, snapshots):
     path = ROOT / file
     text = path.read_text()
     assert len(place.findall(text)) == 1
-    compared(path, place.sub(lambda _: f"\n{table()}\n", text), snapshots.update)
+    snapshots.check_part(path, text, place.sub(lambda _: f"\n{table()}\n", text))
 
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

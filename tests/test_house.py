@@ -232,13 +232,13 @@ def test_words_are_those_of_the_textbook():
 
 
 @pytest.mark.parametrize("kind", ["openings", "moods"])
-def test_docstrings_of_old_only_become_fewer(kind, request):
+def test_docstrings_of_old_only_become_fewer(kind, snapshots):
     """`pytest --update-snapshots tests/test_house.py` records the smaller numbers; larger ones are never written."""
     places = list(getattr(english, kind)())
     found = Counter(english.room(file) for file, _, _ in places)
     recorded = tomllib.loads(LEFT.read_text())
     grown = [place for place in places if found[english.room(place[0])] > recorded[kind].get(english.room(place[0]), 0)]
-    if request.config.getoption("--update-snapshots") and not grown:
+    if snapshots.update and not grown:
         recorded[kind] = dict(sorted(found.items()))
         LEFT.write_text("\n".join(_table(name, recorded[name]) for name in sorted(recorded)))
     assert grown == []
@@ -256,10 +256,10 @@ def test_ruff_ignores_moods_only_where_some_are_left():
     assert rooms == {english.room(file) for file, _, _ in english.moods()}
 
 
-def test_the_table_of_sizes_is_up_to_date(request):
+def test_the_table_of_sizes_is_up_to_date(snapshots):
     command = [sys.executable, ROOT / "scripts/lines"]
     done = subprocess.run([*command, "--check"], capture_output=True, text=True)
-    if done.returncode and request.config.getoption("--update-snapshots"):
+    if done.returncode and snapshots.update:
         done = subprocess.run([*command, "--write"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

@@ -79,3 +79,17 @@ def test_every_process_prints_the_same_texts():
     ]
     assert len(found[0]) == len(PROGRAMS)
     assert found[0] == found[1]
+
+
+def test_a_kept_text_is_compared_and_written_when_asked(tmp_path, snapshots):
+    kept = tmp_path / "kept.txt"
+    kept.write_text("one two three")
+    compare, update = type(snapshots)(update=False), type(snapshots)(update=True)
+    compare.check_part(kept, "two", "two")
+    with pytest.raises(AssertionError, match=r"kept\.txt is out of date: run pytest --update-snapshots"):
+        compare.check_part(kept, "two", "2")
+    assert kept.read_text() == "one two three"
+    update.check_part(kept, "two", "2")
+    assert kept.read_text() == "one 2 three"
+    with pytest.raises(AssertionError, match="there is no snapshot nowhere"):
+        compare.check("nowhere.txt", "text")

@@ -50,13 +50,10 @@ def error_of(program, file, source_known=True):
 
 
 @pytest.mark.parametrize(("name", "program", "expected"), CASES, ids=[c[0] for c in CASES])
-def test_misuse_says_what_is_wrong_and_what_to_write(name, program, expected, tmp_path, request):
+def test_misuse_says_what_is_wrong_and_what_to_write(name, program, expected, tmp_path, snapshots):
+    section = f"==== {name}\n{program}\n----\n"
     found = error_of(program, tmp_path / "case.py")
-    if request.config.getoption("--update-snapshots"):
-        old = f"==== {name}\n{program}\n----\n"
-        TEXT.write_text(TEXT.read_text().replace(old + (expected + "\n" if expected else ""), old + found + "\n"))
-        return
-    assert found == expected
+    snapshots.check_part(TEXT, section + expected, section + found)
 
 
 @pytest.mark.parametrize(
