@@ -21,7 +21,8 @@ from shpy.backends.opencl.device.targets import PACKET_TARGET
 from shpy.backends.opencl.packets.prologue_trees import FOLD, SCAN, tree_block
 from shpy.backends.opencl.packets.trees import print_trees
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Module
+from shpy.ir.nodes import Loop, Module
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import prepare
@@ -35,6 +36,10 @@ _PARTS: Final = 32
 """Parts for each core, with which all cores end at nearly the same time."""
 _LARGE: Final = 400
 """Statements of a program whose runs are taken apart by `folding` and `scanning`, which stop long dispatches."""
+_BRIEF: Final = 1 << 26
+"""Statements of all elements together, and what reads them, that take a few milliseconds, which nobody interrupts."""
+_READING: Final = 4
+"""Statements in whose time an element is read and brought beside its neighbour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,8 @@ class OpenCLTree:
     text: str
     block: int
     cores: int
+    brief: int
+    """Elements that take so little time that nobody need be able to interrupt the wait."""
     results: tuple[OpenCLMemory, ...]
     """Memory for the leaves of one element, which is read before anybody else writes it."""
 
@@ -75,7 +82,7 @@ class OpenCLTree:
         self._run(SCAN, parts, count, args)
 
     def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
-        self.space.enqueue(self.text, name, parts, args, brief=count <= _ALONE)
+        self.space.enqueue(self.text, name, parts, args, brief=count <= self.brief)
 
 
 def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
@@ -86,7 +93,8 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     target = replace(PACKET_TARGET, wrong=machine.wrong & CORRECTABLE)
     prepared = prepare(module, Options(precision=precision), target)
-    if prepared.status or inlined_sizes(prepared.module)[prepared.module.entry.name] > _LARGE:
+    statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
+    if prepared.status or statements > _LARGE:
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     hides_zeros = "zeros" in machine.wrong
@@ -95,7 +103,9 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
     results = tuple(space.allocate(1, t, np.dtype(dtypes[t.base])) for t in types.made)
-    return OpenCLTree(space, kernel.text, tree_block(types), machine.device.max_compute_units, results)
+    loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
+    brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
+    return OpenCLTree(space, kernel.text, tree_block(types), machine.device.max_compute_units, brief, results)
 
 
 def _buffers(memories: Sequence[Any]) -> list[Any]:
