@@ -66,7 +66,7 @@ def _add_diff(commands: Any) -> None:
     command.add_argument("--count", type=whole(1, MOST), default=64, help="elements to run (default: 64)")
     command.add_argument("--seed", type=whole(0), default=0, help="of the inputs (default: 0)")
     command.add_argument("--precision", default="f32", help="the working precision (default: f32)")
-    command.add_argument("--math", default="strict", help="strict, relaxed or fast (default: strict)")
+    command.add_argument("--math", default="strict", help="strict, portable, relaxed or fast (default: strict)")
     command.set_defaults(run=diff)
 
 

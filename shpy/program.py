@@ -38,6 +38,7 @@ from shpy.lang.recording.pickling import OfOneProcess
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Leaf, Rows, leaves
+from shpy.passes.modes import MODES
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
 from shpy.run.uniforms import evaluate
@@ -59,7 +60,6 @@ else:
     _P, _R = ParamSpec("_P"), TypeVar("_R")
 
 _PRECISIONS = ("f16", "f32", "f64")
-_MODES = ("strict", "relaxed", "fast")
 _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 
 evaluate_with(evaluate)
@@ -163,12 +163,12 @@ class Program(OfOneProcess, Generic[_P, _R]):
         """Compile for a backend ("numpy", "opencl", "glsl"; None: the default); kernels are kept and given again.
 
         `precision` is the working float's, `loop_limit` the iterations of a loop without a known bound. `math` is
-        "strict", the same bits on every backend; "relaxed", the target's own functions within OpenCL's bounds; or
-        "fast", whatever is fastest, where NaN and infinity may vanish. `lanes` is how many elements OpenCL runs
-        together: 4, 8 or 16; 32 or 64 where the driver's compiler takes such vectors; 1; or "auto": 1 on a GPU, and on
-        a CPU the width of its vectors or another one, whichever runs faster on the data of the first runs. Strict mode
-        gives the same bits at every width; relaxed and fast mode may not, so a width written out keeps their bits
-        steady from run to run.
+        "strict", the same bits on every backend; "portable", the same by formulas that use no binary64; "relaxed", the
+        target's own functions within OpenCL's bounds; or "fast", whatever is fastest, where NaN and infinity may
+        vanish. `lanes` is how many elements OpenCL runs together: 4, 8 or 16; 32 or 64 where the driver's compiler
+        takes such vectors; 1; or "auto": 1 on a GPU, and on a CPU the width of its vectors or another one, whichever
+        runs faster on the data of the first runs. Strict and portable mode give the same bits at every width; relaxed
+        and fast mode may not, so a width written out keeps their bits steady from run to run.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
         """
         options = self._options(device, precision, math, lanes, loop_limit)
@@ -192,8 +192,8 @@ class Program(OfOneProcess, Generic[_P, _R]):
             refuse("device", device, "device=0, the position of one in the devices of sh.backends()")
         if not (isinstance(precision, str) and precision in _PRECISIONS):
             refuse("precision", precision, 'precision="f32", "f64" or "f16"')
-        if not (isinstance(math, str) and math in _MODES):
-            refuse("math", math, 'math="strict", "relaxed" or "fast"')
+        if not (isinstance(math, str) and math in MODES):
+            refuse("math", math, 'math="strict", "portable", "relaxed" or "fast"')
         if not ((isinstance(lanes, str) or _is_int(lanes)) and lanes in _LANES):
             refuse("lanes", lanes, 'lanes="auto", 1, 4, 8, 16, 32 or 64')
         if not (loop_limit is None or (_is_int(loop_limit) and 0 < loop_limit < 2**31)):

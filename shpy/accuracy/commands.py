@@ -57,7 +57,7 @@ def _add_shared(command: argparse.ArgumentParser, samples: int) -> None:
         "--domain", action="append", default=[], metavar="NAME=LO:HI[:log]", help="an input's range (default: -10:10)"
     )
     command.add_argument("--backends", help="numpy,opencl,glsl (default: each that is available)")
-    command.add_argument("--math", help="strict,relaxed,fast (default: each)")
+    command.add_argument("--math", help="strict,portable,relaxed,fast (default: each)")
     command.add_argument("--reference", default="mpmath", choices=("mpmath", "f64"), help="(default: mpmath)")
     command.add_argument("--samples", type=_COUNT, default=samples, help=f"elements of the domain (default: {samples})")
     command.add_argument("--seed", type=_SEED, default=0, help="of the inputs (default: 0)")

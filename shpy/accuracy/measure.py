@@ -22,6 +22,7 @@ from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
 from shpy.backends.registry import backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
+from shpy.passes.modes import MODES
 from shpy.program import Program
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
@@ -30,7 +31,6 @@ from shpy.units import relative, ulps
 
 Array = NDArray[Any]
 _PRECISIONS = ("f16", "f32", "f64")
-_MODES = ("strict", "relaxed", "fast")
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def variants(
     """
     for unknown in set(_several(precision, ())) - set(_PRECISIONS):
         raise ShpyTypeError(f"precision={unknown!r}", cure=" or ".join(map(repr, _PRECISIONS)))
-    modes: list[str | None] = list(_several(math, _MODES))
+    modes: list[str | None] = list(_several(math, MODES))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]
     names = _several(backends, [b.name for b in listed() if b.available])

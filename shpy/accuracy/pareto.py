@@ -30,6 +30,7 @@ PICK, FRONT, LIKE = "→", "*", "≈"
 """The marks of a table."""
 _NAMES: Final = {
     "strict": "the same bits on every backend",
+    "portable": "strict, by formulas of 32-bit floats alone",
     "relaxed": "the target's own functions",
     "fast": "whatever is fastest; NaN and infinity may vanish",
     "f16": "16-bit floats",

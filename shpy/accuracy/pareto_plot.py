@@ -14,10 +14,10 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from shpy.accuracy.pareto import Comparison, Point
+from shpy.passes.modes import MODES
 
 _MARKERS: Final = "os^DvP*X"
 _SERIES: Final = ("numpy", "opencl", "glsl")
-_MODES: Final = ("strict", "relaxed", "fast")
 _GAP: Final = 9.0
 """Points between a label and its marker."""
 
@@ -55,7 +55,7 @@ def _places(comparison: Comparison) -> tuple[float, float]:
 def _draw_points(comparison: Comparison, axes: Any, place: Any) -> list[Any]:
     """Draw every point with the quartiles of its time; gives the entries of the legend."""
     series = _in_order({p.series for p in comparison.points}, _SERIES)
-    modes = _in_order({p.mode for p in comparison.points}, _MODES)
+    modes = _in_order({p.mode for p in comparison.points}, MODES)
     colours = {name: f"C{n % 10}" for name, n in series.items()}
     markers = {name: _MARKERS[n % len(_MARKERS)] for name, n in modes.items()}
     for n, p in enumerate(comparison.points):

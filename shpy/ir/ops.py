@@ -93,7 +93,7 @@ class Op:
     exact: bool = False
 
     def bound(self, math: str) -> Tolerance:
-        """Return what is allowed at f32 in "strict" or "relaxed" mode."""
+        """Return what is allowed at f32 in "strict", "portable" or "relaxed" mode."""
         return self.relaxed if math == "relaxed" else self.tolerance
 
     @property

@@ -18,6 +18,7 @@ from functools import cache
 from shpy.ir.nodes import Function, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type
+from shpy.passes.modes import Formulas
 from shpy.passes.names import fresh
 from shpy.passes.terms import Term, define, where
 
@@ -65,8 +66,11 @@ CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 
 
 @cache
-def definition(name: str, types: tuple[Type, ...]) -> Function:
-    """Return the pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`."""
+def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles") -> Function:
+    """Return the pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`.
+
+    `formulas` are those of transcendentals.
+    """
     first = types[0]
     if name in PARTS or name in BOUNDED.values():
         return _part(name, types)
@@ -74,7 +78,8 @@ def definition(name: str, types: tuple[Type, ...]) -> Function:
         from shpy.passes.strict import FUNCTIONS
 
         base = "_d" if first.base is Base.D else ""
-        return define(f"{name}_strict{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
+        mode = "portable" if formulas == "portable" and not base else "strict"
+        return define(f"{name}_{mode}{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
     if name in CORRECTABLE:
         from shpy.passes.strict.arithmetic import CORRECTED
 
@@ -103,8 +108,9 @@ def _part(name: str, types: tuple[Type, ...]) -> Function:
 class Library:
     """The definitions that a module uses, as functions whose names differ from the module's own."""
 
-    def __init__(self, module: Module) -> None:
+    def __init__(self, module: Module, formulas: Formulas = "doubles") -> None:
         self.module = module
+        self.formulas = formulas
         self.taken = {f.name for f in module.functions}
         self.functions: dict[Function, Function] = {}
 
@@ -112,7 +118,7 @@ class Library:
         self, name: str, types: tuple[Type, ...], prepare: Callable[[Function], Function] | None = None
     ) -> Function:
         """Return the function that does `name` for these types; `prepare` is applied to it once, and may use others."""
-        original = definition(name, types)
+        original = definition(name, types, self.formulas)
         if original not in self.functions:
             function = prepare(original) if prepare else original
             self.functions[original] = replace(function, name=fresh(function.name, self.taken))

@@ -23,6 +23,7 @@ from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import COMPOSITES, OPS, TRANSCENDENTALS
 from shpy.ir.types import Base
 from shpy.passes.library import BOUNDED, PARTS, Library, definition
+from shpy.passes.modes import Formulas
 from shpy.passes.rewriter import Rewriter, each_function
 
 
@@ -31,13 +32,15 @@ def lower(
     native: frozenset[str] = frozenset(),
     corrected: frozenset[str] = frozenset(),
     bounded: frozenset[str] = frozenset(),
+    formulas: Formulas = "doubles",
 ) -> Module:
     """Return the module without composite operations and transcendentals, but for those in `native`.
 
     Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well, and so do those of binary64
-    that are `bounded`, some of BOUNDED: native ones that are good for angles that are not far.
+    that are `bounded`, some of BOUNDED: native ones that are good for angles that are not far. `formulas` are those of
+    the transcendentals.
     """
-    library = Library(module)
+    library = Library(module, formulas)
 
     def lowered(function: Function, functions: Mapping[str, Function]) -> Function:
         return _Lower(function, functions, native, corrected, bounded, library).run()

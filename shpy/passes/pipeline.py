@@ -25,7 +25,7 @@ from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
-from shpy.passes.modes import Math
+from shpy.passes.modes import Math, formulas_of
 from shpy.passes.precision import Precision, set_precision
 from shpy.passes.promote import promote
 from shpy.passes.share import WORTH_SHARING, share_calls
@@ -44,7 +44,8 @@ class Target:
     it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for angles
     only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
     `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call. `looped`:
-    parts of strict functions that it does by loops, where an element takes few iterations in all.
+    parts of strict functions that it does by loops, where an element takes few iterations in all. `doubles`: it has
+    binary64.
     """
 
     name: str
@@ -56,11 +57,13 @@ class Target:
     vector: bool = False
     inlines: bool = False
     looped: frozenset[str] = frozenset()
+    doubles: bool = True
 
     def does(self, math: Math) -> frozenset[str]:
         """Return the operations that it does itself in this mode."""
         return {
             "strict": self.native - TRANSCENDENTALS,
+            "portable": self.native - TRANSCENDENTALS,
             "relaxed": self.native,
             "fast": self.native | self.fast,
         }[math]
@@ -103,9 +106,10 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     plain = lower_half(set_precision(module, options.precision))
     does = target.does(options.math)
-    lowered = lower(plain, does | target.looped, corrected, bounded)
+    formulas = formulas_of(options.math, target.doubles)
+    lowered = lower(plain, does | target.looped, corrected, bounded, formulas)
     if target.looped and may_be_stopped(lowered):
-        lowered = lower(plain, does, corrected, bounded)
+        lowered = lower(plain, does, corrected, bounded, formulas)
     shared = False
     if target.inlines and inlined_sizes(lowered)[lowered.entry.name] >= WORTH_SHARING:
         before = remove_unused_functions(optimise(lowered))
@@ -118,15 +122,16 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     return Prepared(made, ending.status, ending.loops, ending.flagged, shared)
 
 
-def with_strict_functions(module: Module, precision: Precision) -> Module:
-    """Return a module that the interpreter runs as strict mode: the same object if it has no transcendentals.
+def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:
+    """Return a module that the interpreter runs as this mode: the same object if it has no transcendentals.
 
     Else it is at its precision already, and computes with binary32 or binary64.
     """
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     if not any(s.op in TRANSCENDENTALS for s in lets):
         return module
-    return lower(lower_half(set_precision(module, precision)), frozenset(OPS) - TRANSCENDENTALS)
+    plain = lower_half(set_precision(module, precision))
+    return lower(plain, frozenset(OPS) - TRANSCENDENTALS, formulas=formulas_of(math, doubles=True))
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:

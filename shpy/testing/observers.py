@@ -59,6 +59,11 @@ class Setting:
         """The working precision."""
         return self.options.get("precision", "f32")
 
+    @property
+    def math(self) -> Any:
+        """The mode."""
+        return self.options.get("math", "strict")
+
     @cached_property
     def module(self) -> Module:
         """The watched program, with as few variables as possible, so that a line is few events."""
@@ -93,7 +98,7 @@ class Setting:
         """Return the params and tables, as the interpreter takes them."""
         recorded, dtypes = self.program.recorded, dtypes_at(self.precision)
         found = tables(recorded.inputs, self._given, recorded.tables)
-        params = uniforms(recorded.params, self.precision, "strict")
+        params = uniforms(recorded.params, self.precision, self.math)
         return params, {n: t.data(dtypes[t.type.base]) for n, t in found.items()}
 
     def index(self, n: int) -> tuple[int, ...]:
@@ -199,7 +204,7 @@ class _Interpreter:
         self.setting = setting
         self.element = element
         self.watched = setting.watch(looked)
-        self.interpreter = interpreter_of(self.watched.module, setting.precision, None)
+        self.interpreter = interpreter_of(self.watched.module, setting.precision, None, setting.math)
         self.events: list[tuple[int, int]] = []
         self._run(_LAST, self._note)
 

@@ -24,6 +24,7 @@ from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.traverse import limited_loops
 from shpy.lang.recording.location import here
+from shpy.passes.modes import Math
 from shpy.passes.pipeline import with_strict_functions
 from shpy.program import Program
 from shpy.run.kernel import Kernel
@@ -67,7 +68,7 @@ class Interpreted:
 
 
 class Reference:
-    """The reference interpreter as a backend: it runs modules as recorded, with strict mode's functions."""
+    """The reference interpreter as a backend: it runs modules as recorded, with strict or portable functions."""
 
     name = INTERPRETER
 
@@ -81,16 +82,18 @@ class Reference:
     def compile(self, module: Module, options: Options) -> Interpreted:
         """Make the module's closures."""
         loops = tuple(loop.loc for loop in limited_loops(module))
-        return Interpreted(interpreter_of(module, options.precision, options.loop_limit), loops, self.only)
+        return Interpreted(
+            interpreter_of(module, options.precision, options.loop_limit, options.math), loops, self.only
+        )
 
     def space(self, device: int | None) -> NumpySpace:
         """Return the host's memory."""
         return SPACE
 
 
-def interpreter_of(module: Module, precision: Precision, loop_limit: int | None) -> Interpreter:
-    """Return the interpreter of a recorded module, whose exponentials and the like are those of strict mode."""
-    lowered = with_strict_functions(module, precision)
+def interpreter_of(module: Module, precision: Precision, loop_limit: int | None, math: Math = "strict") -> Interpreter:
+    """Return the interpreter of a recorded module, whose exponentials and the like are those of the mode."""
+    lowered = with_strict_functions(module, precision, math)
     return Interpreter(lowered, precision if lowered is module else "f32", loop_limit)
 
 

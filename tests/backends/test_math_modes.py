@@ -18,6 +18,7 @@ from backends.running import flushes_denormals
 import shpy as sh
 from shpy.backends.base import Array
 from shpy.ir.ops import OPS, TRANSCENDENTALS
+from shpy.passes.modes import MODES
 
 TINY = 2.0**-126
 BINARY = ("pow", "atan2")
@@ -227,23 +228,26 @@ def test_strict_pow_of_doubles_keeps_its_bound_near_the_ends_of_the_range() -> N
 
 
 def test_each_mode_is_a_kernel_of_its_own() -> None:
-    texts = {mode: program("sin").compile("opencl", math=mode).source for mode in ("strict", "relaxed", "fast")}  # type: ignore[arg-type]
+    texts = {mode: program("sin").compile("opencl", math=mode).source for mode in MODES}  # type: ignore[arg-type]
     assert "sin_strict(" in texts["strict"]
+    assert "sin_portable(" in texts["portable"]
+    assert "FP_CONTRACT OFF" in texts["portable"]
+    assert "double" not in texts["portable"]
     assert "FP_CONTRACT OFF" in texts["strict"]
     assert "FP_CONTRACT ON" in texts["relaxed"]
     assert "native_sin(" in texts["fast"]
     assert program("sin").compile("opencl").options.math == "strict"
     assert "np.sin(" in program("sin").compile("numpy", math="relaxed").source
-    assert "sin_strict(" in program("sin").compile("glsl", math="relaxed").source
+    assert "sin_portable(" in program("sin").compile("glsl", math="relaxed").source
     fast = program("sin").compile("glsl", math="fast").source
-    assert "sin_strict(" not in fast
+    assert "sin_portable(" not in fast
     assert "precise float" not in fast
 
 
 def test_a_mode_that_does_not_exist_is_refused() -> None:
     with pytest.raises(sh.ShpyTypeError, match="math='exact'") as error:
         program("sin").compile(math="exact")  # type: ignore[arg-type]
-    assert error.value.cure == 'math="strict", "relaxed" or "fast"'
+    assert error.value.cure == 'math="strict", "portable", "relaxed" or "fast"'
 
 
 def test_one_lane_keeps_a_nan_that_the_compiler_derives() -> None:

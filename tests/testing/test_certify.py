@@ -13,9 +13,9 @@ import pytest
 from testing.faults import op, with_fault
 
 from shpy import cli
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.text import print_module
 from shpy.testing.certify import __main__ as maker, command, functions, pictures, sections
-from shpy.testing.certify.comparing import Work
 from shpy.testing.certify.findings import Check, Finding, Section, Target
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
@@ -242,14 +242,23 @@ def test_pictures_are_not_rendered_where_there_is_no_ray_tracer(monkeypatch: Any
 
 def test_every_check_of_bits_has_a_hash() -> None:
     assert sorted(golden()["functions"]) == sorted(functions.SWEPT)
+    assert sorted(golden()["portable"]) == sorted(functions.PORTABLE) == sorted(TRANSCENDENTALS)
     assert sorted(golden()["examples"]) == sorted(pictures.EXAMPLES) == sorted(p.stem for p in KERNELS.glob("*.ir"))
     assert sorted(golden()["pictures"]) == sorted(pictures.SCENES)
 
 
 @pytest.mark.parametrize("name", functions.SWEPT)
 def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
-    found = Work(functions.function(name), functions.arguments(name)).run(Target("numpy"))
+    found = functions.sweep_of(name).run(Target("numpy"))
     assert digest(found) == golden()["functions"][name], "run python -m shpy.testing.certify --write-golden"
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize("name", functions.PORTABLE)
+def test_the_bits_of_portable_mode_do_not_change(name: str, backend: str) -> None:
+    """The hashes are those that strict mode had before its functions were correctly rounded."""
+    check = next(check for check in functions.sweep_checks() if check.name == f"{name}, portable")
+    assert check.run(Target(backend)).verdict in ("same", "denormals")
 
 
 def test_the_hashes_of_pictures_are_those_of_numpy() -> None:

@@ -32,6 +32,7 @@ from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.exits import LOOPED, few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
+from shpy.passes.modes import REPRODUCIBLE
 from shpy.passes.pipeline import Target, prepare
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
@@ -130,7 +131,7 @@ class GlslBackend:
         _refuse(prepared.module)
         check_size(prepared.module, "OpenGL's compiler")
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
-        if options.math == "strict":
+        if options.math in REPRODUCIBLE:
             refuse_wrong(prepared.module, limits.wrong, "this device")
         whole = _printable(prepared.module, exact)
         count = len(whole.entry.outputs)

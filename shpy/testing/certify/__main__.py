@@ -17,7 +17,6 @@ from shpy.command import run
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.certify import functions, golden, pictures
-from shpy.testing.certify.comparing import Work
 from shpy.testing.certify.findings import Target
 
 
@@ -51,9 +50,9 @@ def hashes() -> dict[str, dict[str, str]]:
     """Return the golden hashes, as numpy gives them here."""
     here = Target("numpy")
     return {
-        "functions": {
-            name: golden.digest(Work(functions.function(name), functions.arguments(name)).run(here))
-            for name in functions.SWEPT
+        "functions": {name: golden.digest(functions.sweep_of(name).run(here)) for name in functions.SWEPT},
+        "portable": {
+            name: golden.digest(functions.sweep_of(name, "portable").run(here)) for name in functions.PORTABLE
         },
         "examples": {name: golden.digest(pictures.example(name).run(here)) for name in pictures.EXAMPLES},
         "pictures": {name: golden.digest(pictures.picture(name, "numpy").values()) for name in pictures.SCENES},

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from shpy.passes.modes import Math
 from shpy.program import Program
 from shpy.testing.arrays import Array, differing, flat_leaves
 from shpy.testing.certify.findings import SHOWN, Finding, Target
@@ -21,16 +22,17 @@ from shpy.testing.observers import Setting
 
 @dataclass(frozen=True)
 class Work:
-    """A program and what it runs on."""
+    """A program, what it runs on, and in which mode."""
 
     program: Program
     arrays: tuple[Array, ...] = ()
     named: Mapping[str, Any] = field(default_factory=dict)
     shape: tuple[int, ...] | None = None
+    math: Math = "strict"
 
     def run(self, target: Target) -> list[Array]:
         """Run it on a target; gives the leaves of its outputs."""
-        return flat_leaves(target.compile(self.program)(*self.arrays, **self.named, shape=self.shape))
+        return flat_leaves(target.compile(self.program, math=self.math)(*self.arrays, **self.named, shape=self.shape))
 
     def denormal(self) -> Array:
         """Return the elements, (n,), that meet a denormal on their way."""

@@ -14,6 +14,7 @@ from shpy.ir.builder import Builder
 from shpy.ir.ops import OPS, TRANSCENDENTALS, Tolerance
 from shpy.ir.types import vec
 from shpy.packages import install
+from shpy.passes.modes import Math
 from shpy.program import Program
 from shpy.testing.arrays import Array, flat_leaves
 from shpy.testing.certify.comparing import Work, compare, compare_arrays
@@ -25,6 +26,8 @@ from shpy.testing.reference import flushes_denormals
 
 SWEPT: Final = (*sorted(TRANSCENDENTALS), "sqrt", "rsqrt", "div", "mod", "fma")
 """The functions of the language that are more than one instruction of every processor."""
+PORTABLE: Final = tuple(sorted(TRANSCENDENTALS))
+"""Those that portable mode has formulas of its own for."""
 _PAIRS: Final = 1 << 19
 _COARSE: Final = 128
 """Mantissas for each exponent where bounds are measured."""
@@ -51,16 +54,23 @@ def arguments(name: str, mantissas: int | None = None) -> tuple[Array, ...]:
 
 
 def sweep_checks() -> list[Check]:
-    """Return a check for each function: the bits, and the bound."""
-    return [Check(name, functools.partial(_sweep, name)) for name in SWEPT]
+    """Return a check for each function, and for each formula of portable mode: the bits, and the bound."""
+    portable = [Check(f"{name}, portable", functools.partial(_sweep, name, math="portable")) for name in PORTABLE]
+    return [Check(name, functools.partial(_sweep, name)) for name in SWEPT] + portable
 
 
-def _sweep(name: str, target: Target) -> Finding:
-    arrays = arguments(name)
-    finding, found = compare(Work(function(name), arrays), target, golden()["functions"].get(name))
+def sweep_of(name: str, math: Math = "strict") -> Work:
+    """Return the sweep of a function in a mode."""
+    return Work(function(name), arguments(name), math=math)
+
+
+def _sweep(name: str, target: Target, math: Math = "strict") -> Finding:
+    work = sweep_of(name, math)
+    section = "functions" if math == "strict" else "portable"
+    finding, found = compare(work, target, golden()[section].get(name))
     if finding.wrong or name not in TRANSCENDENTALS:
         return finding
-    bounded = _bounded(name, found[0], arrays, OPS[name].bound("strict"), target.flushes)
+    bounded = _bounded(name, found[0], work.arrays, OPS[name].bound(math), target.flushes)
     return bounded if bounded.wrong else Finding(finding.verdict, finding.detail, finding.hash, bounded.ulp)
 
 

@@ -47,6 +47,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.types import Type, vec
 from shpy.passes.exits import few_turns
 from shpy.passes.library import CORRECTABLE
+from shpy.passes.modes import REPRODUCIBLE
 from shpy.passes.pipeline import Prepared, prepare
 from shpy.passes.size import check_growth, check_size
 
@@ -143,10 +144,10 @@ def _loaded(first: OpenCLExecutable, options: Options, compiled: Compiled) -> Op
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     target = TARGET if lanes == 1 else PACKET_TARGET
-    prepared = prepare(module, options, replace(target, wrong=machine.wrong & CORRECTABLE))
+    prepared = prepare(module, options, replace(target, wrong=machine.wrong & CORRECTABLE, doubles=machine.doubles))
     check_size(prepared.module, "OpenCL's compiler")
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
-    if options.math == "strict":
+    if options.math in REPRODUCIBLE:
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     return _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
 
@@ -173,7 +174,7 @@ def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Ke
             program = machine.build(kernel.text, options.math)
             compiled = machine.cl.Kernel(program, kernel.name)
             pace = machine.pace(bounded=few_turns(prepared.module))
-            remarks = () if options.math == "strict" or machine.denormals else (_FLUSHED.format(options.math),)
+            remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
             executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, remarks)
             executable.warm_up()
             machine.keep(kernel.text, options.math)

@@ -91,7 +91,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     lanes = machine.lanes
     if lanes == 1:
         return None
-    target = replace(PACKET_TARGET, wrong=machine.wrong & CORRECTABLE)
+    target = replace(PACKET_TARGET, wrong=machine.wrong & CORRECTABLE, doubles=machine.doubles)
     prepared = prepare(module, Options(precision=precision), target)
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE:

@@ -40,7 +40,7 @@ from shpy.ir.nodes import Function, Let, Loc, Module, Table, Value, Variable
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.hide import hide_derivable
-from shpy.passes.modes import Math
+from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.size import kept_apart
 
 __all__ = ["Kernel", "KernelMaker", "print_kernel"]
@@ -152,7 +152,7 @@ class KernelMaker(ClUnit):
         """Return the whole text of what was added, whose kernel reads these inputs."""
         entry = self.module.entry
         doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
-        head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math == 'strict' else 'ON'}"]
+        head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math in REPRODUCIBLE else 'ON'}"]
         head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
         lines: list[Line] = [(text, None) for text in [*head, *self.declared(), "", *prologue.splitlines()]]
         lines += self.speller.lines if prologue else self.speller.lines[1:]

@@ -41,7 +41,7 @@ from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Loc, Module, Variable
 from shpy.ir.types import Base, Type
-from shpy.passes.modes import Math
+from shpy.passes.modes import REPRODUCIBLE, Math
 
 __all__ = ["ELEMENTWISE", "FAST", "FUNCTIONS", "NATIVE", "ClBody", "ClUnit", "as_component"]
 
@@ -121,7 +121,7 @@ class ClBody(Body):
             if self.unit.hides_zeros:
                 zero = self.ours("zero", type, type)
                 return tree.prefix("-", zero) if negative else zero
-            if negative and self.unit.math == "strict":
+            if negative and self.unit.math in REPRODUCIBLE:
                 return self.ours("minus_zero", type, type)
         return Literal(type, component)
 
