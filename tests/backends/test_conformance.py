@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from stress.mode import stressed
 import shpy as sh
 from shpy.backends.opencl.device.driver import machine_of
 from shpy.ir.nodes import Let
-from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL
+from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL, TRANSCENDENTALS
 from shpy.ir.traverse import walk
 from shpy.testing.conformance import operations, zeros
-from shpy.testing.conformance.cases import Case, differs
+from shpy.testing.conformance.cases import THIN, Case, differs
 from shpy.testing.conformance.catalogue import all_cases
 
 CASES = all_cases()
@@ -77,6 +78,21 @@ def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
 def test_every_case_agrees_in_packets_of_every_size(case: Case) -> None:
     for width in PACKETS:
         case.check(case.run(width), width)
+
+
+def transcendental(case: Case) -> bool:
+    """Tell whether a case at f32 in strict mode has functions with formulas of their own in portable mode."""
+    lets = (s for f in case.program.ir.functions for s in walk(f.body) if isinstance(s, Let))
+    return not case.options and any(s.op in TRANSCENDENTALS for s in lets)
+
+
+@each([case for case in CASES if transcendental(case)][::4])
+def test_portable_mode_agrees_with_the_interpreter(case: Case) -> None:
+    few = {name: array[::THIN] for name, array in case.arrays.items()} if case.meaning else case.inputs
+    portable = replace(case, inputs=few, options={"math": "portable"}, meaning=None)
+    for target in TARGETS:
+        if target not in case.refused:
+            portable.check(portable.run(target), target)
 
 
 def wide() -> list[str]:
