@@ -27,7 +27,7 @@ from shpy.testing.reference import flushes_denormals
 SWEPT: Final = (*sorted(TRANSCENDENTALS), "sqrt", "rsqrt", "div", "mod", "fma")
 """The functions of the language that are more than one instruction of every processor."""
 PORTABLE: Final = tuple(sorted(TRANSCENDENTALS))
-"""Those that portable mode has formulas of its own for."""
+"""Functions with formulas of their own in portable mode."""
 _PAIRS: Final = 1 << 19
 _COARSE: Final = 128
 """Mantissas for each exponent where bounds are measured."""
