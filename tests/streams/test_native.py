@@ -99,7 +99,7 @@ def test_memory_of_native_stays_as_long_as_somebody_holds_it(name, part):
     gc.collect()
     before = held(native)
     used_again(name)
-    assert np.array_equal(held(native), before)
+    assert np.array_equal(held(native), before, equal_nan=True)
 
 
 def test_a_part_of_a_buffer_keeps_the_whole():
@@ -108,8 +108,8 @@ def test_a_part_of_a_buffer_keeps_the_whole():
     gc.collect()
     before = held(buffer), held(part)
     used_again("opencl")
-    assert np.array_equal(held(buffer), before[0])
-    assert np.array_equal(held(part), before[1])
+    assert np.array_equal(held(buffer), before[0], equal_nan=True)
+    assert np.array_equal(held(part), before[1], equal_nan=True)
 
 
 def test_textures_that_nobody_holds_are_released():
@@ -136,7 +136,7 @@ def test_a_texture_refuses_other_threads():
             use()
         assert caught.value.cure == "stream.on_device(lambda texture: texture.read())"
     read = np.frombuffer(stream.on_device(lambda texture: texture.read()), np.float32)
-    assert np.array_equal(read[:1000], numbers())
+    assert np.array_equal(read[:1000], numbers(), equal_nan=True)
 
 
 @every
@@ -160,8 +160,8 @@ def test_gl_is_settled_after_a_function_of_a_user():
         framebuffer.release()
 
     stream.on_device(disturb)
-    assert np.array_equal(double.compile("glsl")(stream).numpy(), 2 * numbers())
-    assert np.array_equal(double.compile("glsl")(numbers()), 2 * numbers())
+    assert np.array_equal(double.compile("glsl")(stream).numpy(), 2 * numbers(), equal_nan=True)
+    assert np.array_equal(double.compile("glsl")(numbers()), 2 * numbers(), equal_nan=True)
 
 
 # What overlaps
@@ -205,7 +205,7 @@ def test_an_input_may_be_the_memory_of_out(name):
     one, other = twins(name)
     wanted = 2 * one.numpy()
     double.compile(name).run(one, out=other)
-    assert np.array_equal(one.numpy(), wanted)
+    assert np.array_equal(one.numpy(), wanted, equal_nan=True)
 
 
 @pytest.mark.parametrize("name", ["numpy", "opencl"])
@@ -215,7 +215,7 @@ def test_an_input_may_overlap_out(name, order):
     read, out = parts[order], parts[1 - order]
     wanted = 2 * read.numpy()
     double.compile(name).run(read, out=out)
-    assert np.array_equal(out.numpy(), wanted)
+    assert np.array_equal(out.numpy(), wanted, equal_nan=True)
     with refused("two outputs have the same memory"):
         both.compile(name).run(sh.Stream(wanted, sh.Attrib1f, name), out=parts)
     with refused("out is memory that the Table of reads"):
@@ -227,7 +227,7 @@ def test_a_number_for_all_elements_may_lie_in_out(name):
     whole = numbers() + 2
     by = sh.Stream.wrap(whole[:1])
     scaled.compile(name).run(sh.Stream(numbers(), sh.Attrib1f, name), by, out=sh.Stream.wrap(whole))
-    assert np.array_equal(whole, 2 * numbers())
+    assert np.array_equal(whole, 2 * numbers(), equal_nan=True)
 
 
 @every
@@ -235,7 +235,7 @@ def test_a_scatter_may_write_the_memory_of_its_values_and_indices(name):
     one, other = twins(name)
     given = one.numpy()
     sh.scatter(one, np.arange(one.size)[::-1].reshape(one.shape), out=other)
-    assert np.array_equal(other.numpy().ravel(), given.ravel()[::-1])
+    assert np.array_equal(other.numpy().ravel(), given.ravel()[::-1], equal_nan=True)
 
 
 # What can be wrapped

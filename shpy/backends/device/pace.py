@@ -5,17 +5,19 @@ a tenth of a second is far from either, and lets Ctrl-C be heard. What a kernel'
 run, so the first dispatch is small, and each next one is as large as the last one's time allows.
 
     pace = Pace()                              # one a kernel: the next call starts with what was learnt
-    for first, count in pace.parts(rows, width):
-        dispatch(first, count)                 # and wait for its end
+    run = pace.driver(rows, dispatch, finish, width, reads=True)
+    run()
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Final
+from typing import Final, TypeVar
 
 __all__ = ["Pace"]
+
+T = TypeVar("T")
 
 SECONDS: Final = 0.1
 """What a dispatch should take."""
@@ -27,7 +29,7 @@ GROWTH: Final = 8
 """A dispatch has at most this many times the elements of the one before: those were perhaps the cheap ones."""
 BRIEF: Final = 0.005
 """Seconds of a dispatch that a caller need not be able to interrupt."""
-AGAIN_AFTER: Final = 16
+AGAIN_AFTER: Final = 64
 """Brief dispatches after which one is timed again."""
 SHORT: Final = 10
 """A dispatch that takes less than one in this many of `SECONDS` is short."""
@@ -56,10 +58,37 @@ class Pace:
         self._asked = 0
         self._clock = clock
 
-    def parts(self, rows: int, width: int = 1, least: int = 1) -> Iterator[tuple[int, int]]:
-        """First row and number of rows of each dispatch, a row being `width` elements; at least `least` rows each.
+    def driver(
+        self,
+        rows: int,
+        dispatch: Callable[[int, int], T],
+        finish: Callable[[T], None],
+        width: int = 1,
+        least: int = 1,
+        *,
+        reads: bool,
+    ) -> Callable[[], None]:
+        """Return a function that runs rows of `width` elements, in as many dispatches as they need.
 
-        Whoever iterates has to wait for a dispatch's end before asking for the next.
+        `dispatch(first, count)` starts some rows, at least `least`, and `finish` waits for the end of what that gave.
+        A run is one dispatch, and not waited for, if it is known to be brief; or, unless the caller `reads` what it
+        wrote next, to fit in one.
+        """
+        elements = rows * width
+
+        def run() -> None:
+            if self.is_brief(elements) if reads else self.fits(elements):
+                dispatch(0, rows)
+                return
+            for first, count in self.parts(rows, width, least):
+                finish(dispatch(first, count))
+
+        return run
+
+    def parts(self, rows: int, width: int = 1, least: int = 1) -> Iterator[tuple[int, int]]:
+        """Yield the first row and the number of rows of each dispatch, which has ended when the next one is asked for.
+
+        A row is `width` elements, and a dispatch has at least `least` rows.
         """
         if not self.steady:
             self.elements = min(self.elements, AGAIN)

@@ -86,7 +86,7 @@ class Runtime:
         units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
         for sampler, unit in units.items():
             program[sampler].value = unit
-        made = Program(shader, program, vertices, units, Pace(steady=steady))
+        made = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
         doomed = self.context.doomed
         weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
         return made
@@ -134,32 +134,26 @@ class Runtime:
         check(gl, "make the outputs")
         self._bind(made, call, part, width, lent, inputs)
         target.framebuffer.use()
-        self.render(made, call.shape, part.start, count, width)
+        self.render(made, call.shape, part.start, count, width, reads=True)
         return target
 
-    def render(
-        self, made: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, waits: bool = True
-    ) -> None:
-        """Run the cells of `count` elements, of which the first is `start`, in rows of `width`.
-
-        Without `waits` they may run on, unless they are to be run in several strips.
-        """
+    def render(self, made: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, reads: bool) -> None:
+        """Run the cells of `count` elements, of which the first is `start`, in rows of `width`: see `Pace.driver`."""
         program = made.program
         _set(program, FIRST, start)
         _set(program, WIDTH, width)
         _set(program, GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
         _set(program, RUNNING, True)
         rows, rest = divmod(count, width)
-        if waits or not made.pace.fits(count):
-            for first, height in made.pace.parts(rows, width):
-                self._dispatch(made, width, first, height)
-                self.context.gl.finish()
-        elif rows:
-            self._dispatch(made, width, 0, rows)
-        if rest:
-            self._dispatch(made, rest, rows, 1)
-            if waits:
-                self.context.gl.finish()
+
+        def draw(first: int, height: int) -> None:
+            full = min(height, rows - first)
+            if full:
+                self._dispatch(made, width, first, full)
+            if full < height:
+                self._dispatch(made, rest, rows, 1)
+
+        made.pace.driver(-(-count // width), draw, lambda _: self.context.gl.finish(), width, reads=reads)()
 
     def _dispatch(self, made: Program, across: int, first: int, height: int) -> None:
         """Run some rows."""
@@ -264,7 +258,7 @@ class DeviceRun:
                 runtime.bind_table(made, table, self._tables[table.name])
             bind_params(made, call.params)
             framebuffer.use()
-            runtime.render(made, call.shape, 0, self._count, self._width, waits=False)
+            runtime.render(made, call.shape, 0, self._count, self._width, reads=False)
         if self._rejects:
             gl.disable(runtime.context.moderngl.DEPTH_TEST)
 

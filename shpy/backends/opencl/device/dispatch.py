@@ -5,8 +5,8 @@ of 65,535 or more work items along an axis. So a kernel has one local size, its 
 begins (0 whenever no run is under way), and its first launch has `driver.ANY_SIZE` work items, most of them idle:
 that code serves smaller launches too.
 
-    launch(machine, kernel, args, Items(4096), LOCAL_SIZE, pace, 1)
-    start = starter(machine, kernel, args, Items(64, 48), PACKETS, pace, 16, brief=False)
+    start = starter(machine, kernel, args, Items(64, 48), PACKETS, pace, 16, reads=False)
+    start()
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from shpy.backends.device.pace import Pace
 from shpy.backends.opencl.device.driver import Machine
 
-__all__ = ["LOCAL_SIZE", "PACKETS", "Items", "launch", "starter"]
+__all__ = ["LOCAL_SIZE", "PACKETS", "Items", "starter"]
 
 LOCAL_SIZE: Final = 64
 """Work items of a group."""
@@ -31,35 +31,6 @@ class Items(NamedTuple):
     columns: int
     lines: int | None = None
 
-    @property
-    def rows(self) -> int:
-        """The extent of the second axis."""
-        return 1 if self.lines is None else self.lines
-
-
-def launch(machine: Machine, kernel: Any, args: list[Any], items: Items, group: int, pace: Pace, each: int) -> None:
-    """Run a kernel over work items, and as many idle ones as fill each line's last group.
-
-    In as many dispatches as `pace` says, where an item stands for `each` elements. A dispatch begins with a line, or
-    with an item of a list. Ctrl-C ends the wait for it.
-    """
-    groups = max(1, -(-items.columns // group))
-    kernel.set_args(*args)
-    # Whole lines, or groups of a list; each core should have a group.
-    rows, width = (groups, group) if items.lines is None else (items.lines, items.columns)
-    least = -(-machine.device.max_compute_units * group // width)
-    if pace.is_brief(groups * group * items.rows * each):  # the host waits when it reads
-        machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (groups * group, items.rows), (group, 1))
-        return
-    start = type(args[1])
-    try:
-        for first, count in pace.parts(rows, width * each, least):
-            size = (count * group, 1) if items.lines is None else (groups * group, count)
-            kernel.set_arg(1, start(first * group if items.lines is None else first))
-            machine.waiter.wait(machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, size, (group, 1)))
-    finally:
-        kernel.set_arg(1, args[1])  # a later run that fits in one dispatch sets no argument
-
 
 def starter(
     machine: Machine,
@@ -70,27 +41,40 @@ def starter(
     pace: Pace,
     each: int,
     *,
-    brief: bool,
-    once: bool = False,
+    reads: bool,
+    shared: bool = False,
 ) -> Callable[[], None]:
-    """Return what starts a kernel, whose arguments nobody else sets, as `launch` runs it; or anybody, with `once`.
+    """Return a function that runs a kernel over work items, each of which stands for `each` elements.
 
-    It waits where the run takes several dispatches, or where it is not known yet whether it does; with `brief`,
-    unless the run is known to be brief.
+    As many idle ones fill each line's last group. A dispatch begins with a line, or with a group of a list; see `Pace`
+    for how many there are and what `reads` means. With `shared` others set the kernel's arguments, too.
     """
     groups = max(1, -(-items.columns // group))
-    size = (groups * group, items.rows)
-    if not once:
-        kernel.set_args(*args)
-    enqueue, queue, elements = machine.cl.enqueue_nd_range_kernel, machine.queue, size[0] * size[1] * each
+    listed = items.lines is None
+    rows, width, step = (groups, group, group) if items.lines is None else (items.lines, items.columns, 1)
+    least = -(-machine.device.max_compute_units * group // width)  # each core should have a group
+    elements = rows * width * each
+    enqueue, queue, start = machine.cl.enqueue_nd_range_kernel, machine.queue, type(args[1])
 
-    def start() -> None:
-        if pace.is_brief(elements) if brief else pace.fits(elements):
-            if once:
-                kernel.set_args(*args)
+    def dispatch(first: int, count: int) -> Any:
+        size = (count * group, 1) if listed else (groups * group, count)
+        if not reads:
             machine.may_take_long |= not pace.was_brief(elements)
-            enqueue(queue, kernel, size, (group, 1))
-        else:
-            launch(machine, kernel, args, items, group, pace, each)
+        if not first:
+            return enqueue(queue, kernel, size, (group, 1))
+        try:
+            kernel.set_arg(1, start(first * step))
+            return enqueue(queue, kernel, size, (group, 1))
+        finally:
+            kernel.set_arg(1, args[1])
 
-    return start
+    run = pace.driver(rows, dispatch, machine.waiter.wait, width * each, least, reads=reads)
+    if not shared:
+        kernel.set_args(*args)
+        return run
+
+    def set_and_run() -> None:
+        kernel.set_args(*args)
+        run()
+
+    return set_and_run

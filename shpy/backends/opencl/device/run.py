@@ -28,7 +28,7 @@ from shpy.backends.device.pace import Pace
 from shpy.backends.device.probe import refuse_wrong
 from shpy.backends.opencl.device.beside import Beside, Compiled, Facts
 from shpy.backends.opencl.device.collective import collectives
-from shpy.backends.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, launch, starter
+from shpy.backends.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, starter
 from shpy.backends.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
 from shpy.backends.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged_array
@@ -286,7 +286,7 @@ class OpenCLExecutable:
         args += self._params(call.params)
         outputs = self._outputs(call, used)
         args += [buffer for buffer, _ in outputs]
-        launch(machine, self.compiled, args, self._items(call.count, row), self._group, self.pace, self.kernel.lanes)
+        self._starter(self.compiled, args, call.count, row, reads=True, shared=True)()
         machine.finish([buffer for buffer, is_lent in outputs if is_lent])
         return self._collect(call, outputs)
 
@@ -316,8 +316,7 @@ class OpenCLExecutable:
         buffers = [buffer for _, buffer in found]
         args += buffers
         compiled = machine.cl.Kernel(self.program, kernel.name)
-        items = self._items(call.count, row)
-        start = starter(machine, compiled, args, items, self._group, self.pace, kernel.lanes, brief=True)
+        start = self._starter(compiled, args, call.count, row, reads=True)
 
         def set_params(values: list[Any]) -> None:
             args[first : first + len(values)] = values
@@ -347,17 +346,7 @@ class OpenCLExecutable:
         # A kernel holds its arguments, so each run that is to be repeated has one of its own. To make one takes longer
         # than a small run, so those of runs that are gone are used again.
         compiled = self.compiled if once else self._spare_kernel()
-        run = starter(
-            machine,
-            compiled,
-            args,
-            self._items(count, row),
-            self._group,
-            self.pace,
-            kernel.lanes,
-            brief=False,
-            once=once,
-        )
+        run = self._starter(compiled, args, count, row, reads=False, shared=once)
         if not once:
             weakref.finalize(run, self.spare.append, compiled).atexit = False
         copies = [copy for _, _, copy in tables if copy is not None]
@@ -433,6 +422,13 @@ class OpenCLExecutable:
             columns < self.kernel.lanes and last >= _WIDE and math.prod(shape) >= last * (self.kernel.lanes // columns)
         )
         return last if others and (is_image or self.kernel.grid) else columns
+
+    def _starter(
+        self, compiled: Any, args: list[Any], count: int, row: int, *, reads: bool, shared: bool = False
+    ) -> Callable[[], None]:
+        """Return a function that runs a kernel with these arguments over `count` elements in rows: see `starter`."""
+        items, lanes = self._items(count, row), self.kernel.lanes
+        return starter(self.machine, compiled, args, items, self._group, self.pace, lanes, reads=reads, shared=shared)
 
     def _items(self, count: int, row: int) -> Items:
         """Work items: one an element; or one a packet, in as many columns and lines as there are."""
