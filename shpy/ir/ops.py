@@ -24,7 +24,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.ir import meaning as m
+from shpy.ir import exact, meaning as m
 from shpy.ir.types import FLOATS, INTS, Base, Type, vec
 
 _BASES: Final[Mapping[str, frozenset[Base]]] = {
@@ -224,36 +224,36 @@ _geometry("f: T T T -> T", m.faceforward, "n where dot(reference, i) < 0, else -
 # Transcendentals: in strict mode those of `passes/strict`; in relaxed mode the target's own within the bounds of
 # OpenCL's full profile (OpenCL C 3.0 section 7.4), or the strict ones where the target has none that keep them.
 def _transcendental(
-    name: str, f: Callable[..., Any], ulp: float, relaxed: float, double: float, says: str, parameters: str = "x"
+    name: str, meaning: Callable[..., Any], ulp: float, relaxed: float, double: float, says: str, parameters: str = "x"
 ) -> None:
     bounds = {"tolerance": Tolerance(ulp), "relaxed": Tolerance(relaxed), "double": Tolerance(double)}
     signature = f"f: {' '.join('T' for _ in parameters.split())} -> T"
-    _op(name, signature, m.through_f64(f), "", says, parameters=parameters, **bounds)
+    _op(name, signature, meaning, "", says, parameters=parameters, **bounds)
 
 
-_transcendental("exp", np.exp, 1, 3, 1, "Return e to the power of x.")
-_transcendental("exp2", np.exp2, 1, 3, 1, "Return 2 to the power of x.")
-_transcendental("log", np.log, 1, 3, 1, "Return the natural logarithm.")
-_transcendental("log2", np.log2, 1, 3, 1, "Return the logarithm to base 2.")
-_transcendental("log10", np.log10, 1, 3, 1, "Return the logarithm to base 10: a whole number for each power of ten.")
-_transcendental("sin", np.sin, 1, 4, 1.25, "Return the sine of x radians.")
-_transcendental("cos", np.cos, 1, 4, 1.25, "Return the cosine of x radians.")
-_transcendental("tan", np.tan, 1.5, 5, 1.5, "Return the tangent of x radians.")
-_transcendental("asin", np.arcsin, 1, 4, 1, "Return the arc sine, in radians.")
-_transcendental("acos", np.arccos, 1, 4, 1, "Return the arc cosine, in radians.")
+_transcendental("exp", exact.exp, 1, 3, 1, "Return e to the power of x.")
+_transcendental("exp2", exact.exp2, 1, 3, 1, "Return 2 to the power of x.")
+_transcendental("log", exact.log, 1, 3, 1, "Return the natural logarithm.")
+_transcendental("log2", exact.log2, 1, 3, 1, "Return the logarithm to base 2.")
+_transcendental("log10", exact.log10, 1, 3, 1, "Return the logarithm to base 10: a whole number for each power of ten.")
+_transcendental("sin", exact.sin, 1, 4, 1.25, "Return the sine of x radians.")
+_transcendental("cos", exact.cos, 1, 4, 1.25, "Return the cosine of x radians.")
+_transcendental("tan", exact.tan, 1.5, 5, 1.5, "Return the tangent of x radians.")
+_transcendental("asin", exact.asin, 1, 4, 1, "Return the arc sine, in radians.")
+_transcendental("acos", exact.acos, 1, 4, 1, "Return the arc cosine, in radians.")
 _transcendental(
-    "atan", np.arctan, 1, 5, 1, "Return the arc tangent of y in radians; with two arguments, atan2(y, x).", "y"
+    "atan", exact.atan, 1, 5, 1, "Return the arc tangent of y in radians; with two arguments, atan2(y, x).", "y"
 )
-_transcendental("sinh", np.sinh, 1, 4, 1, "Return the hyperbolic sine.")
-_transcendental("cosh", np.cosh, 1, 4, 1, "Return the hyperbolic cosine.")
-_transcendental("tanh", np.tanh, 1.5, 5, 1, "Return the hyperbolic tangent.")
-_transcendental("asinh", np.arcsinh, 1.5, 4, 1, "Return the inverse hyperbolic sine.")
-_transcendental("acosh", np.arccosh, 1.5, 4, 1, "Return the inverse hyperbolic cosine.")
-_transcendental("atanh", np.arctanh, 1.5, 5, 1, "Return the inverse hyperbolic tangent.")
+_transcendental("sinh", exact.sinh, 1, 4, 1, "Return the hyperbolic sine.")
+_transcendental("cosh", exact.cosh, 1, 4, 1, "Return the hyperbolic cosine.")
+_transcendental("tanh", exact.tanh, 1.5, 5, 1, "Return the hyperbolic tangent.")
+_transcendental("asinh", exact.asinh, 1.5, 4, 1, "Return the inverse hyperbolic sine.")
+_transcendental("acosh", exact.acosh, 1.5, 4, 1, "Return the inverse hyperbolic cosine.")
+_transcendental("atanh", exact.atanh, 1.5, 5, 1, "Return the inverse hyperbolic tangent.")
 _pow = "Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."
-_transcendental("pow", m.power, 1, 16, 1, _pow, "x y")
+_transcendental("pow", m.through_f64(m.power), 1, 16, 1, _pow, "x y")
 _atan2 = "Return the angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."
-_transcendental("atan2", np.arctan2, 1, 6, 1, _atan2, "y x")
+_transcendental("atan2", m.through_f64(np.arctan2), 1, 6, 1, _atan2, "y x")
 
 TRANSCENDENTALS: Final = frozenset(name for name, op in OPS.items() if op.relaxed.ulp)
 """The operations that no target is asked to do correctly rounded."""

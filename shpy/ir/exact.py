@@ -1,0 +1,133 @@
+"""The elementary functions of binary32 as strict mode means them: the exact value, rounded half to even.
+
+Stage: represent. A value y of numpy's function of binary64 decides where y (1 - 2**-46) and y (1 + 2**-46) round to the
+same binary32: its error is a few units of 2**-53. The few hundred of all 2**32 inputs for which it does not decide lie
+next to a midpoint between two binary32. Every input that lies within 2**-45 of one is a hard case, whose answer is
+known: `scripts/hard_cases` finds them, in files beside this one.
+
+>>> exp(np.float32(1))
+array(2.7182817, dtype=float32)
+
+Of binary64 and binary16 the functions give numpy's value in binary64, rounded to the type.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyError
+
+Array = NDArray[Any]
+
+HARD: Final = Path(__file__).with_name("hard")
+"""The folder of the hard cases."""
+MARGIN: Final = 2.0**-46
+"""The relative error that a function of binary64 may have. Hard cases are known up to twice that distance."""
+ODD: Final = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh"})
+"""The functions with f(-x) = -f(x): the files hold their positive inputs."""
+EVEN: Final = frozenset({"cos", "cosh"})
+"""The functions with f(-x) = f(x): so too."""
+
+
+@cache
+def hard_cases(name: str) -> tuple[Array, Array]:
+    """Return the inputs of a function that are hardest to round, ascending, and the answers, in float32."""
+    x, answers = np.load(HARD / f"{name}.npy")
+    if name in ODD | EVEN:
+        mirrored = -answers if name in ODD else answers
+        x, answers = np.concatenate([-x[::-1], x]), np.concatenate([mirrored[::-1], answers])
+    return x, answers
+
+
+def _around(f: Callable[..., Array], x: Array) -> tuple[Array, Array]:
+    """Return the binary32 on both sides of the values of f, where f may have its error."""
+    wide: Any = np.asarray(x, np.float64)
+    wide = f(wide, out=wide)
+    low, high = np.empty(wide.shape, np.float32), np.empty(wide.shape, np.float32)
+    return np.multiply(wide, 1 - MARGIN, out=low), np.multiply(wide, 1 + MARGIN, out=high)
+
+
+def _settle(name: str, x: Array, result: Array, undecided: Array) -> None:
+    """Put the answers of hard cases into the result where it is undecided; NaN stays."""
+    at = np.flatnonzero(undecided & (result == result))
+    if not at.size:
+        return
+    known, answers = hard_cases(name)
+    given = x.reshape(-1)[at]
+    found = np.searchsorted(known, given) % known.size
+    if not np.array_equal(known[found], given):
+        wrong = given[known[found] != given][0]
+        raise ShpyError(
+            f"the {name} of binary64 of numpy {np.__version__} is off by more than 2**-46 at {wrong!r}",
+            cure="another version of numpy",
+        )
+    result.reshape(-1)[at] = answers[found]
+
+
+@cache
+def trusted(name: str) -> bool:
+    """Return whether numpy's function of binary64 is close enough: it is asked for the hard cases."""
+    x, answers = hard_cases(name)
+    with np.errstate(all="ignore"):
+        low, high = _around(FUNCTIONS[name].__wrapped__, x)
+    return bool(np.all((low == answers) | (high == answers)))
+
+
+@cache
+def _reliable(name: str) -> Callable[..., Array]:
+    """Return numpy's function; where that is not close enough, Python's, element by element."""
+    f: Callable[..., Array] = FUNCTIONS[name].__wrapped__
+    if trusted(name):
+        return f
+
+    def one(x: float) -> float:
+        try:
+            return float(getattr(math, name)(x))
+        except (ValueError, OverflowError):  # infinities and NaN are right in numpy
+            return float(f(np.float64(x)))
+
+    def each(x: Array, out: Array) -> Array:
+        out[...] = np.vectorize(one, otypes=[np.float64])(x)
+        return out
+
+    return each
+
+
+def _exact(name: str, f: Callable[..., Array]) -> Callable[..., Array]:
+    """Return the function that rounds the exact values of f once."""
+
+    @wraps(f)
+    def rounded(x: Array) -> Array:
+        if x.dtype != np.float32:
+            return np.asarray(f(np.asarray(x, np.float64))).astype(x.dtype)
+        result, high = _around(_reliable(name), x)
+        undecided = result != high
+        if undecided.any():
+            _settle(name, np.asarray(x), result, undecided)
+        return result
+
+    FUNCTIONS[name] = rounded
+    return rounded
+
+
+def _reciprocal_root(x: Array, out: Array | None = None) -> Array:
+    return np.divide(1, np.sqrt(x, out=out), out=out)
+
+
+FUNCTIONS: Final[dict[str, Any]] = {}
+"""The functions by the names of their operations."""
+
+exp, exp2 = _exact("exp", np.exp), _exact("exp2", np.exp2)
+log, log2, log10 = _exact("log", np.log), _exact("log2", np.log2), _exact("log10", np.log10)
+sin, cos, tan = _exact("sin", np.sin), _exact("cos", np.cos), _exact("tan", np.tan)
+asin, acos, atan = _exact("asin", np.arcsin), _exact("acos", np.arccos), _exact("atan", np.arctan)
+sinh, cosh, tanh = _exact("sinh", np.sinh), _exact("cosh", np.cosh), _exact("tanh", np.tanh)
+asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), _exact("atanh", np.arctanh)
+rsqrt = _exact("rsqrt", _reciprocal_root)

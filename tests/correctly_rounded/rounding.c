@@ -1,0 +1,105 @@
+/* Correctly rounded binary32 of a function: its binary64 value where that decides, else MPFR's.
+
+   A binary64 value y whose error is below 64 units in the last place is enough wherever y (1 - 2^-46) and y (1 + 2^-46)
+   round to the same binary32. glibc's functions are closer than that by a factor of ten. Of all 2^32 inputs some
+   hundreds stay, for which MPFR computes the correctly rounded value. */
+#include <math.h>
+#include <mpfr.h>
+#include <string.h>
+
+#define BLOCK 1024
+
+#define FUNCTIONS(F)                                                                                           \
+    F(exp) F(exp2) F(log) F(log2) F(log10) F(sin) F(cos) F(tan) F(asin) F(acos) F(atan) F(sinh) F(cosh) F(tanh) \
+    F(asinh) F(acosh) F(atanh)
+
+#define DECLARE(name) void near_##name(long n, const double *x, double *y);
+FUNCTIONS(DECLARE)
+
+static void near_rsqrt(long n, const double *x, double *y) {
+    for (long i = 0; i < n; i++) y[i] = 1 / sqrt(x[i]);
+}
+
+typedef struct {
+    const char *name;
+    void (*near)(long, const double *, double *);
+    int (*exactly)(mpfr_t, const mpfr_t, mpfr_rnd_t);
+} Function;
+
+#define ROW(name) {#name, near_##name, mpfr_##name},
+static const Function TABLE[] = {FUNCTIONS(ROW){"rsqrt", near_rsqrt, mpfr_rec_sqrt}};
+
+static const Function *found(const char *name) {
+    for (unsigned k = 0; k < sizeof TABLE / sizeof *TABLE; k++)
+        if (!strcmp(TABLE[k].name, name)) return &TABLE[k];
+    return 0;
+}
+
+/* The exponents of binary32, its denormals too. */
+static void as_binary32(void) {
+    mpfr_set_emin(-148);
+    mpfr_set_emax(128);
+}
+
+static float exactly(const Function *f, float x) {
+    mpfr_t given, y;
+    mpfr_inits2(24, given, y, (mpfr_ptr)0);
+    mpfr_set_flt(given, x, MPFR_RNDN);
+    int inexact = f->exactly(y, given, MPFR_RNDN);
+    inexact = mpfr_check_range(y, inexact, MPFR_RNDN);
+    mpfr_subnormalize(y, inexact, MPFR_RNDN);
+    float rounded = mpfr_get_flt(y, MPFR_RNDN);
+    mpfr_clears(given, y, (mpfr_ptr)0);
+    return rounded;
+}
+
+/* The values of a block, and the binary32 on either side of them. */
+static void around(const Function *f, long n, const float *x, double margin, float *low, float *high) {
+    double wide[BLOCK], y[BLOCK];
+    for (long i = 0; i < n; i++) wide[i] = x[i];
+    f->near(n, wide, y);
+    for (long i = 0; i < n; i++) low[i] = (float)(y[i] * (1 - margin));
+    for (long i = 0; i < n; i++) high[i] = (float)(y[i] * (1 + margin));
+}
+
+static int differ(float low, float high) { return low != high && (low == low || high == high); }
+
+/* Write the correctly rounded values. Return how many MPFR computed; -1 for an unknown function. */
+long correctly_rounded(const char *name, long n, const float *x, float *result) {
+    const Function *f = found(name);
+    float high[BLOCK];
+    long undecided = 0;
+    if (!f) return -1;
+    as_binary32();
+    for (long first = 0; first < n; first += BLOCK) {
+        long count = n - first < BLOCK ? n - first : BLOCK;
+        float *low = result + first;
+        int any = 0;
+        around(f, count, x + first, 0x1p-46, low, high);
+        for (long i = 0; i < count; i++) any |= differ(low[i], high[i]);
+        for (long i = 0; any && i < count; i++)
+            if (differ(low[i], high[i])) {
+                low[i] = exactly(f, x[first + i]);
+                undecided++;
+            }
+    }
+    return undecided;
+}
+
+/* Write the places of the inputs whose values are, relatively, within the margin of a midpoint between two binary32.
+   Return how many there are, up to the room; -1 for an unknown function. */
+long hard(const char *name, long n, const float *x, double margin, long room, long *places) {
+    const Function *f = found(name);
+    float low[BLOCK], high[BLOCK];
+    long many = 0;
+    if (!f) return -1;
+    for (long first = 0; first < n; first += BLOCK) {
+        long count = n - first < BLOCK ? n - first : BLOCK;
+        int any = 0;
+        around(f, count, x + first, margin, low, high);
+        for (long i = 0; i < count; i++) any |= differ(low[i], high[i]);
+        for (long i = 0; any && i < count; i++)
+            if (differ(low[i], high[i]) && many < room) places[many++] = first + i;
+    }
+    return many;
+}
