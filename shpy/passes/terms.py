@@ -20,11 +20,12 @@ from shpy.ir.types import Base, Type, vec
 
 
 class _Definition(Builder):
-    """Builds a definition; `names` are those of its values."""
+    """Builds a definition; `names` are those of its values. `fused`: `mul_add` is one rounding."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, fused: bool = False) -> None:
         super().__init__(name)
         self.pure = True
+        self.fused = fused
         self.names: dict[int, str] = {}
 
     def finish(self) -> Function:
@@ -99,6 +100,12 @@ class Term(Formula):
     def __rshift__(self, count: int) -> Term:
         return self.binary("shr", count)
 
+    def mul_add(self, factor: Term | float, term: Term | float) -> Term:
+        """Return self * factor + term: a fused operation if the definition is made for a device that is quick at it."""
+        if self.builder.fused:
+            return self.op("fma", factor, term)
+        return self * factor + term
+
     def equals(self, other: Term | float) -> Term:
         """Tell whether both are the same number."""
         return self.binary("eq", other)
@@ -142,9 +149,12 @@ def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Te
     return [Term(b, b.load(slot)) for slot in slots]
 
 
-def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...]) -> Function:
-    """Return the pure function that gives `meaning` of inputs of these types, called as its parameters are."""
-    builder = _Definition(name)
+def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...], *, fused: bool = False) -> Function:
+    """Return the pure function that gives `meaning` of inputs of these types, called as its parameters are.
+
+    `fused`: `Term.mul_add` rounds once.
+    """
+    builder = _Definition(name, fused=fused)
     names = inspect.signature(meaning).parameters
     terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
     result = meaning(*terms)

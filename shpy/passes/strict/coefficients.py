@@ -1,6 +1,6 @@
 """Coefficients of the functions of strict mode, lowest power first; constants in parts, largest first.
 
-Stage: improve. Printed by `scripts/coefficients`, which says what each is fitted to; not to be edited.
+Stage: improve. Printed by `scripts/coefficients strict`, which says what each is fitted to; not to be edited.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ _LARGE: Final = {Base.F: 2.0**13, Base.D: 2.0**28}
 """From here on asinh x and acosh x are log(2 x)."""
 
 
-def _parted(x: Term) -> Pair:
+def parted(x: Term) -> Pair:
     """(f, k): x is 2**k * (1 + f), for positive finite x, denormal ones too."""
     if x.type.base is Base.D:
         return _parted_double(x)
@@ -77,7 +77,7 @@ def _parted_double(x: Term) -> Pair:
     return (x.op("ldexp", -n) - 1).named("f"), (k + n.based(Base.D)).named("k")
 
 
-def _edges(x: Term, inside: Term) -> Term:
+def edges(x: Term, inside: Term) -> Term:
     """Return a logarithm of x where it is no positive finite number."""
     outside = where(x.equals(0), x.constant(-INFINITY), where(x < 0, x.constant(NAN), x))
     return where((x > 0) & (x < INFINITY), inside.named("inside"), outside.named("outside"))
@@ -93,7 +93,7 @@ def _series(f: Term) -> tuple[Term, Term]:
 
 def _log_of(u: Term, low: Term | None = None) -> Term:
     """Return the logarithm of u + low, for positive finite u and a low far smaller."""
-    f, k = _parted(u)
+    f, k = parted(u)
     half, rest = _series(f)
     ln2, ln2_low = constants(u, LN2)
     small = k * ln2_low if low is None else k * ln2_low + low / u
@@ -102,24 +102,24 @@ def _log_of(u: Term, low: Term | None = None) -> Term:
 
 def log(x: Term) -> Term:
     """Natural logarithm."""
-    return _edges(x, _log_of(x))
+    return edges(x, _log_of(x))
 
 
 def log2(x: Term) -> Term:
     """Binary logarithm."""
-    f, k = _parted(x)
+    f, k = parted(x)
     product, rest = _mantissa_log(f, INVERSE_LN2)
     high, low = two_sum(k, product)
-    return _edges(x, high + (low + rest))
+    return edges(x, high + (low + rest))
 
 
 def log10(x: Term) -> Term:
     """Decimal logarithm; powers of ten give whole numbers."""
-    f, k = _parted(x)
+    f, k = parted(x)
     product, rest = _mantissa_log(f, INVERSE_LN10)
     step, step_low = constants(x, LOG10_2)
     high, low = two_sum((k * step).named("whole"), product)
-    return _edges(x, high + (low + (rest + k * step_low)))
+    return edges(x, high + (low + (rest + k * step_low)))
 
 
 def _mantissa_log(f: Term, inverse_ln: Numbers) -> Pair:
@@ -205,7 +205,7 @@ def _log2_in_two(a: Term) -> Pair:
     The mantissa m is compared with the nearest c of `_CENTRES`: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in
     two parts and so small that what follows it need not be.
     """
-    f, k = _parted(a)
+    f, k = parted(a)
     m = (f + 1).named("m")
     c, whole, fraction = m.constant(1.0), k.constant(0.0), k.constant(0.0)
     below, above = _CENTRES[a.type.base]

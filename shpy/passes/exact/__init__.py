@@ -1,0 +1,57 @@
+"""The elementary functions of strict mode at binary32: the exact value, rounded once, by way of binary64.
+
+Stage: improve. For devices that have binary64. `FUNCTIONS["exp"]` is a formula whose arguments are binary32 Terms named
+like the operation's. Its result is a binary64, or a binary32 where the formula has rounded once itself, because its
+edge cases are cheaper to select afterwards. `rounded` adds what is common to all: the one rounding, and `EXCEPTIONS`.
+
+The relative error of a formula is near 2**-47. So only inputs whose exact value lies that close to the middle between
+two binary32 numbers can be misrounded: none to five of all inputs of a function. `EXCEPTIONS` lists them with their
+results. An odd function's are listed for positive inputs only.
+
+    sinh = rounded("sinh")                 # lower makes sinh_strict of it
+    z.mul_add(p, c)                        # one fma where the device is quick at that, else z * p + c
+
+A formula has to be right in both spellings: products that must be exact have factors with few enough bits, and the
+exceptions are those of either spelling.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from shpy.ir.types import Base
+from shpy.passes.exact import circular, exponential, logarithm
+from shpy.passes.terms import Term, where
+
+__all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
+
+FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
+    **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
+    **{f.__name__: f for f in (exponential.exp,)},
+    **{f.__name__: f for f in (logarithm.log,)},
+}
+
+EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {}
+"""By function: inputs that the formula misrounds, and the exact value rounded."""
+
+_ODD: Final = frozenset("sin tan asin atan sinh tanh asinh atanh".split())
+
+
+def rounded(name: str) -> Callable[..., Term]:
+    """Return the meaning of a strict function: the formula's result as a binary32, corrected at the exceptions."""
+    formula = FUNCTIONS[name]
+
+    def meaning(*given: Term) -> Term:
+        found = formula(*given)
+        result = found if found.type.base is Base.F else found.based(Base.F)
+        x = given[0]
+        for exception, value in EXCEPTIONS.get(name, ()):
+            result = where(x.equals(exception), value, result)
+            if name in _ODD:
+                result = where(x.equals(-exception), -value, result)
+        return result
+
+    meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
+    return meaning

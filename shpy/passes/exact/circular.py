@@ -1,0 +1,81 @@
+"""Sine, cosine and tangent by way of binary64.
+
+Stage: improve. The angle is divided by pi: the digits of 1 / pi have 29 + 29 + 53 bits, so that the products of the
+first two with a binary32 are exact. What is left beside a whole number of half turns, at most half of one, keeps its
+relative precision however small it is. Angles past FAR need later digits. Those whose products with the angle are even
+are left out, for they are whole turns.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from shpy.ir.types import Base
+from shpy.passes.exact.coefficients import FAR_DIGITS, INVERSE_PI, SIN, TAN_ABOVE, TAN_BELOW
+from shpy.passes.exact.parts import horner, whole
+from shpy.passes.terms import Term, replaced, where
+
+FAR: Final = 2.0**24
+"""From here on k may be too large for a binary32."""
+
+_WINDOW: Final = 2.0**26
+"""By how much larger an angle needs the next digits."""
+
+
+def _parts_of(x: Term, halves: int, offset: float = 0.0) -> tuple[Term, Term]:
+    """(f, odd): halves * x / pi is a whole number k, f and the offset, with |f| at most 1/2; and whether k is odd."""
+    d = x.based(Base.D)
+    first, second, third = (digit * halves for digit in INVERSE_PI)
+    product = (d * first).named("product")
+    k = whole(product - offset if offset else product).named("near_k")
+    f = d.mul_add(third, d.mul_add(second, product - (k + offset if offset else k))).named("near_f")
+
+    def far() -> tuple[Term, Term]:
+        return _far_parts(d, abs(x), halves, offset)
+
+    f, count = replaced((abs(x) >= FAR).named("far"), {"f": f, "k": k.based(Base.F)}, far)
+    half = (count * 0.5).named("half")
+    return f, half.differs(half.op("floor")).named("odd")
+
+
+def _far_parts(d: Term, a: Term, halves: int, offset: float) -> tuple[Term, Term]:
+    """Return f, and k less some even number, of a far angle."""
+    digits = [d.constant(digit * halves) for digit in INVERSE_PI]
+    for n, window in enumerate(FAR_DIGITS, 1):
+        above = (a >= FAR * _WINDOW**n).named("above")
+        digits = [
+            where(above, later * halves, digit).named("digit") for later, digit in zip(window, digits, strict=True)
+        ]
+    first, second, third = digits
+    product, rest = (d * first).named("product"), (d * second).named("rest")
+    k, more = whole(product - offset if offset else product).named("k"), whole(rest).named("more")
+    left = ((product - (k + offset if offset else k)) + (rest - more)).named("left")
+    last = whole(left).named("last")
+    even = (k * 0.5).op("floor") * 2
+    return d.mul_add(third, left - last), ((k - even) + (more + last)).based(Base.F)
+
+
+def sin(x: Term) -> Term:
+    """Sine."""
+    f, odd = _parts_of(x, 1)
+    return _sine(f, odd)
+
+
+def cos(x: Term) -> Term:
+    """Cosine: the sine of half a half turn more."""
+    f, odd = _parts_of(x, 1, 0.5)
+    return _sine(f, ~odd)
+
+
+def _sine(f: Term, odd: Term) -> Term:
+    """Return the sine of f half turns, negated where `odd` holds."""
+    size = (f * horner((f * f).named("z"), SIN)).based(Base.F).named("size")
+    return where(odd, -size, size)
+
+
+def tan(x: Term) -> Term:
+    """Tangent: a quotient of polynomials on an eighth of a turn to each side."""
+    f, odd = _parts_of(x, 2)
+    z = (f * f).named("z")
+    above, below = (f * horner(z, TAN_ABOVE)).named("above"), horner(z, TAN_BELOW).named("below")
+    return where(odd, -below, above) / where(odd, above, below)
