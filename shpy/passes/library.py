@@ -58,11 +58,25 @@ PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 """Replacements of functions that a target has within the bounds for near angles only."""
 
+ELEMENTARY = TRANSCENDENTALS | {"rsqrt"}
+"""Operations of binary32 that strict mode rounds correctly."""
+
+_BY_DOUBLES: frozenset[Formulas] = frozenset({"fused", "doubles"})
+
 CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.
 
 "convert_nan" is the conversion of a float to an int where it gives anything but 0 for a NaN; `lower` corrects it.
 """
+
+
+def is_exact(name: str, type: Type, formulas: Formulas) -> bool:
+    """Return whether an operation on this type is the exact value rounded once, by way of binary64."""
+    if name not in ELEMENTARY or type.base is not Base.F or formulas not in _BY_DOUBLES:
+        return False
+    from shpy.passes.exact import ACTIVE
+
+    return name in ACTIVE
 
 
 @cache
@@ -74,6 +88,11 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
     first = types[0]
     if name in PARTS or name in BOUNDED.values():
         return _part(name, types)
+    if is_exact(name, first, formulas):
+        from shpy.passes.exact import rounded
+
+        called = f"{name}_strict{first.size if first.size > 1 else ''}"
+        return define(called, rounded(name), types, fused=formulas == "fused")
     if name in TRANSCENDENTALS:
         from shpy.passes.strict import FUNCTIONS
 

@@ -22,7 +22,7 @@ from collections.abc import Mapping
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import COMPOSITES, OPS, TRANSCENDENTALS
 from shpy.ir.types import Base
-from shpy.passes.library import BOUNDED, PARTS, Library, definition
+from shpy.passes.library import BOUNDED, PARTS, Library, definition, is_exact
 from shpy.passes.modes import Formulas
 from shpy.passes.rewriter import Rewriter, each_function
 
@@ -76,6 +76,10 @@ class _Lower(Rewriter):
             return
         if op in self.bounded and let.value.type.base is Base.D:
             callee = self.library.use(BOUNDED[op], tuple(self.types[a] for a in let.args), self._unbounded)
+            self.emit(Let(let.value, "call", let.args, callee.name))
+            return
+        if is_exact(op, let.value.type, self.library.formulas):
+            callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._lowered)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
         if op in self.native or not (op in COMPOSITES or op in TRANSCENDENTALS or op in PARTS):

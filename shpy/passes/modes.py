@@ -14,12 +14,17 @@ MODES: Final[tuple[str, ...]] = get_args(Math)
 REPRODUCIBLE: Final = frozenset({"strict", "portable"})
 """The modes that give the same bits everywhere: each operation is rounded by itself, and nothing is contracted."""
 
-Formulas = Literal["doubles", "pairs", "portable"]
-"""The formulas of transcendentals of binary32 (`strict`): by binary64, by pairs of binary32, or by binary32 alone."""
+Formulas = Literal["fused", "doubles", "pairs", "portable"]
+"""The formulas of the elementary functions of binary32.
+
+By binary64, with or without fused operations (`exact`); by pairs of binary32, or by binary32 alone (`strict`).
+"""
 
 
-def formulas_of(math: Math, doubles: bool) -> Formulas:
-    """Return the formulas of a mode on a target that has binary64 or has not."""
+def formulas_of(math: Math, doubles: bool, fuses: bool = False) -> Formulas:
+    """Return the formulas of a mode on a target that has binary64 or has not, and is quick at fma in it or is not."""
     if math != "strict":
         return "portable"
-    return "doubles" if doubles else "pairs"
+    if not doubles:
+        return "pairs"
+    return "fused" if fuses else "doubles"

@@ -45,7 +45,7 @@ class Target:
     only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
     `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call. `looped`:
     parts of strict functions that it does by loops, where an element takes few iterations in all. `doubles`: it has
-    binary64.
+    binary64. `fuses`: it has fma of binary64 in hardware.
     """
 
     name: str
@@ -58,6 +58,7 @@ class Target:
     inlines: bool = False
     looped: frozenset[str] = frozenset()
     doubles: bool = True
+    fuses: bool = False
 
     def does(self, math: Math) -> frozenset[str]:
         """Return the operations that it does itself in this mode."""
@@ -106,7 +107,7 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     plain = lower_half(set_precision(module, options.precision))
     does = target.does(options.math)
-    formulas = formulas_of(options.math, target.doubles)
+    formulas = formulas_of(options.math, target.doubles, target.fuses)
     lowered = lower(plain, does | target.looped, corrected, bounded, formulas)
     if target.looped and may_be_stopped(lowered):
         lowered = lower(plain, does, corrected, bounded, formulas)

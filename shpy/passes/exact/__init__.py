@@ -22,16 +22,33 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from shpy.ir.types import Base
+from shpy.passes import strict
 from shpy.passes.exact import circular, exponential, logarithm
 from shpy.passes.terms import Term, where
 
-__all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
+__all__ = ["ACTIVE", "EXCEPTIONS", "FUNCTIONS", "rounded"]
+
+
+def _by_strict(name: str) -> Callable[..., Term]:
+    """Return the strict formula of binary64, for arguments of binary32."""
+    formula = strict.FUNCTIONS[name]
+
+    def meaning(*given: Term) -> Term:
+        return formula(*(t.based(Base.D) for t in given))
+
+    meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
+    return meaning
+
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
+    **{name: _by_strict(name) for name in strict.FUNCTIONS},
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
     **{f.__name__: f for f in (exponential.exp,)},
     **{f.__name__: f for f in (logarithm.log,)},
 }
+
+ACTIVE: Final[frozenset[str]] = frozenset()
+"""Those in use: none until each has a formula and hard cases."""
 
 EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {}
 """By function: inputs that the formula misrounds, and the exact value rounded."""
