@@ -48,10 +48,10 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
 }
 
 ACTIVE: Final[frozenset[str]] = frozenset()
-"""Those in use: none until each has a formula and hard cases."""
+"""The functions in use: none, until each has its own formula."""
 
 EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {}
-"""By function: inputs that the formula misrounds, and the exact value rounded."""
+"""Inputs of a function that its formula misrounds, with the exact value rounded."""
 
 _ODD: Final = frozenset("sin tan asin atan sinh tanh asinh atanh".split())
 

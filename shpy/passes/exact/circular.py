@@ -16,10 +16,10 @@ from shpy.passes.exact.parts import horner, whole
 from shpy.passes.terms import Term, replaced, where
 
 FAR: Final = 2.0**24
-"""From here on k may be too large for a binary32."""
+"""Angles from here on, where k may be too large for a binary32."""
 
 _WINDOW: Final = 2.0**26
-"""By how much larger an angle needs the next digits."""
+"""The ratio of angles that need the next digits."""
 
 
 def _parts_of(x: Term, halves: int, offset: float = 0.0) -> tuple[Term, Term]:

@@ -14,7 +14,7 @@ from shpy.passes.strict.parts import MAGIC
 from shpy.passes.terms import Term, where
 
 _ENDS: Final = (-105.0, 90.0)
-"""Beyond these e to the x is 0 or infinite in binary32."""
+"""Limits beyond which e to the x is 0 or infinite in binary32."""
 
 
 def exp(x: Term) -> Term:

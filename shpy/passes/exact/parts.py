@@ -1,4 +1,4 @@
-"""What the formulas in binary64 share: polynomials by Horner's rule, and rounding to whole numbers.
+"""Polynomials by Horner's rule and rounding to whole numbers, for the formulas in binary64.
 
 Stage: improve.
 
