@@ -86,7 +86,7 @@ def test_no_hard_case_is_missing(name):
 
 
 def test_every_function_that_is_exact_has_an_oracle():
-    assert set(FUNCTIONS) == set(correctly_rounded.FUNCTIONS) >= ODD | EVEN
+    assert {*FUNCTIONS, "rsqrt"} == set(correctly_rounded.FUNCTIONS) >= ODD | EVEN
 
 
 def test_an_unknown_function_is_named():

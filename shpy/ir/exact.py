@@ -117,10 +117,6 @@ def _exact(name: str, f: Callable[..., Array]) -> Callable[..., Array]:
     return rounded
 
 
-def _reciprocal_root(x: Array, out: Array | None = None) -> Array:
-    return np.divide(1, np.sqrt(x, out=out), out=out)
-
-
 FUNCTIONS: Final[dict[str, Any]] = {}
 """The functions by the names of their operations."""
 
@@ -130,4 +126,3 @@ sin, cos, tan = _exact("sin", np.sin), _exact("cos", np.cos), _exact("tan", np.t
 asin, acos, atan = _exact("asin", np.arcsin), _exact("acos", np.arccos), _exact("atan", np.arctan)
 sinh, cosh, tanh = _exact("sinh", np.sinh), _exact("cosh", np.cosh), _exact("tanh", np.tanh)
 asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), _exact("atanh", np.arctanh)
-rsqrt = _exact("rsqrt", _reciprocal_root)

@@ -33,17 +33,18 @@ def lower(
     corrected: frozenset[str] = frozenset(),
     bounded: frozenset[str] = frozenset(),
     formulas: Formulas = "doubles",
+    exact: frozenset[str] = frozenset(),
 ) -> Module:
     """Return the module without composite operations and transcendentals, but for those in `native`.
 
     Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well, and so do those of binary64
     that are `bounded`, some of BOUNDED: native ones that are good for angles that are not far. `formulas` are those of
-    the transcendentals.
+    the transcendentals. Those in `exact` stay where their formulas give the exact value, rounded: the target does too.
     """
     library = Library(module, formulas)
 
     def lowered(function: Function, functions: Mapping[str, Function]) -> Function:
-        return _Lower(function, functions, native, corrected, bounded, library).run()
+        return _Lower(function, functions, native, corrected, bounded, exact, library).run()
 
     lowered_module = each_function(module, lowered)
     return library.added(lowered_module)
@@ -57,12 +58,14 @@ class _Lower(Rewriter):
         native: frozenset[str],
         corrected: frozenset[str],
         bounded: frozenset[str],
+        exact: frozenset[str],
         library: Library,
     ) -> None:
         super().__init__(function, functions)
         self.native = native
         self.corrected = corrected
         self.bounded = bounded
+        self.exact = exact
         self.library = library
 
     def let(self, let: Let) -> None:
@@ -79,6 +82,9 @@ class _Lower(Rewriter):
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
         if is_exact(op, let.value.type, self.library.formulas):
+            if op in self.exact:
+                self.emit(let)
+                return
             callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._lowered)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
@@ -93,7 +99,7 @@ class _Lower(Rewriter):
             self.emit(Let(let.value, "call", let.args, callee.name))
 
     def _lowered(self, function: Function) -> Function:
-        return _Lower(function, self.functions, self.native, self.corrected, self.bounded, self.library).run()
+        return self._with(function, self.bounded)
 
     def _convert(self, let: Let) -> None:
         """Emit the conversion of a float to an int as `x == x ? int(x) : 0`."""
@@ -107,7 +113,11 @@ class _Lower(Rewriter):
         self.emit(Let(let.value, "cond", (number, made.id, self.const(let.value.type, 0))))
 
     def _unbounded(self, function: Function) -> Function:
-        return _Lower(function, self.functions, self.native, self.corrected, frozenset(), self.library).run()
+        return self._with(function, frozenset())
+
+    def _with(self, function: Function, bounded: frozenset[str]) -> Function:
+        lowering = _Lower(function, self.functions, self.native, self.corrected, bounded, self.exact, self.library)
+        return lowering.run()
 
     def _inline(self, let: Let, definition: Function) -> None:
         """Emit the definition's operations; the last one gives the value."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from shpy.ir.exact import FUNCTIONS
 from shpy.ir.nodes import If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
@@ -24,6 +25,7 @@ from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
+from shpy.passes.library import ELEMENTARY
 from shpy.passes.lower import lower
 from shpy.passes.modes import Math, formulas_of
 from shpy.passes.precision import Precision, set_precision
@@ -45,7 +47,8 @@ class Target:
     only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
     `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call. `looped`:
     parts of strict functions that it does by loops, where an element takes few iterations in all. `doubles`: it has
-    binary64. `fuses`: it has fma of binary64 in hardware.
+    binary64. `fuses`: it has fma of binary64 in hardware. `exact`: the transcendentals of binary32 that it rounds
+    correctly itself.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Target:
     looped: frozenset[str] = frozenset()
     doubles: bool = True
     fuses: bool = False
+    exact: frozenset[str] = frozenset()
 
     def does(self, math: Math) -> frozenset[str]:
         """Return the operations that it does itself in this mode."""
@@ -108,9 +112,9 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     plain = lower_half(set_precision(module, options.precision))
     does = target.does(options.math)
     formulas = formulas_of(options.math, target.doubles, target.fuses)
-    lowered = lower(plain, does | target.looped, corrected, bounded, formulas)
+    lowered = lower(plain, does | target.looped, corrected, bounded, formulas, target.exact)
     if target.looped and may_be_stopped(lowered):
-        lowered = lower(plain, does, corrected, bounded, formulas)
+        lowered = lower(plain, does, corrected, bounded, formulas, target.exact)
     shared = False
     if target.inlines and inlined_sizes(lowered)[lowered.entry.name] >= WORTH_SHARING:
         before = remove_unused_functions(optimise(lowered))
@@ -129,10 +133,11 @@ def with_strict_functions(module: Module, precision: Precision, math: Math = "st
     Else it is at its precision already, and computes with binary32 or binary64.
     """
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
-    if not any(s.op in TRANSCENDENTALS for s in lets):
+    if not any(s.op in ELEMENTARY for s in lets):
         return module
     plain = lower_half(set_precision(module, precision))
-    return lower(plain, frozenset(OPS) - TRANSCENDENTALS, formulas=formulas_of(math, doubles=True))
+    native, formulas = frozenset(OPS) - TRANSCENDENTALS, formulas_of(math, doubles=True)
+    return lower(plain, native, formulas=formulas, exact=frozenset(FUNCTIONS))
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:

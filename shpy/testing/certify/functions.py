@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.ir.builder import Builder
+from shpy.ir.exact import FUNCTIONS, hard_cases
 from shpy.ir.ops import OPS, TRANSCENDENTALS, Tolerance
 from shpy.ir.types import vec
 from shpy.packages import install
@@ -20,7 +21,7 @@ from shpy.testing.arrays import Array, flat_leaves
 from shpy.testing.certify.comparing import Work, compare, compare_arrays
 from shpy.testing.certify.findings import Check, Finding, Target, Verdict
 from shpy.testing.certify.golden import golden
-from shpy.testing.certify.inputs import PARTS, everything, pairs, scattered, sweep
+from shpy.testing.certify.inputs import PARTS, everything, no_denormals, pairs, scattered, sweep
 from shpy.testing.conformance.operations import program as program_of
 from shpy.testing.reference import flushes_denormals
 
@@ -28,6 +29,8 @@ SWEPT: Final = (*sorted(TRANSCENDENTALS), "sqrt", "rsqrt", "div", "mod", "fma")
 """The functions of the language that are more than one instruction of every processor."""
 PORTABLE: Final = tuple(sorted(TRANSCENDENTALS))
 """Functions with formulas of their own in portable mode."""
+HARD: Final = (*FUNCTIONS, "rsqrt")
+"""Functions whose hard cases are known."""
 _PAIRS: Final = 1 << 19
 _COARSE: Final = 128
 """Mantissas for each exponent where bounds are measured."""
@@ -60,8 +63,11 @@ def sweep_checks() -> list[Check]:
 
 
 def sweep_of(name: str, math: Math = "strict") -> Work:
-    """Return the sweep of a function in a mode."""
-    return Work(function(name), arguments(name), math=math)
+    """Return the sweep of a function in a mode; in strict mode with the numbers that are hardest to round."""
+    arrays = arguments(name)
+    if math == "strict" and name in HARD:
+        arrays = no_denormals(np.concatenate([*arrays, hard_cases(name)[0]]))
+    return Work(function(name), arrays, math=math)
 
 
 def _sweep(name: str, target: Target, math: Math = "strict") -> Finding:

@@ -26,9 +26,11 @@ from shpy.backends.numpy.tables import Listed, Place, TableView, places_of
 from shpy.backends.numpy.text.apart import Layout, lay_out
 from shpy.backends.numpy.text.module import Printed, print_python
 from shpy.errors import BackendUnavailable, CompileError
+from shpy.ir import exact
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Loc, Module, Status, Value
+from shpy.ir.nodes import Let, Loc, Module, Status, Value
 from shpy.ir.ops import OPS
+from shpy.ir.traverse import walk
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
@@ -52,6 +54,9 @@ _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
 TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos", "tan"}), vector=True)
 
+EXACT: Final = frozenset(exact.FUNCTIONS) - {"sin", "cos"}
+"""Functions that numpy does faster than a formula: its sine and cosine of binary64 take one element at a time."""
+
 
 class NumpyBackend:
     """The backend: see `base.Backend`."""
@@ -73,19 +78,36 @@ class NumpyBackend:
             raise BackendUnavailable(f"numpy has one device, not a device {options.device}", cure="device=0")
         if options.lanes not in ("auto", 1):
             raise CompileError(f"numpy runs tiles of elements, not {options.lanes}", loc=module.entry.loc)
-        prepared = prepare(module, options, TARGET)
+        functions = _functions(module) if options.math == "strict" else frozenset()
+        trusted = frozenset(filter(exact.trusted, functions))
+        prepared = prepare(module, options, replace(TARGET, exact=trusted))
         layout = lay_out(prepared.module)
         vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
-        printed = print_python(vector, status=prepared.status)
+        printed = print_python(vector, exact=trusted)
         tile = tile or (LARGE_TILE if printed.large else TILE)
         shorter = find_rejection(module)
         rejection = None if shorter is None else self.compile(shorter, options)
-        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module), rejection)
+        notes = _notes(functions - trusted)
+        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module), notes, rejection)
 
     def space(self, device: int | None) -> NumpySpace:
         """Return the host's memory."""
         return SPACE
+
+
+def _functions(module: Module) -> frozenset[str]:
+    """Return the functions of a module that numpy's own ones of binary64 can do."""
+    lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+    return EXACT.intersection(let.op for let in lets)
+
+
+def _notes(distrusted: frozenset[str]) -> tuple[str, ...]:
+    """Describe this version of numpy, where it has functions that are not close enough."""
+    if not distrusted:
+        return ()
+    names = " and ".join(sorted(distrusted))
+    return (f"numpy {np.__version__} gets {names} of binary64 wrong: strict mode has formulas in their place",)
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
@@ -108,6 +130,8 @@ class NumpyExecutable:
     printed: Printed
     tile: int
     entry: Callable[..., Any]
+    notes: tuple[str, ...] = ()
+    """The functions that this version of numpy gets wrong; it keeps denormals and has every precision."""
     rejection: NumpyExecutable | None = None
     views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
     ports: tuple[Type, ...] = field(init=False)
@@ -120,11 +144,6 @@ class NumpyExecutable:
     def source(self) -> str:
         """The Python text."""
         return self.printed.text
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Nothing to say: numpy keeps denormals and has every precision."""
-        return ()
 
     @property
     def loops(self) -> tuple[Loc | None, ...]:

@@ -49,7 +49,6 @@ from shpy.backends.numpy.text.operations import (
     components_of,
     is_row,
     is_shared,
-    letters_of,
     own,
     zeros,
 )
@@ -67,7 +66,8 @@ __all__ = ["Printed", "print_python"]
 LANES: Final = "lanes", ""
 """What a function is handed that needs the number of lanes."""
 _PLACE: Final = frozenset({"place"})
-_RESERVED: Final = ("np", "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
+_EXACT: Final = frozenset({"exact"})
+_RESERVED: Final = ("np", *_EXACT, "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
 _NAMED: Final = frozenset({"param", "grid_index", "grid_shape", "table_size"})
 _NO_SPLATS: Final = frozenset(
     {"const", "load", "swizzle", "table", "neighbour", "call", "construct", "component", "half", "any", "all",
@@ -90,9 +90,9 @@ class Printed:
     large: bool
 
 
-def print_python(vector: VectorModule, *, status: bool = False) -> Printed:
-    """Return the module's text."""
-    return _PythonModule(vector).printed()
+def print_python(vector: VectorModule, *, exact: frozenset[str] = frozenset()) -> Printed:
+    """Return the module's text, in which the functions named in `exact` are rounded correctly."""
+    return _PythonModule(vector, exact).printed()
 
 
 def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
@@ -117,9 +117,9 @@ class _PythonModule(Unit):
 
     target = "python"
 
-    def __init__(self, vector: VectorModule) -> None:
+    def __init__(self, vector: VectorModule, exact: frozenset[str]) -> None:
         super().__init__(vector.module)
-        self.vector = vector
+        self.vector, self.exact = vector, exact
         self.handed = handed_on(self.module)
         entry = self.module.entry.name
         self.globals = Names("python", (*_RESERVED, *(kind for kind, what in self.handed[entry] if not what)))
@@ -137,11 +137,12 @@ class _PythonModule(Unit):
             body = _PythonBody(self, function, facts, updates)
             self.speller.function(self.functions[function.name], body.parameters(), body.made())
             self.compacts |= body.compacts
-        head = ["import numpy as np"]
+        called = {name.partition(".")[0] for name in self.speller.called}
         lane_names = frozenset(lane_functions.__all__)
-        for source, known in (("shpy.backends.numpy.lanes", lane_names), ("shpy.ir.meaning", MEANINGS - lane_names)):
-            if found := sorted(known & self.speller.called):
-                head += [""] * (len(head) == 1) + [f"from {source} import {', '.join(found)}"]
+        sources = {"shpy.backends.numpy.lanes": lane_names, "shpy.ir": _EXACT, "shpy.ir.meaning": MEANINGS - lane_names}
+        imports = [f"from {source} import {', '.join(sorted(known & called))}"
+                   for source, known in sources.items() if known & called]  # fmt: skip
+        head = ["import numpy as np", *[""] * bool(imports), *imports]
         text = "\n".join([*head, *self.speller.lines]) + "\n"
         large = len(self.module.functions) == 1 or self.compacts
         return Printed(text, self.functions[entry.name], tuple(self.handed[entry.name]), large)
@@ -159,7 +160,7 @@ class _PythonBody(NumpyOperations):
     def __init__(self, unit: _PythonModule, function: Function, facts: LaneFacts, updates: Updates | None) -> None:
         function, self.iterations = rewritten(function, counted(function, facts, unit.alone))
         super().__init__(unit, function)
-        self.module, self.updates = unit, updates
+        self.module, self.updates, self.exact = unit, updates, unit.exact
         self.leaving = plans(function, facts.live, facts.slots)
         rows = [i.rows for i in self.iterations.values()]
         self.varying, self.varying_slots = facts.varying.union(*rows), facts.slots
@@ -203,7 +204,7 @@ class _PythonBody(NumpyOperations):
             return (variable in self.varying_slots) == (value in self.varying) and value not in splats
 
         self.holds = holds
-        wishes = LateWishes(letters_of, *self.glimpses(), holds, self.in_place, self.updatable, self.kept)
+        wishes = LateWishes(self.letters_of, *self.glimpses(), holds, self.in_place, self.updatable, self.kept)
         self.planned = plan_late(self.function, self.unit.callees, wishes)
         blank = self.blank()
         if self.function.pure and blank:

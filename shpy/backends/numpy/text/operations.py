@@ -31,7 +31,6 @@ __all__ = [
     "components_of",
     "is_row",
     "is_shared",
-    "letters_of",
     "own",
     "zeros",
 ]
@@ -119,6 +118,8 @@ class NumpyOperations(Body):
     """What the function is handed besides its arguments."""
     lanes: Expr
     """How many lanes there are."""
+    exact: frozenset[str]
+    """The functions of binary32 that are the exact values, rounded."""
 
     def operation(self, let: Let) -> Expr:
         """Return the expression of one Let."""
@@ -217,8 +218,18 @@ class NumpyOperations(Body):
                 return whole if type.base is Base.F else Method(type, whole, "astype", (word(dtype(type)),))
             case "shl" | "shr" | "floordiv" | "floormod" if self.is_operator(let, args[1]):
                 return tree.infix(_SYMBOLS[op], args[0], args[1], type)
+        if op in self.exact:
+            return tree.call(f"exact.{op}", type, own(args[0]))
         args = args if op in _LITERALS_WELCOME else list(map(own, args))
         return tree.call(f"np.{_NUMPY[op]}" if op in _NUMPY else _MEANING[op], type, *args)
+
+    def letters_of(self, op: str) -> int:
+        """Return how long the name of the function is that does an operation."""
+        if op in self.exact:
+            return len("exact.") + len(op)
+        if op in _NUMPY:
+            return len("np.") + len(_NUMPY[op])
+        return _LETTERS.get(op) or len(_MEANING.get(op, op))
 
     def is_operator(self, let: Let, right: Expr) -> bool:
         """Return whether Python's operator has no edge that the right operand can reach."""
@@ -257,13 +268,6 @@ class NumpyOperations(Body):
             return zeros(type, self.lanes)
         extents = self.lanes if type.size == 1 else Tuple(INT, (tree.number(type.size), self.lanes))
         return tree.call("np.full", type, extents, number, word(dtype(type)))
-
-
-def letters_of(op: str) -> int:
-    """Return how long the name of the function is that does an operation."""
-    if op in _NUMPY:
-        return 3 + len(_NUMPY[op])
-    return _LETTERS.get(op) or len(_MEANING.get(op, op))
 
 
 def geometry(op: str, args: list[Expr], types: Sequence[Type], type: Type) -> Expr:
