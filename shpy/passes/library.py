@@ -20,17 +20,8 @@ from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.modes import Formulas
 from shpy.passes.names import fresh
-from shpy.passes.terms import Term, define, where
-
-
-def _odd(x: Term, error: Term) -> Term:
-    """Return the sum x + error rounded to odd, where x is that sum rounded to nearest (Boldo and Melquiond 2008)."""
-    bits = x.op("bits_from_float")
-    away = (error > 0).op("eq", x > 0)
-    up, down = bits + 1, bits - 1
-    inexact = (error.op("ne", 0)) & (bits & bits.constant(1)).op("eq", 0) & (x.op("abs") > 0)
-    finite = x.op("isinf").op("not") & error.op("isnan").op("not")
-    return where(inexact & finite, where(away, up, down).op("float_from_bits"), x)
+from shpy.passes.rounding import to_odd
+from shpy.passes.terms import Term, define
 
 
 def _half_fma(a: Term, b: Term, c: Term) -> Term:
@@ -39,20 +30,20 @@ def _half_fma(a: Term, b: Term, c: Term) -> Term:
     total = (product + c).named("total")
     back = (total - product).named("back")
     error = (product - (total - back)) + (c - back)
-    return _odd(total, error).op("half", type=a.type)
+    return to_odd(total, error).op("half", type=a.type)
 
 
 def _half_from_double(x: Term) -> Term:
     """Return a binary64 rounded once to binary16, by way of binary32 rounded to odd."""
     narrow = x.op("convert", type=x.type.based(Base.F)).named("narrow")
     error = (x - narrow.op("convert", type=x.type)).op("convert", type=narrow.type)
-    return _odd(narrow, error).op("half", type=narrow.type)
+    return to_odd(narrow, error).op("half", type=narrow.type)
 
 
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """The functions that `lower_half` calls."""
 
-PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
+PARTS = frozenset({"payne_hanek", "far_reduced", "sin_strict", "cos_strict", "tan_strict"})
 """Operations that only definitions have: functions that these share."""
 
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
@@ -60,8 +51,6 @@ BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 
 ELEMENTARY = TRANSCENDENTALS | {"rsqrt"}
 """Operations of binary32 that strict mode rounds correctly."""
-
-_BY_DOUBLES: frozenset[Formulas] = frozenset({"fused", "doubles"})
 
 CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.
@@ -71,8 +60,8 @@ CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 
 
 def is_exact(name: str, type: Type, formulas: Formulas) -> bool:
-    """Return whether an operation on this type is the exact value rounded once, by way of binary64."""
-    if name not in ELEMENTARY or type.base is not Base.F or formulas not in _BY_DOUBLES:
+    """Return whether an operation on this type is the exact value rounded once."""
+    if name not in ELEMENTARY or type.base is not Base.F or formulas == "portable":
         return False
     from shpy.passes.exact import ACTIVE
 
@@ -89,9 +78,13 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
     if name in PARTS or name in BOUNDED.values():
         return _part(name, types)
     if is_exact(name, first, formulas):
+        called = f"{name}_strict{first.size if first.size > 1 else ''}"
+        if formulas == "pairs":
+            from shpy.passes.pairs import FUNCTIONS as PAIRED
+
+            return define(called, PAIRED[name], types)
         from shpy.passes.exact import rounded
 
-        called = f"{name}_strict{first.size if first.size > 1 else ''}"
         return define(called, rounded(name), types, fused=formulas == "fused")
     if name in TRANSCENDENTALS:
         from shpy.passes.strict import FUNCTIONS
@@ -114,6 +107,10 @@ def _part(name: str, types: tuple[Type, ...]) -> Function:
     """Return a function that only definitions and `lower` ask for."""
     from shpy.passes.strict import payne_hanek
 
+    if name == "far_reduced":
+        from shpy.passes.pairs.circular import far_reduced
+
+        return define(name, far_reduced, types)
     function, _, which = name.partition("_")
     if which == "strict":
         return definition(function, types)

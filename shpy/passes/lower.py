@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import COMPOSITES, OPS, TRANSCENDENTALS
 from shpy.ir.types import Base
@@ -48,6 +49,18 @@ def lower(
 
     lowered_module = each_function(module, lowered)
     return library.added(lowered_module)
+
+
+def refuse_without_binary64(let: Let) -> None:
+    """CompileError for a function of strict mode that only binary64 can round correctly."""
+    from shpy.passes.pairs import FUNCTIONS
+
+    if let.op not in FUNCTIONS:
+        raise CompileError(
+            f"{let.op} needs binary64 in strict mode, which promises the exact value rounded, and this device has none",
+            loc=let.value.loc,
+            cure='math="portable", whose bits are the same on every device (docs/numerics.md)',
+        )
 
 
 class _Lower(Rewriter):
@@ -85,6 +98,8 @@ class _Lower(Rewriter):
             if op in self.exact:
                 self.emit(let)
                 return
+            if self.library.formulas == "pairs":
+                refuse_without_binary64(let)
             callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._lowered)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return

@@ -78,7 +78,7 @@ def _near_reduced(x: Term) -> Triple:
     return high.named("near_high"), low.named("near_low"), k
 
 
-def _quadrant(k: Term) -> Pair:
+def quadrant(k: Term) -> Pair:
     """Return whether k is odd, and whether k mod 4 is 2 or 3."""
     by_2 = (k * 0.5).named("k_by_2")
     pairs = by_2.op("floor").named("pairs")
@@ -102,7 +102,7 @@ def _cosine(high: Term, low: Term, z: Term) -> Pair:
 def sin(x: Term) -> Term:
     """Sine."""
     high, low, k = _reduced(x)
-    odd, opposite = _quadrant(k)
+    odd, opposite = quadrant(k)
     z = (high * high).named("z")
     whole, rest = _cosine(high, low, z)
     size = where(odd, whole + rest, high + _sine_rest(high, low, z)).named("size")
@@ -112,7 +112,7 @@ def sin(x: Term) -> Term:
 def cos(x: Term) -> Term:
     """Cosine."""
     high, low, k = _reduced(x)
-    odd, opposite = _quadrant(k)
+    odd, opposite = quadrant(k)
     z = (high * high).named("z")
     whole, rest = _cosine(high, low, z)
     size = where(odd, high + _sine_rest(high, low, z), whole + rest).named("size")
@@ -122,7 +122,7 @@ def cos(x: Term) -> Term:
 def tan(x: Term) -> Term:
     """Tangent: the quotient of both in two parts, and what the division left over."""
     high, low, k = _reduced(x)
-    odd, _ = _quadrant(k)
+    odd, _ = quadrant(k)
     z = (high * high).named("z")
     sine, sine_low = fast_two_sum(high, _sine_rest(high, low, z))
     cosine, cosine_low = fast_two_sum(*_cosine(high, low, z))

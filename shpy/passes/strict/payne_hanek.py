@@ -10,7 +10,7 @@ same as a loop over the columns (`edges.glsl`), for a driver whose branches skip
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from shpy.ir.types import Base
@@ -30,52 +30,51 @@ _SHIFTS: Final = {Base.F: (8, 4, 2, 1), Base.D: (32, 16, 8, 4, 2, 1)}
 _COLUMNS: Final = 7
 """Digits of x * 2 / pi: one of multiples of 4 and of k, and six of the rest. Of these two or less may vanish."""
 
-_WINDOW: Final = _COLUMNS + 2
 
-
-def _window(x: Term) -> tuple[Term, list[Term]]:
+def _window(x: Term, digits: Sequence[float], columns: int) -> tuple[Term, list[Term]]:
     """x / FAR from 1 up to the radix, scaled by a power of the radix, and the digits that meet it then."""
     base = x.type.base
     bits = _RADIX_BITS[base]
-    window = [x.constant(digit) for digit in constants(x, TWO_BY_PI_DIGITS)]
+    window = [x.constant(digit) for digit in digits]
     for shift in _SHIFTS[base]:
         large = (abs(x) >= FAR * 2.0 ** (bits * shift)).named("large")
         x = where(large, x * 2.0 ** (-bits * shift), x).named("scaled")
         shifted = [where(large, b, a).named("digit") for a, b in zip(window, window[shift:], strict=False)]
-        window = (shifted + window[len(shifted) :])[: _WINDOW + shift - 1]
+        window = (shifted + window[len(shifted) :])[: columns + shift + 1]
     return (x * (1 / FAR)).named("mantissa"), window
 
 
-def _fraction(x: Term) -> tuple[Term, Term, Term]:
-    """x * 2 / pi, but for multiples of 4, as (high, low, k): k is whole, and the others at most 1/2 in all."""
-    mantissa, window = _window(x)
+def quarters(x: Term, digits: Sequence[float], columns: int) -> tuple[list[Term], Term]:
+    """Return x * 2 / pi, but for multiples of 4, as numbers of two digits each, 1/2 at most in all, and a whole number.
+
+    The numbers have `columns` - 1 digits, the first two or less of which may vanish. `digits` are those of 2 / pi.
+    """
+    mantissa, window = _window(x, digits, columns)
     radix = 2.0 ** _RADIX_BITS[x.type.base]
     first = whole_and_shifted(mantissa)[0].named("first")
     rest = ((mantissa - first) * radix).named("rest")
     second = whole_and_shifted(rest)[0].named("second")
     third = ((rest - second) * radix).named("third")
-    columns = [
-        (first * window[n + 2] + second * window[n + 1] + third * window[n]).named("column") for n in range(_COLUMNS)
+    sums = [
+        (first * window[n + 2] + second * window[n + 1] + third * window[n]).named("column") for n in range(columns)
     ]
     found = []
-    total = columns.pop()
-    while columns:
+    total = sums.pop()
+    while sums:
         carry = whole_and_shifted(total * (1 / radix))[0].named("carry")
         found.append((total - carry * radix).named("place"))
-        total = (columns.pop() + carry).named("total")
+        total = (sums.pop() + carry).named("total")
     # Two places stand in one float.
-    scales = [radix**-2, radix**-4, radix**-6]
-    a, b, c = (
-        ((upper * radix + lower) * scale).named("pair")
-        for upper, lower, scale in zip(found[::-2], found[-2::-2], scales, strict=True)
-    )
-    high, low = fast_two_sum(a, b)
-    return high, (low + c).named("low"), total.named("k")
+    places = enumerate(zip(found[::-2], found[-2::-2], strict=True), 1)
+    pairs = [((upper * radix + lower) * radix ** (-2 * n)).named("pair") for n, (upper, lower) in places]
+    return pairs, total.named("k")
 
 
 def payne_hanek(x: Term) -> Term:
     """[high, low, k]: the scalar x, of FAR or more in size, is some turns and k * pi / 2 + high + low."""
-    part, part_low, k = _fraction(x)
+    (a, b, c), k = quarters(x, constants(x, TWO_BY_PI_DIGITS), _COLUMNS)
+    part, part_low = fast_two_sum(a, b)
+    part_low = (part_low + c).named("low")
     pi, pi_low = constants(x, PI)
     product, rest = two_product(part, x.constant(pi * 0.5))
     high, low = fast_two_sum(product, (rest + (part * (pi_low * 0.5) + part_low * (pi * 0.5))).named("tail"))
