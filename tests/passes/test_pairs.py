@@ -19,7 +19,7 @@ EDGES = np.array([
     0, -0.0, np.inf, -np.inf, np.nan, 1e-45, -1e-45, 1e-40, 1.1754944e-38, 2.0**-13, 2.0**-12, 1, -1, 3.4028235e38,
     88.72283, 88.72284, -87.33654, -87.33655, -88, -103.2789, -103.9720, -103.9721, -104, 2.0**20, 2.0**20 + 1,
 ], np.float32)  # fmt: skip
-"""Where the formulas change, where results become denormal, zero and infinite, and numbers that are no numbers."""
+"""Ends of the ranges of formulas and of denormal results, zeros, infinities and a NaN."""
 
 
 def misrounded(name: str, x: Any, wanted: Any) -> Any:
