@@ -21,6 +21,9 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Final
 
+import numpy as np
+
+from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
 from shpy.passes import strict
 from shpy.passes.exact import circular, exponential, logarithm
@@ -50,10 +53,12 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
 ACTIVE: Final[frozenset[str]] = frozenset()
 """The functions in use: none, until each has its own formula."""
 
-EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {}
-"""Inputs of a function that its formula misrounds, with the exact value rounded."""
-
-_ODD: Final = frozenset("sin tan asin atan sinh tanh asinh atanh".split())
+EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "cos": ("0x1.3170fp+63", "0x1.119ae6p+115"),
+    "log": ("0x1.827a74p-7", "0x1.2f1fd6p+3", "0x1.bacb4ap+25", "0x1.b121a6p+76", "0x1.6351d8p+95"),
+    "tan": ("0x1.b0e75cp+59",),
+}
+"""Inputs that a formula misrounds in one of its spellings; the positive ones of odd and even functions."""
 
 
 def rounded(name: str) -> Callable[..., Term]:
@@ -63,11 +68,12 @@ def rounded(name: str) -> Callable[..., Term]:
     def meaning(*given: Term) -> Term:
         found = formula(*given)
         result = found if found.type.base is Base.F else found.based(Base.F)
-        x = given[0]
-        for exception, value in EXCEPTIONS.get(name, ()):
-            result = where(x.equals(exception), value, result)
-            if name in _ODD:
-                result = where(x.equals(-exception), -value, result)
+        inputs = np.array([float.fromhex(x) for x in EXCEPTIONS.get(name, ())], np.float32)
+        if name in ODD:
+            inputs = np.concatenate([inputs, -inputs])
+        x = abs(given[0]) if name in EVEN else given[0]
+        for exception, value in zip(inputs, ELEMENTARY[name](inputs), strict=True):
+            result = where(x.equals(exception.item()), value.item(), result)
         return result
 
     meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
