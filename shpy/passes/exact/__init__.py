@@ -26,7 +26,7 @@ import numpy as np
 from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
 from shpy.passes import strict
-from shpy.passes.exact import circular, exponential, logarithm
+from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, root
 from shpy.passes.terms import Term, where
 
 __all__ = ["ACTIVE", "EXCEPTIONS", "FUNCTIONS", "rounded"]
@@ -46,16 +46,29 @@ def _by_strict(name: str) -> Callable[..., Term]:
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{name: _by_strict(name) for name in strict.FUNCTIONS},
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
-    **{f.__name__: f for f in (exponential.exp,)},
-    **{f.__name__: f for f in (logarithm.log,)},
+    **{f.__name__: f for f in (exponential.exp, exponential.exp2)},
+    **{f.__name__: f for f in (inverse.asin, inverse.acos, inverse.atan, inverse.atan2)},
+    **{f.__name__: f for f in (hyperbolic.sinh, hyperbolic.cosh, hyperbolic.tanh)},
+    **{f.__name__: f for f in (hyperbolic.asinh, hyperbolic.acosh, hyperbolic.atanh)},
+    **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
+    "rsqrt": root.rsqrt,
 }
 
 ACTIVE: Final[frozenset[str]] = frozenset()
 """The functions in use: none, until each has its own formula."""
 
 EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "acos": ("0x1.110b46p-26", "0x1.04c444p-12"),
+    "acosh": ("0x1.b121a6p+75", "0x1.6351d8p+94"),
+    "asin": ("0x1.107434p-1",),
+    "asinh": ("0x1.bacb4ap+24", "0x1.b121a6p+75", "0x1.6351d8p+94"),
+    "atan": ("0x1.4f7476p-11", "0x1.ac6ff4p-10", "0x1.f83792p-9"),
+    "atanh": ("0x1.ac6fd6p-10", "0x1.d5fa86p-10"),
     "cos": ("0x1.3170fp+63", "0x1.119ae6p+115"),
+    "exp2": ("-0x1.e7526ep-6", "0x1.853a6ep-9"),
     "log": ("0x1.827a74p-7", "0x1.2f1fd6p+3", "0x1.bacb4ap+25", "0x1.b121a6p+76", "0x1.6351d8p+95"),
+    "log10": ("0x1.fddcf4p-98", "0x1.1727b8p-91", "0x1.5cf1a6p-88"),
+    "sinh": ("0x1.250bfep-11",),
     "tan": ("0x1.b0e75cp+59",),
 }
 """Inputs that a formula misrounds in one of its spellings; the positive ones of odd and even functions."""
@@ -72,7 +85,8 @@ def rounded(name: str) -> Callable[..., Term]:
         if name in ODD:
             inputs = np.concatenate([inputs, -inputs])
         x = abs(given[0]) if name in EVEN else given[0]
-        for exception, value in zip(inputs, ELEMENTARY[name](inputs), strict=True):
+        values = ELEMENTARY[name](inputs) if len(inputs) else inputs
+        for exception, value in zip(inputs, values, strict=True):
             result = where(x.equals(exception.item()), value.item(), result)
         return result
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import EXP, LN2
+from shpy.passes.exact.coefficients import EXP, EXP2, LN2
 from shpy.passes.exact.parts import horner
 from shpy.passes.strict.parts import MAGIC
 from shpy.passes.terms import Term, where
@@ -26,6 +26,14 @@ def exp(x: Term) -> Term:
     ln2, ln2_low = LN2
     r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
     return times_power(horner(r, EXP), shifted)
+
+
+def exp2(x: Term) -> Term:
+    """2 to the x."""
+    near = where(x > 130.0, 130.0, where(x < -152.0, -152.0, x)).named("near")
+    shifted = (near + MAGIC[Base.F]).named("shifted")
+    r = (near - (shifted - MAGIC[Base.F])).based(Base.D).named("r")
+    return times_power(horner(r, EXP2), shifted)
 
 
 def times_power(y: Term, shifted: Term) -> Term:

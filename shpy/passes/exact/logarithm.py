@@ -6,8 +6,10 @@ logarithm of 1 + f is twice the inverse hyperbolic tangent of s = f / (2 + f).
 
 from __future__ import annotations
 
+import math
+
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import LN2, LOG
+from shpy.passes.exact.coefficients import LN2, LOG, LOG2, LOG10
 from shpy.passes.exact.parts import horner
 from shpy.passes.strict.logarithm import edges, parted
 from shpy.passes.terms import Term
@@ -21,3 +23,17 @@ def log(x: Term) -> Term:
     ln2, ln2_low = LN2
     part = (s * z).mul_add(horner(z, LOG), s + s).named("part")
     return edges(x, k.mul_add(ln2, k.mul_add(ln2_low, part)).based(Base.F))
+
+
+def log2(x: Term) -> Term:
+    """Binary logarithm."""
+    f, k = (t.based(Base.D) for t in parted(x))
+    s = (f / (f + 2)).named("s")
+    return edges(x, s.mul_add(horner((s * s).named("z"), LOG2), k).based(Base.F))
+
+
+def log10(x: Term) -> Term:
+    """Decimal logarithm."""
+    f, k = (t.based(Base.D) for t in parted(x))
+    s = (f / (f + 2)).named("s")
+    return edges(x, k.mul_add(math.log10(2), s * horner((s * s).named("z"), LOG10)).based(Base.F))

@@ -1,0 +1,77 @@
+"""Arc sine, cosine and tangent by way of binary64.
+
+Stage: improve. Past 1/2 an arc sine is pi/2 less two arcs of sqrt((1 - x) / 2). An arc tangent is taken from the
+nearest of 0, pi/4 and pi/2: what is left is that of a quotient of at most tan(pi/8).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from shpy.ir.types import Base
+from shpy.passes.exact.coefficients import ASIN, ATAN
+from shpy.passes.exact.parts import horner
+from shpy.passes.strict.parts import sign_bit
+from shpy.passes.terms import Term, where
+
+HALF_PI: Final = math.pi / 2
+
+_EIGHTH: Final = math.sqrt(2) - 1
+"""The tangent of pi/8."""
+
+
+def _arc(x: Term) -> tuple[Term, Term]:
+    """Return |x| < 1/2, and the arc sine of |x| where that holds, else of sqrt((1 - |x|) / 2)."""
+    a = abs(x).named("a")
+    near = (a < 0.5).named("near")
+    d = where(near, a, (1 - a) * 0.5).based(Base.D).named("d")
+    z = where(near, d * d, d).named("z")
+    return near, (z.op("sqrt") * horner(z, ASIN)).named("arc")
+
+
+def asin(x: Term) -> Term:
+    """Arc sine."""
+    near, arc = _arc(x)
+    size = where(near, arc, arc.mul_add(-2.0, HALF_PI)).based(Base.F).named("size")
+    return where(sign_bit(x), -size, size)
+
+
+def acos(x: Term) -> Term:
+    """Arc cosine."""
+    near, arc = _arc(x)
+    left = (x < 0).named("left")
+    turned = where(left ^ near, -arc, arc).named("turned")
+    return where(near, turned + HALF_PI, turned.mul_add(2.0, where(left, turned.constant(math.pi), 0.0)))
+
+
+def _angle(a: Term, b: Term) -> Term:
+    """Return the arc tangent of a / b, neither negative, nor both 0 or infinite."""
+    near, far = (a <= b * _EIGHTH).named("near"), (a > b * (1 / _EIGHTH)).named("far")
+    cosine, sine = where(far, a.constant(0.0), 1.0).named("cosine"), where(near, a.constant(0.0), 1.0).named("sine")
+    q = ((a * cosine - b * sine) / b.mul_add(cosine, a * sine)).named("q")
+    first = where(near, a.constant(0.0), where(far, a.constant(HALF_PI), math.pi / 4))
+    return q.mul_add(horner((q * q).named("z"), ATAN), first)
+
+
+def atan(x: Term) -> Term:
+    """Arc tangent."""
+    a = abs(x).named("a")
+    bounded = where(a > 2.0**30, 2.0**30, a).based(Base.D).named("bounded")
+    near, far = (a < _EIGHTH).named("near"), (a > 1 / _EIGHTH).named("far")
+    cosine, sine = where(far, bounded.constant(0.0), 1.0).named("cosine"), where(near, bounded.constant(0.0), 1.0)
+    q = (bounded.mul_add(cosine, -sine) / bounded.mul_add(sine, cosine)).named("q")
+    first = where(near, q.constant(0.0), where(far, q.constant(HALF_PI), math.pi / 4))
+    size = q.mul_add(horner((q * q).named("z"), ATAN), first).based(Base.F).named("size")
+    return where(sign_bit(x), -size, size)
+
+
+def atan2(y: Term, x: Term) -> Term:
+    """Return the angle of (x, y), as C99 7.12.4.4 and F.9.1.4 have it."""
+    ax, ay = abs(x).named("ax"), abs(y).named("ay")
+    endless, none = ax.op("max", ay).equals(math.inf), ax.op("max", ay).equals(0)
+    a = where(endless, where(ay.equals(math.inf), ay.constant(1.0), 0.0), ay).based(Base.D).named("a")
+    b = where(endless, where(ax.equals(math.inf), ax.constant(1.0), 0.0), where(none, 1.0, ax)).based(Base.D).named("b")
+    angle = _angle(a, b).named("angle")
+    size = where(sign_bit(x), math.pi - angle, angle).based(Base.F).named("size")
+    return where(x.equals(x) & y.equals(y), where(sign_bit(y), -size, size), math.nan)
