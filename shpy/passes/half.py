@@ -8,7 +8,12 @@ Stage: improve, after the precision is fixed. No target is asked for base h: eac
     %m = max %a, %b : h       ->   %m = max %a, %b : f       (one of its operands: nothing to round)
 
 That is the table's meaning: + - * / and sqrt of binary16 are exact this way, since 24 >= 2 * 11 + 2 (Figueroa 1995);
-composites are rounded once at their end. Inputs, outputs, params and tables of base h become f as well: a backend
+composites are rounded once at their end. In strict mode transcendentals are the exact value rounded once:
+
+    %y = sin %x : h           ->   %s = call sin_portable(%x) : f    (or sin, where the target does it exactly)
+                                   %y = call sin_half(%x, %s) : f    (rounds, but for a few inputs: `strict/halves.py`)
+
+Inputs, outputs, params and tables of base h become f as well: a backend
 converts where its arrays are float16, and nothing is lost, as what an output holds was rounded.
 """
 
@@ -16,11 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from shpy.ir.nodes import Function, Let, Module
-from shpy.ir.ops import OPS
+from shpy.ir.nodes import Function, Let, Module, Value
+from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Base, Type
 from shpy.passes.library import Library
+from shpy.passes.modes import Formulas
 from shpy.passes.precision import Rebase, retype_ports, rounded
 from shpy.passes.rewriter import each_function
 
@@ -30,12 +36,16 @@ _EXACT = frozenset("const load swizzle construct splat component param table cal
 """Operations whose result is a binary16 whenever their operands are."""
 
 
-def lower_half(module: Module) -> Module:
-    """Return the module without base h; the same object if it has none."""
+def lower_half(module: Module, formulas: Formulas = "portable", exact: frozenset[str] = frozenset()) -> Module:
+    """Return the module without base h; the same object if it has none.
+
+    `formulas` are those of the mode at f32, and `exact` the functions that the target does exactly.
+    """
     if not _has_half(module):
         return module
-    library = Library(module)
-    changed = each_function(module, lambda f, functions: _Half(f, functions, library).run())
+    library = Library(module, "portable")
+    once = formulas != "portable"
+    changed = each_function(module, lambda f, functions: _Half(f, functions, library, once, exact).run())
     return library.added(retype_ports(changed, Base.H, Base.F))
 
 
@@ -47,9 +57,18 @@ def _has_half(module: Module) -> bool:
 
 
 class _Half(Rebase):
-    def __init__(self, function: Function, functions: Mapping[str, Function], library: Library) -> None:
+    def __init__(
+        self,
+        function: Function,
+        functions: Mapping[str, Function],
+        library: Library,
+        once: bool,
+        exact: frozenset[str],
+    ) -> None:
         super().__init__(function, functions, Base.H, Base.F)
         self.library = library
+        self.once = once
+        self.exact = exact
 
     def let(self, let: Let) -> None:
         op, args = let.op, let.args
@@ -63,8 +82,26 @@ class _Half(Rebase):
         elif op == "fma":
             callee = self.library.use("half_fma", (value.type,) * 3)
             self.emit(Let(value, "call", args, callee.name))
+        elif op in TRANSCENDENTALS and self.once:
+            self._transcendental(let, value)
         else:
             whole = self.make_unrounded(op, args, let, value.type)
+            self.emit(Let(value, "half", (whole,)))
+
+    def _transcendental(self, let: Let, value: Value) -> None:
+        """Emit a function whose exact value is rounded once: by formulas that need no binary64, or by the target."""
+        from shpy.passes.strict.halves import EXCEPTIONS
+
+        types = (value.type,) * len(let.args)
+        if let.op in self.exact:
+            whole = self.make_unrounded(let.op, let.args, let, value.type)
+        else:
+            formula = self.library.use(let.op, types)
+            whole = self.make_unrounded("call", let.args, Let(value, "call", let.args, formula.name), value.type)
+        if let.op in EXCEPTIONS:
+            callee = self.library.use(f"{let.op}_half", (*types, value.type))
+            self.emit(Let(value, "call", (*let.args, whole), callee.name))
+        else:
             self.emit(Let(value, "half", (whole,)))
 
     def make_unrounded(self, op: str, args: tuple[int, ...], let: Let, type: Type) -> int:

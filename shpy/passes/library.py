@@ -52,6 +52,9 @@ BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 ELEMENTARY = TRANSCENDENTALS | {"rsqrt"}
 """Operations of binary32 that strict mode rounds correctly."""
 
+HALVES = {f"{name}_half": name for name in TRANSCENDENTALS}
+"""Functions that round a result in binary32 to binary16, by the names of its function."""
+
 CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.
 
@@ -92,6 +95,10 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
         base = "_d" if first.base is Base.D else ""
         mode = "portable" if formulas == "portable" and not base else "strict"
         return define(f"{name}_{mode}{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
+    if name in HALVES:
+        from shpy.passes.strict.halves import correction
+
+        return define(f"{name}{first.size if first.size > 1 else ''}", correction(HALVES[name]), types)
     if name in CORRECTABLE:
         from shpy.passes.strict.arithmetic import CORRECTED
 

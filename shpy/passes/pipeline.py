@@ -109,9 +109,9 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     """Return a recorded module made ready for a target's printer."""
     corrected = target.wrong if options.math != "fast" else frozenset()
     bounded = target.bounded if options.math == "relaxed" else frozenset()
-    plain = lower_half(set_precision(module, options.precision))
-    does = target.does(options.math)
     formulas = formulas_of(options.math, target.doubles, target.fuses)
+    plain = lower_half(set_precision(module, options.precision), formulas, target.exact)
+    does = target.does(options.math)
     lowered = lower(plain, does | target.looped, corrected, bounded, formulas, target.exact)
     if target.looped and may_be_stopped(lowered):
         lowered = lower(plain, does, corrected, bounded, formulas, target.exact)
@@ -135,9 +135,9 @@ def with_strict_functions(module: Module, precision: Precision, math: Math = "st
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     if not any(s.op in ELEMENTARY for s in lets):
         return module
-    plain = lower_half(set_precision(module, precision))
-    native, formulas = frozenset(OPS) - TRANSCENDENTALS, formulas_of(math, doubles=True)
-    return lower(plain, native, formulas=formulas, exact=frozenset(FUNCTIONS))
+    native, formulas, exact = frozenset(OPS) - TRANSCENDENTALS, formulas_of(math, doubles=True), frozenset(FUNCTIONS)
+    plain = lower_half(set_precision(module, precision), formulas, exact)
+    return lower(plain, native, formulas=formulas, exact=exact)
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:

@@ -1,10 +1,13 @@
-"""Sums that are rounded to odd, and so can be rounded a second time without harm.
+"""Rounding once: sums rounded to odd, which can be rounded a second time without harm, and single inputs set right.
 
 Stage: improve.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from shpy.ir.exact import EVEN, ODD
 from shpy.passes.terms import Term, where
 
 
@@ -16,3 +19,15 @@ def to_odd(x: Term, error: Term) -> Term:
     inexact = (error.op("ne", 0)) & (bits & bits.constant(1)).op("eq", 0) & (x.op("abs") > 0)
     finite = x.op("isinf").op("not") & error.op("isnan").op("not")
     return where(inexact & finite, where(away, up, down).op("float_from_bits"), x)
+
+
+def with_exceptions(name: str, x: Term, result: Term, exceptions: Iterable[tuple[float, float]]) -> Term:
+    """Return the result of a function, but the value of each exception (input, value) where x is that input.
+
+    Exceptions of an odd or even function are listed for positive inputs only.
+    """
+    size = abs(x) if name in ODD | EVEN else x
+    for given, value in exceptions:
+        right = where(x < 0, x.constant(-value), value) if name in ODD else value
+        result = where(size.equals(given), right, result)
+    return result

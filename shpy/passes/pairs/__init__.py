@@ -12,7 +12,8 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from shpy.passes.pairs import circular, exponential
-from shpy.passes.terms import Term, where
+from shpy.passes.rounding import with_exceptions
+from shpy.passes.terms import Term
 
 __all__ = ["EXCEPTIONS", "FUNCTIONS"]
 
@@ -42,20 +43,12 @@ EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
 
 def _sin(x: Term) -> Term:
     """Sine."""
-    size = abs(x)
-    result = circular.sin(x)
-    for exception, value in EXCEPTIONS["sin"]:
-        result = where(size.equals(exception), where(x < 0, x.constant(-value), value), result)
-    return result
+    return with_exceptions("sin", x, circular.sin(x), EXCEPTIONS["sin"])
 
 
 def _cos(x: Term) -> Term:
     """Cosine."""
-    size = abs(x)
-    result = circular.cos(x)
-    for exception, value in EXCEPTIONS["cos"]:
-        result = where(size.equals(exception), value, result)
-    return result
+    return with_exceptions("cos", x, circular.cos(x), EXCEPTIONS["cos"])
 
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {

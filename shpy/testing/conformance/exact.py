@@ -28,9 +28,12 @@ def exact(name: str) -> Callable[..., Array]:
 def _strict(name: str, *arrays: Array) -> Array:
     given = np.broadcast_arrays(*arrays)
     base = next(b for b, t in DTYPES.items() if np.dtype(t) == given[0].dtype)
-    if base is Base.H:
-        return _strict(name, *(a.astype(np.float32) for a in given)).astype(np.float16)
-    return apply(definition(name, (vec(base),) * len(given)), *given)
+    if base is not Base.H:
+        return apply(definition(name, (vec(base),) * len(given)), *given)
+    if len(given) == 1:
+        return np.asarray(OPS[name].meaning(*given))
+    formula = definition(name, (vec("f"),) * len(given), "portable")
+    return apply(formula, *(a.astype(np.float32) for a in given)).astype(np.float16)
 
 
 def apply(function: Function, *arrays: Array) -> Array:
