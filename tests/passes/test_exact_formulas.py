@@ -34,3 +34,45 @@ def test_every_result_is_the_exact_value_rounded(name, fused):
     assert decided.mean() > 0.999
     wrong = decided & ~((made == below) & (np.signbit(made) == np.signbit(below)) | np.isnan(made) & np.isnan(near))
     assert not wrong.any(), (x[wrong][:5], made[wrong][:5], near[wrong][:5])
+
+
+def pairs(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of numbers, among them powers that are midpoints between two binary32, and denormal quotients."""
+    rng = np.random.default_rng(11)
+    x, y = np.exp(rng.uniform(-9, 9, (2, 10_000))).astype(np.float32)
+    if name == "pow":
+        whole = rng.integers(2049, 4096, 5_000).astype(np.float32)
+        near = (1 + rng.normal(size=5_000) * 2.0**-12).astype(np.float32)
+        return np.concatenate([x, whole, whole, near]), np.concatenate(
+            [np.log(y), whole * 0 + 2, whole * 0 + 3, near * 9999]
+        )
+    small = rng.integers(1, 4096, 5_000) * np.float32(2.0**-149)
+    signs = rng.choice([-1, 1], (2, 15_000)).astype(np.float32)
+    return signs[0] * np.concatenate([x, small]), signs[1] * np.concatenate([y, y[:5_000]])
+
+
+@pytest.mark.parametrize("fused", [False, True])
+@pytest.mark.parametrize("name", ["pow", "atan2"])
+def test_functions_of_two_are_the_exact_value_rounded(name, fused):
+    a, b = (v[:: 10 if fused else 1].astype(np.float32) for v in pairs(name))
+    made = apply(define(name, exact.rounded(name), (vec(Base.F),) * 2, fused=fused), a, b)
+    near = {"pow": np.power, "atan2": np.arctan2}[name](a.astype(np.float64), b.astype(np.float64))
+    below, above = ((near * (1 + e)).astype(np.float32) for e in (-(2.0**-50), 2.0**-50))
+    decided = below == above
+    assert (made[decided] == below[decided]).all()
+    assert ((made == below) | (made == above)).all()
+    # Powers that binary64 holds exactly are rounded half to even.
+    held = (name == "pow") & np.isin(b, [2, 3])
+    assert held.sum() == (name == "pow") * len(a) * 2 // 5
+    assert (made[held] == near[held].astype(np.float32)).all()
+
+
+def test_a_quotient_between_two_denormal_numbers_is_rounded_down():
+    """The arc tangent of 1.5 units is a little less than 1.5 units, which binary64 cannot tell."""
+    tiny = np.float32(2.0**-149)
+    found = apply(
+        define("atan2", exact.rounded("atan2"), (vec(Base.F),) * 2),
+        tiny * np.float32([1, 3, 5, 7]),
+        np.float32([2] * 4),
+    )
+    assert (found == tiny * np.float32([0, 1, 2, 3])).all()

@@ -26,7 +26,7 @@ import numpy as np
 from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
 from shpy.passes import strict
-from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, root
+from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
 from shpy.passes.terms import Term, where
 
 __all__ = ["ACTIVE", "EXCEPTIONS", "FUNCTIONS", "rounded"]
@@ -51,6 +51,7 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (hyperbolic.sinh, hyperbolic.cosh, hyperbolic.tanh)},
     **{f.__name__: f for f in (hyperbolic.asinh, hyperbolic.acosh, hyperbolic.atanh)},
     **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
+    "pow": power.pow_,
     "rsqrt": root.rsqrt,
 }
 

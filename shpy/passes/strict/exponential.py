@@ -57,11 +57,11 @@ def exp2(x: Term) -> Term:
     """2 to the x."""
     near = _between(x, _EXP2_ENDS[x.type.base]).named("near")
     k, shifted = whole_and_shifted(near)
-    return two_to_the((near - k).named("r"), None, shifted.named("shifted"))
+    return scaled_by(two_to_the((near - k).named("r"), None), shifted.named("shifted"))
 
 
-def two_to_the(r: Term, low: Term | None, shifted: Term) -> Term:
-    """2 to the k + r + low, for k + MAGIC; |r| at most 1/2 and low far smaller.
+def two_to_the(r: Term, low: Term | None) -> Term:
+    """Return 2 to the r + low; |r| at most 1/2 and low far smaller.
 
     In binary32 the rounding of r * ln 2 costs a quarter of a unit in the last place. A power needs that quarter for the
     roundings of its logarithm, so the product is in two parts where `low` is given.
@@ -77,7 +77,7 @@ def two_to_the(r: Term, low: Term | None, shifted: Term) -> Term:
     rest = (lost + (r * r * polynomial(r, EXP2) + linear_low)).named("rest")
     if low is not None:
         rest = rest + low * ln2 * (high + rest)
-    return scaled_by(high + rest, shifted)
+    return high + rest
 
 
 def _halves(x: Term) -> tuple[Term, Term, Term, Term]:

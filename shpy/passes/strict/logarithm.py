@@ -35,6 +35,7 @@ from shpy.passes.strict.parts import (
     exact_quotient_rest,
     fast_two_sum,
     polynomial,
+    scaled_by,
     sign_bit,
     two_product,
     two_sum,
@@ -199,20 +200,19 @@ In binary32 s has to be below 1/30 where the logarithm is small: its cube is rou
 """
 
 
-def _log2_in_two(a: Term) -> Pair:
-    """Return the binary logarithm of a positive finite a in two parts.
+def log2_in_two(f: Term, k: Term) -> Pair:
+    """Return the binary logarithm of 2**k * (1 + f), as `parted` has it, in two parts.
 
     The mantissa m is compared with the nearest c of `_CENTRES`: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in
     two parts and so small that what follows it need not be.
     """
-    f, k = parted(a)
     m = (f + 1).named("m")
     c, whole, fraction = m.constant(1.0), k.constant(0.0), k.constant(0.0)
-    below, above = _CENTRES[a.type.base]
+    below, above = _CENTRES[f.type.base]
     near = [((m < edge).named("below"), centre, logarithm) for edge, centre, logarithm in below]
     near += [((m > edge).named("above"), centre, logarithm) for edge, centre, logarithm in above]
     for holds, centre, logarithm in reversed(near):
-        of_centre, rest_of_it = constants(a, logarithm)
+        of_centre, rest_of_it = constants(f, logarithm)
         c = where(holds, m.constant(centre), c)
         whole = where(holds, k.constant(of_centre), whole)
         fraction = where(holds, k.constant(rest_of_it), fraction)
@@ -221,10 +221,10 @@ def _log2_in_two(a: Term) -> Pair:
     d, d_low = two_sum(m, c)
     s = (n / d).named("s")
     s_low = ((exact_quotient_rest(n, d, s) - s * d_low) / d).named("s_low")
-    if a.type.base is Base.D:
+    if f.type.base is Base.D:
         return _log2_of_double(whole, fraction, s, s_low)
     z = (s * s).named("z")
-    scale, scale_low = constants(a, TWO_BY_LN2)
+    scale, scale_low = constants(f, TWO_BY_LN2)
     main, lost = two_product(s, s.constant(scale))
     rest = ((s_low + s * (z * polynomial(z, POWER_LOG))) * scale).named("rest")
     high, low = two_sum(whole, main)
@@ -256,16 +256,16 @@ def pow_(x: Term, y: Term) -> Term:
     a = abs(x).named("a")
     most, end = {Base.F: (1.0e10, 200.0), Base.D: (1.0e20, 1100.0)}[base]
     exponent = where(y > most, most, where(y < -most, -most, y)).named("exponent")
-    logarithm, logarithm_low = _log2_in_two(a)
+    logarithm, logarithm_low = log2_in_two(*parted(a))
     product, lost = two_product(exponent, logarithm.named("logarithm"))
     high = where(product > end, end, where(product < -end, -end, product)).named("high")
     low = where(high.equals(product), lost + exponent * logarithm_low, 0.0).named("low")
     k, shifted = whole_and_shifted(high)
-    size = two_to_the((high - k).named("r"), low, shifted)
-    return _power_edges(x, y, a, size.named("size"))
+    size = scaled_by(two_to_the((high - k).named("r"), low), shifted)
+    return power_edges(x, y, a, size.named("size"))
 
 
-def _power_edges(x: Term, y: Term, a: Term, size: Term) -> Term:
+def power_edges(x: Term, y: Term, a: Term, size: Term) -> Term:
     """Return |x| to the power of y for zeros and infinities, with its sign."""
     end = (a.equals(0) | a.equals(INFINITY)).named("end")
     size = where(end, where((y > 0).equals(a > 1), x.constant(INFINITY), 0.0), size).named("size")
