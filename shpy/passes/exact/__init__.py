@@ -25,26 +25,13 @@ import numpy as np
 
 from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
-from shpy.passes import strict
 from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
 from shpy.passes.terms import Term, where
 
 __all__ = ["ACTIVE", "EXCEPTIONS", "FUNCTIONS", "rounded"]
 
 
-def _by_strict(name: str) -> Callable[..., Term]:
-    """Return the strict formula of binary64, for arguments of binary32."""
-    formula = strict.FUNCTIONS[name]
-
-    def meaning(*given: Term) -> Term:
-        return formula(*(t.based(Base.D) for t in given))
-
-    meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
-    return meaning
-
-
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
-    **{name: _by_strict(name) for name in strict.FUNCTIONS},
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
     **{f.__name__: f for f in (exponential.exp, exponential.exp2)},
     **{f.__name__: f for f in (inverse.asin, inverse.acos, inverse.atan, inverse.atan2)},
