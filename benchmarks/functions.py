@@ -1,10 +1,10 @@
-"""The cost and the error of strict mode's functions, each beside the target's own, in core-nanoseconds a call.
+"""The cost and the error of functions in each mode, in core-nanoseconds a call and in units in the last place.
 
     python -m benchmarks --only functions,modes
 
 A program calls a function eight times for each element; one that only adds is taken off. Times are of all cores, so
-that others at work matter little, and the least of several calls, strict and relaxed in turns. Errors are the greatest
-over binary32 in a stride, against binary64. `modes` compares whole kernels in the same way.
+that others at work matter little, and the least of several calls, all modes in turns. Errors are the greatest over
+binary32 in a stride, against binary64. `modes` compares whole kernels in the same way.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from benchmarks.studies import Table
 from benchmarks.work import Work
 from raytracer import Mesh
 from shpy.ir.ops import OPS, TRANSCENDENTALS
+from shpy.passes.modes import MODES
 
 CALLS = 8
 ROUNDS = 7
-MODES = ("strict", "relaxed")
 BINARY = ("pow", "atan2")
 
 
@@ -71,11 +71,12 @@ def times(name: str, backend: str, count: int) -> list[float]:
     for kernel in kernels:
         kernel(x)
     least = [min(found) for found in zip(*([core_seconds(k, x) for k in kernels] for _ in range(ROUNDS)), strict=True)]
-    return [max(0.0, least[k] - least[k + 2]) / count / CALLS * 1e9 for k in range(2)]
+    taken = zip(least[: len(MODES)], least[len(MODES) :], strict=True)
+    return [max(0.0, whole - nothing) / count / CALLS * 1e9 for whole, nothing in taken]
 
 
-def greatest_error(name: str, stride: int) -> tuple[float, str]:
-    """In units in the last place, in strict mode, and at which input."""
+def greatest_error(name: str, stride: int, mode: str) -> tuple[float, str]:
+    """In units in the last place, in a mode, and at which input."""
     function = getattr(sh, name)
     bits = np.arange(0, 1 << 32, stride, dtype=np.uint64).astype(np.uint32)
     x = bits.view(np.float32)
@@ -90,7 +91,7 @@ def greatest_error(name: str, stride: int) -> tuple[float, str]:
     assert meaning is not None
     with np.errstate(all="ignore"):
         exact = np.asarray(meaning(x.astype(np.float64), *(o.astype(np.float64) for o in others)))
-        found = _program(function, len(others))(x, *others)
+        found = _program(function, len(others)).compile(math=mode)(x, *others)  # type: ignore[arg-type]
         place = 2.0 ** (np.floor(np.log2(np.maximum(np.abs(exact), 2.0**-126))) - 23)
         off = np.abs(found.astype(np.float64) - exact) / place
     off = np.where(np.isfinite(found) & (np.abs(exact) < 3.4e38), off, 0)
@@ -113,20 +114,19 @@ def _program(function: Callable[..., Any], others: int) -> sh.Program:
 
 
 def functions(mesh: Mesh, quick: bool) -> Table:
-    """Return a row for each function: its bound, the greatest error found, and what it costs in each mode."""
+    """Return a row for each function: its greatest errors in strict and portable mode, and its cost in each mode."""
     available = [b.name for b in sh.backends() if b.available and b.name != "glsl"]
     stride, count = (65_521, 1 << 16) if quick else (1_021, 1 << 19)
     rows = []
     for name in sorted(TRANSCENDENTALS):
-        error, at = greatest_error(name, stride)
-        row = [f"`{name}`", f"{OPS[name].tolerance.ulp:g}", f"{error:.2f}", at]
-        for backend in available:
-            strict, relaxed = times(name, backend, count)
-            row += [f"{strict:.2f}", f"{relaxed:.2f}"]
+        strict, _ = greatest_error(name, stride, "strict")
+        portable, at = greatest_error(name, stride, "portable")
+        row = [f"`{name}`", f"{strict:.2f}", f"{portable:.2f}", at]
+        row += [f"{taken:.2f}" for backend in available for taken in times(name, backend, count)]
         rows.append(row)
-    head = ["function", "bound", "greatest error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
+    head = ["function", "strict error", "portable error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
     note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call."
-    return Table("What strict functions cost", note, head, rows)
+    return Table("What functions cost in each mode", note, head, rows)
 
 
 KERNELS = (mandelbrot, nbody, polynomial, shader, spheres, blur)
@@ -148,14 +148,16 @@ def of_kernel(work: Work, target: str, size: int) -> list[float]:
 
 
 def modes(mesh: Mesh, quick: bool) -> Table:
-    """Return a row for each kernel: how many times relaxed mode's time strict mode takes."""
+    """Return a row for each kernel: how many times relaxed mode's time the other modes take."""
     available = [b.name for b in sh.backends() if b.available]
+    others = [mode for mode in MODES if mode != "relaxed"]
     rows = []
     for work in (module.WORK for module in KERNELS):
         row = [work.name]
         for target in available:
-            strict, relaxed = of_kernel(work, target, work.quick if quick or target != "opencl" else work.size)
-            row.append(f"{strict / relaxed:.2f}")
+            size = work.quick if quick or target != "opencl" else work.size
+            taken = dict(zip(MODES, of_kernel(work, target, size), strict=True))
+            row += [f"{taken[mode] / taken['relaxed']:.2f}" for mode in others]
         rows.append(row)
-    note = "Core time in strict mode, in multiples of that in relaxed mode."
-    return Table("What strict mode costs", note, ["kernel", *available], rows)
+    note = "Core time in multiples of that in relaxed mode."
+    return Table("What modes cost", note, ["kernel", *(f"{b} {mode}" for b in available for mode in others)], rows)
