@@ -3,13 +3,14 @@
 Stage: represent. Takes `ops.OPS`, gives text.
 
 >>> print(table_of_operations().splitlines()[0])
-| operation | types | exact meaning | strict | relaxed |
+| operation | types | exact meaning | strict | portable | relaxed | f64 |
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from shpy.ir.exact import FUNCTIONS
 from shpy.ir.ops import OPS, Op, Tolerance
 
 __all__ = ["table_of_functions", "table_of_operations"]
@@ -17,10 +18,8 @@ __all__ = ["table_of_functions", "table_of_operations"]
 
 def table_of_operations() -> str:
     """Return one row an operation, in the order of the table."""
-    rows = [("operation", "types", "exact meaning", "strict", "relaxed")]
-    rows += [
-        (_name(op), f"`{op.signature}`", op.doc, _spoken(op.tolerance), _spoken(op.relaxed)) for op in OPS.values()
-    ]
+    rows = [("operation", "types", "exact meaning", "strict", "portable", "relaxed", "f64")]
+    rows += [(_name(op), f"`{op.signature}`", op.doc, *map(_spoken, _bounds(op))) for op in OPS.values()]
     return _table(rows)
 
 
@@ -43,6 +42,12 @@ def _table(rows: Sequence[tuple[str, ...]]) -> str:
 
 def _name(op: Op) -> str:
     return f"`{op.name}` (`{op.symbol}`)" if op.symbol else f"`{op.name}`"
+
+
+def _bounds(op: Op) -> tuple[Tolerance, ...]:
+    """Return what is allowed in strict, portable and relaxed mode, and at f64."""
+    rounded = op.name in FUNCTIONS
+    return Tolerance() if rounded else op.tolerance, op.tolerance, op.relaxed, op.double
 
 
 def _spoken(bound: Tolerance) -> str:

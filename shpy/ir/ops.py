@@ -246,10 +246,10 @@ _transcendental(
 )
 _transcendental("sinh", exact.sinh, 1, 4, 1, "Return the hyperbolic sine.")
 _transcendental("cosh", exact.cosh, 1, 4, 1, "Return the hyperbolic cosine.")
-_transcendental("tanh", exact.tanh, 1.5, 5, 1, "Return the hyperbolic tangent.")
-_transcendental("asinh", exact.asinh, 1.5, 4, 1, "Return the inverse hyperbolic sine.")
-_transcendental("acosh", exact.acosh, 1.5, 4, 1, "Return the inverse hyperbolic cosine.")
-_transcendental("atanh", exact.atanh, 1.5, 5, 1, "Return the inverse hyperbolic tangent.")
+_transcendental("tanh", exact.tanh, 1.5, 5, 1.5, "Return the hyperbolic tangent.")
+_transcendental("asinh", exact.asinh, 1.5, 4, 1.25, "Return the inverse hyperbolic sine.")
+_transcendental("acosh", exact.acosh, 1.5, 4, 1.25, "Return the inverse hyperbolic cosine.")
+_transcendental("atanh", exact.atanh, 1.5, 5, 1.25, "Return the inverse hyperbolic tangent.")
 _pow = "Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."
 _transcendental("pow", m.through_f64(m.power), 1, 16, 1, _pow, "x y")
 _atan2 = "Return the angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."
