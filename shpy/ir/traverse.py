@@ -15,6 +15,7 @@ from itertools import chain
 
 from shpy.ir.nodes import Break, Call, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
 from shpy.ir.ops import LANE_OPS
+from shpy.ir.types import Base
 
 _LEAVES = (Let, Store)
 """Nearly all statements."""
@@ -178,3 +179,11 @@ def grid_rank(module: Module) -> int | None:
     """Return how many axes the module asks a run to have, by `grid_index` or `grid_shape`; None if it asks for none."""
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     return next((let.value.type.size for let in lets if let.op in ("grid_index", "grid_shape")), None)
+
+
+def bases_of(module: Module) -> set[Base]:
+    """Return the bases of all that a module computes and holds."""
+    held = [p.type for p in module.params] + [t.type for t in module.tables]
+    for function in module.functions:
+        held += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]
+    return {type.base for type in held}

@@ -23,7 +23,7 @@ from collections.abc import Mapping
 
 from shpy.ir.nodes import Function, Let, Module, Value
 from shpy.ir.ops import OPS, TRANSCENDENTALS
-from shpy.ir.traverse import defined, variables_of
+from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type
 from shpy.passes.library import Library
 from shpy.passes.modes import Formulas
@@ -41,19 +41,12 @@ def lower_half(module: Module, formulas: Formulas = "portable", exact: frozenset
 
     `formulas` are those of the mode at f32, and `exact` the functions that the target does exactly.
     """
-    if not _has_half(module):
+    if Base.H not in bases_of(module):
         return module
     library = Library(module, "portable")
     once = formulas != "portable"
     changed = each_function(module, lambda f, functions: _Half(f, functions, library, once, exact).run())
     return library.added(retype_ports(changed, Base.H, Base.F))
-
-
-def _has_half(module: Module) -> bool:
-    types = [p.type for p in module.params] + [t.type for t in module.tables]
-    for function in module.functions:
-        types += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]
-    return any(t.base is Base.H for t in types)
 
 
 class _Half(Rebase):

@@ -23,7 +23,17 @@ from shpy.ir.nodes import Let, Module
 from shpy.ir.traverse import walk
 from shpy.passes.library import CORRECTABLE
 
-__all__ = ["COUNT", "FAULTS", "PROBED", "hard_inputs", "notes_of", "refuse_wrong", "wrong_operations"]
+__all__ = [
+    "COUNT",
+    "FAULTS",
+    "PROBED",
+    "hard_inputs",
+    "in_binary64",
+    "is_exact_in_binary64",
+    "notes_of",
+    "refuse_wrong",
+    "wrong_operations",
+]
 
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """Operations that are asked for: `convert` is a float to an int."""
@@ -87,6 +97,42 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
         if not np.array_equal(results[compared], exact[name][compared]):
             wrong.add(name)
     return frozenset(wrong)
+
+
+def is_exact_in_binary64(found: Mapping[str, Array], *, flushed: bool) -> bool:
+    """Return whether operations of binary64 on the hard inputs have given the exact results, bit for bit.
+
+    `found` has some of the results that `in_binary64` makes, by name. Where the device makes zeros of denormals of
+    binary32 (`flushed`), only the half of the inputs without them is compared.
+    """
+    exact = in_binary64()
+    compared = slice(COUNT // 2 if flushed else COUNT)
+    if "fma" in found:  # which takes long
+        exact = exact | {"fma": fma(exact["x"], exact["mul"], -exact["x"])}
+    return all(np.array_equal(values[compared], exact[name][compared]) for name, values in found.items())
+
+
+@cache
+def in_binary64() -> dict[str, Array]:
+    """Return the exact results of what a device computes from the hard inputs a, b and c as binary64.
+
+    `x` is a * b, which is exact, and the other operand `mul` is x * c, which is rounded. `narrow` is rounded to
+    binary32: of ties in the first half, and with denormal results in the second.
+    """
+    a, b, c = (array.astype(np.float64) for array in hard_inputs())
+    x = a * b
+    y = x * c
+    half = COUNT // 2
+    return {
+        "x": x,
+        "mul": y,
+        "add": x + y,
+        "sub": a - y,
+        "div": x / y,
+        "sqrt": np.sqrt(x),
+        "floor": np.floor(a * 0.3),
+        "narrow": np.concatenate([a[:half] * 1.5, x[half:]]).astype(np.float32),
+    }
 
 
 def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:

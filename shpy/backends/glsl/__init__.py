@@ -26,7 +26,7 @@ from shpy.backends.glsl.text.operations import FAST, NATIVE
 from shpy.backends.glsl.text.shader import print_shader
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
 from shpy.ir.nodes import Loc, Module, Value, Variable
-from shpy.ir.traverse import defined, variables_of
+from shpy.ir.traverse import bases_of, defined, variables_of
 from shpy.ir.types import Base
 from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.exits import LOOPED, few_turns
@@ -104,7 +104,7 @@ class GlslBackend:
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
         runtime = self._runtime(options.device or 0)
         limits = runtime.context.limits
-        target, exact = _target(limits), options.math != "fast"
+        target, exact = _target(limits, module, options), options.math != "fast"
 
         def rejection() -> Program | None:
             shorter = find_rejection(module)
@@ -128,7 +128,8 @@ class GlslBackend:
             return runtime.build(shader, module.entry.loc, steady=steady)
 
         prepared = prepare(module, options, target)
-        _refuse(prepared.module)
+        if not target.doubles:
+            _refuse(prepared.module)
         check_size(prepared.module, "OpenGL's compiler")
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math in REPRODUCIBLE:
@@ -160,10 +161,14 @@ class GlslBackend:
         return self._runtimes[device]
 
 
-def _target(limits: Limits) -> Target:
-    """Return what a device can do; the loops of the prologue need `precise`."""
+def _target(limits: Limits, module: Module, options: Options) -> Target:
+    """Return what a device can do; the loops of the prologue need `precise`.
+
+    Its binary64 is for functions of ours alone. A program that has f64 itself is refused, as without it.
+    """
     looped = frozenset(LOOPED) if limits.keeps_order else frozenset()
-    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=looped)
+    doubles = limits.doubles and options.precision != "f64" and Base.D not in bases_of(module)
+    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=looped, doubles=doubles)
 
 
 def _printable(module: Module, exact: bool) -> Module:

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shpy.backends.device import store
-from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, wrong_operations
+from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
 from shpy.backends.device.processes import Driver
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.ieee import set_ieee_arithmetic
@@ -70,6 +70,34 @@ void main() {
 """
 
 
+# Operations of binary64, whose results leave as the bits of two numbers a texel.
+_DOUBLES = """\
+#version 330 core
+#extension GL_ARB_gpu_shader5 : enable
+#extension GL_ARB_gpu_shader_fp64 : require
+uniform sampler2D triples;
+layout(location = 0) out uvec4 products;
+layout(location = 1) out uvec4 sums;
+layout(location = 2) out uvec4 others;
+layout(location = 3) out uvec4 narrowed;
+void main() {
+    vec4 p = texelFetch(triples, ivec2(gl_FragCoord.xy), 0);
+    precise double a = double(p.x);
+    precise double x = a * double(p.y);
+    precise double y = x * double(p.z);
+    precise double quotient = x / y, sum = x + y, difference = a - y, root = sqrt(x), whole = floor(a * 0.3lf);
+    precise double wide = p.z < 0.0 ? a * 1.5lf : x;
+    products = uvec4(unpackDouble2x32(y), unpackDouble2x32(quotient));
+    sums = uvec4(unpackDouble2x32(sum), unpackDouble2x32(difference));
+    others = uvec4(unpackDouble2x32(root), unpackDouble2x32(whole));
+    narrowed = uvec4(floatBitsToUint(float(wide)), 0u, 0u, 0u);
+}
+"""
+_IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
+_EXACT_DOUBLES = "exact"
+"""The word kept on disk for a device that computes exactly in binary64."""
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """The limits of the device: texels along an axis, outputs and textures of one program, and how exact it is."""
@@ -83,6 +111,8 @@ class Limits:
     """True if each element's store at a varying index reaches its own element."""
     fuses: bool = False
     """True if the device's own `fma` rounds once."""
+    doubles: bool = False
+    """True if the device has binary64, and computes exactly in it."""
 
     @property
     def keeps_denormals(self) -> bool:
@@ -218,28 +248,50 @@ class Context:
         found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(-1, 4)[:, 0]
         return bool(found.tolist() == [0, 0, 0, 5, 0, 0, 0, 0])
 
-    def _faults(self) -> frozenset[str]:
-        """Probe the device: return the names of its faults, from FAULTS and "stores"."""
-        gl = self.gl
-        size = (32, COUNT // 32)
+    def _asked(self, source: str, outputs: int, dtype: str) -> list[bytes]:
+        """Return what a probe's shader writes for the hard inputs: a texel of four numbers for each."""
+        gl, size = self.gl, (32, COUNT // 32)
         triples = np.zeros((COUNT, 4), np.float32)
         triples[:, :3] = np.stack(hard_inputs(), axis=-1)
         texture = gl.texture(size, 4, triples.tobytes(), dtype="f4")
-        target = gl.framebuffer([gl.texture(size, 4, dtype="f4") for _ in range(2)])
+        target = gl.framebuffer([gl.texture(size, 4, dtype=dtype) for _ in range(outputs)])
         target.use()
         texture.use(0)
-        gl.vertex_array(self.program(_PROBE), []).render(self.moderngl.TRIANGLES, 3)
-        read = [target.read(components=4, dtype="f4", attachment=n) for n in range(2)]
-        found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in read])
+        gl.vertex_array(self.program(source), []).render(self.moderngl.TRIANGLES, 3)
+        return [target.read(components=4, dtype=dtype, attachment=n) for n in range(outputs)]
+
+    def _faults(self) -> frozenset[str]:
+        """Probe the device: return the names of its faults, from FAULTS and "stores"."""
+        found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in self._asked(_PROBE, 2, "f4")])
         names = ("add", "sub", "mul", "div", "sqrt", "floor")
         wrong = set(wrong_operations({**dict(zip(names, found.T, strict=False)), "fma": found[:, 7]}))
-        if not np.array_equal(found[:, 6], np.trunc(np.minimum(triples[:, 0], np.float32(2**24 - 1)))):
+        if not np.array_equal(found[:, 6], np.trunc(np.minimum(hard_inputs()[0], np.float32(2**24 - 1)))):
             wrong.add("convert")
         if not self._stores_apart():
             wrong.add("stores")
         self.resting.use()
-        check(gl, "probe the device")
+        check(self.gl, "probe the device")
         return frozenset(wrong)
+
+    def _exact_in_binary64(self, *, flushed: bool) -> frozenset[str]:
+        """Probe the device: return _EXACT_DOUBLES if it computes exactly in binary64."""
+        try:
+            *doubles, narrowed = self._asked(_DOUBLES, 4, "u4")
+        except self.moderngl.Error:
+            return frozenset()
+        self.resting.use()
+        check(self.gl, "probe the device's binary64")
+        found = {"narrow": np.frombuffer(narrowed, np.float32)[::4]}
+        for names, data in zip(_IN_DOUBLES, doubles, strict=True):
+            found |= dict(zip(names, np.frombuffer(data, np.float64).reshape(-1, 2).T, strict=True))
+        return frozenset({_EXACT_DOUBLES} if is_exact_in_binary64(found, flushed=flushed) else ())
+
+    def _has_exact_doubles(self, about: tuple[str, ...], *, flushed: bool) -> bool:
+        """Return whether the device has binary64 that is exact: asked once, and kept on disk."""
+        if "GL_ARB_gpu_shader_fp64" not in self.gl.extensions:
+            return False
+        key = store.key("glsl binary64", *about, _DOUBLES)
+        return bool(store.known_names(key, {_EXACT_DOUBLES}, lambda: self._exact_in_binary64(flushed=flushed)))
 
     def _probe(self) -> Limits:
         gl = self.gl
@@ -257,6 +309,7 @@ class Context:
             stores_apart="stores" not in faults,
             fuses="fma" not in faults,
             keeps_order=ordered,
+            doubles=ordered and self._has_exact_doubles(about, flushed="denormals" in faults),
         )
 
 

@@ -26,6 +26,7 @@ from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, E
 from shpy.backends.glsl.text.exactness import precise_conditions, precise_operands
 from shpy.backends.glsl.text.interface import RUNNING
 from shpy.backends.glsl.text.prologue import Prologue
+from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
@@ -141,8 +142,9 @@ class GlslBody(Body):
 
     def literal(self, type: Type, component: float | int | bool) -> Expr:
         """Return a number; a float zero is the global that the driver does not know."""
-        if type.is_float and self.unit.exact and np.float32(component) == 0:
-            zero = self.unit.unknown_zero()
+        if type.is_float and self.unit.exact and DTYPES[type.base](component) == 0:
+            zero: Expr = self.unit.unknown_zero()
+            zero = zero if type.base is Base.F else Cast(type, zero)
             return tree.prefix("-", zero) if np.signbit(component) else zero
         return Literal(type, component)
 

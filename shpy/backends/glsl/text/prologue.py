@@ -36,11 +36,11 @@ from shpy.backends.glsl.text.interface import (
 )
 from shpy.ir.types import Base, Type, vec
 
-SCALARS: Final = {Base.F: "float", Base.I: "int", Base.U: "uint", Base.B: "bool"}
+SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """GLSL's name of one component."""
 
-_VECTORS: Final = {Base.F: "vec", Base.I: "ivec", Base.U: "uvec", Base.B: "bvec"}
-_ROUNDED: Final = ("float", "bool")
+_VECTORS: Final = {Base.F: "vec", Base.D: "dvec", Base.I: "ivec", Base.U: "uvec", Base.B: "bvec"}
+_ROUNDED: Final = ("float", "double", "bool")
 _PRECISE: Final = "precise "
 _HEAD: Final = re.compile(r"^(\w+) (sh_\w+)\((.*)\) \{$", re.MULTILINE)
 
@@ -167,6 +167,7 @@ _VERSION: Final = """\
 #define precise
 #endif
 """
+_DOUBLES: Final = "#extension GL_ARB_gpu_shader_fp64 : require\n"
 _ZERO: Final = "float(min(int(gl_FragCoord.x), 0))"
 """A zero that no driver knows: one may look at the value of a uniform that a loop's condition reads."""
 
@@ -174,10 +175,14 @@ _FOLD_BITS: Final = FOLD.bit_length() - 1
 _SAMPLERS: Final = {Base.F: "sampler2D", Base.I: "isampler2D", Base.U: "usampler2D", Base.B: "usampler2D"}
 
 
-def whole_text(declared: Sequence[str], prologue: str, functions: Sequence[str]) -> str:
-    """Return the text of a shader: version, interface, prologue and functions, an empty line between them."""
+def whole_text(declared: Sequence[str], prologue: str, functions: Sequence[str], *, doubles: bool) -> str:
+    """Return the text of a shader: version, interface, prologue and functions, an empty line between them.
+
+    `doubles`: a function has numbers of binary64.
+    """
     interface = "".join([f"{line}\n" for line in declared])
-    parts = [_VERSION, interface, f"{prologue}\n" if prologue else "", "\n".join(functions)]
+    version = _VERSION + _DOUBLES if doubles else _VERSION
+    parts = [version, interface, f"{prologue}\n" if prologue else "", "\n".join(functions)]
     return "\n".join([part for part in parts if part])
 
 

@@ -41,6 +41,7 @@ from shpy.backends.glsl.text.prologue import (
 )
 from shpy.backends.glsl.text.spell_glsl import GlslSpeller
 from shpy.ir.nodes import Function, Module, Status, Value, Variable
+from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type, vec
 
 __all__ = ["print_shader"]
@@ -103,7 +104,7 @@ class _ShaderMaker(GlslUnit):
         declared = [*own, *(line for i in inputs for line in input_uniforms(i)), *outputs]
         functions = [*self.read.values(), *self.placed.values(), text_of(self.speller.lines[1:])]
         return Shader(
-            whole_text(declared, self.prologue.text(), functions),
+            whole_text(declared, self.prologue.text(), functions, doubles=Base.D in bases_of(module)),
             inputs,
             {p.name: (self.params[p.name].text, p.type) for p in module.params},
             tuple(self.tables.values()),

@@ -51,9 +51,12 @@ class GlslSpeller(Speller):
         level = Level.UNARY if is_negative(value) else Level.ATOM
         if base is Base.I:
             return str(value), level
+        if base is Base.D and np.isfinite(value):
+            return f"{float(value)!r}lf", level
         rounded = np.float32(value)
         if not np.isfinite(rounded) or 0 < abs(rounded) < np.finfo(np.float32).tiny:
-            return f"uintBitsToFloat(0x{rounded.view(np.uint32):08x}u)", Level.POSTFIX
+            by_bits = f"uintBitsToFloat(0x{rounded.view(np.uint32):08x}u)"
+            return by_bits if base is Base.F else f"double({by_bits})", Level.POSTFIX
         return str(rounded), level
 
     def construct(self, e: Construct) -> tuple[str, Level]:

@@ -28,7 +28,7 @@ __all__ = ["Beside", "Compiled", "Facts"]
 
 Facts = dict[str, frozenset[str]]
 """What trials of the device have found, by the names of attributes of its `Machine`."""
-_FACTS: Final = ("wrong", "_succeeded")
+_FACTS: Final = ("wrong", "binary64", "_succeeded")
 
 
 @dataclass(frozen=True, slots=True)

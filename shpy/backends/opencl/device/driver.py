@@ -14,7 +14,9 @@ import os
 import sys
 import threading
 import warnings
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
@@ -28,6 +30,7 @@ from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.device.processes import Driver
 from shpy.backends.opencl.device.absence import explain_absence, explain_cache
+from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
 from shpy.backends.opencl.device.trial import Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
@@ -37,6 +40,8 @@ from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData
 from shpy.packages import install
+from shpy.passes.library import CORRECTABLE
+from shpy.passes.pipeline import Target
 
 _EXACTNESS = """\
 #pragma OPENCL FP_CONTRACT OFF
@@ -345,6 +350,11 @@ class Machine:
             return self._asked()
         return store.known_names(self._key(_EXACTNESS, self._options), FAULTS, self._asked)
 
+    def target(self, target: Target) -> Target:
+        """Return a target with the abilities of this device."""
+        doubles = self.binary64
+        return replace(target, wrong=self.wrong & CORRECTABLE, doubles="exact" in doubles, fuses="fused" in doubles)
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Return facts about this device for the user."""
@@ -369,22 +379,41 @@ class Machine:
         lanes = self.lanes
         text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         flags = np.tile(np.array([0, 1], np.uint8), COUNT)
-        with self.lock:
-            program = _built_silently(self.cl.Program(self.context, text), options)
-            kernel = self.cl.Kernel(program, "probe")
-            given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
-            inputs = [self.upload(array) for array in given]
-            results, ints = np.empty((7, COUNT), np.float32), np.empty((4, COUNT), np.int32)
-            outputs = [self.take(array.nbytes) for array in (results, ints)]
-            kernel.set_args(*inputs, *outputs)
-            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // lanes,), None)
-            self.download(results, outputs[0])
-            self.download(ints, outputs[1])
-            self.queue.finish()
-            self.give_back([*inputs, *outputs])
+        results, ints = np.empty((7, COUNT), np.float32), np.empty((4, COUNT), np.int32)
+        given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
+        self.probe(text, given, (results, ints), options)
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
         others = zip(("convert_nan", "zeros", "optimiser"), ints[1:], strict=True)
         return wrong | {name for name, found in others if found.any()}
+
+    @in_ieee_arithmetic
+    def probe(
+        self, text: str, given: Sequence[Array], results: Sequence[Array], options: list[str] | None = None
+    ) -> None:
+        """Run the kernel `probe` of a text over COUNT elements in packets: from arrays to arrays."""
+        with self.lock:
+            program = _built_silently(self.cl.Program(self.context, text), options or self.options("strict"))
+            kernel = self.cl.Kernel(program, "probe")
+            inputs, outputs = [self.upload(array) for array in given], [self.take(array.nbytes) for array in results]
+            kernel.set_args(*inputs, *outputs)
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // self.lanes,), None)
+            for array, buffer in zip(results, outputs, strict=True):
+                self.download(array, buffer)
+            self.queue.finish()
+            self.give_back([*inputs, *outputs])
+
+    @cached_property
+    def binary64(self) -> frozenset[str]:
+        """The abilities of this device in binary64, some of ABILITIES: asked once, and kept on disk."""
+        if not self.doubles:
+            return frozenset()
+
+        def asked() -> frozenset[str]:
+            return abilities_in_binary64(self.probe, lanes=self.lanes, flushed="denormals" in self.wrong)
+
+        if was_flushing():
+            return asked()
+        return store.known_names(self._key(PROBE, self.options("strict")), ABILITIES, asked)
 
     @cached_property
     def _succeeded(self) -> frozenset[str]:

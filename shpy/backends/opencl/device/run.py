@@ -46,7 +46,6 @@ from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type, vec
 from shpy.passes.exits import few_turns
-from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
 from shpy.passes.pipeline import Prepared, prepare
 from shpy.passes.size import check_growth, check_size
@@ -144,7 +143,7 @@ def _loaded(first: OpenCLExecutable, options: Options, compiled: Compiled) -> Op
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     target = TARGET if lanes == 1 else PACKET_TARGET
-    prepared = prepare(module, options, replace(target, wrong=machine.wrong & CORRECTABLE, doubles=machine.doubles))
+    prepared = prepare(module, options, machine.target(target))
     check_size(prepared.module, "OpenCL's compiler")
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math in REPRODUCIBLE:

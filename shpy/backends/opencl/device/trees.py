@@ -9,7 +9,7 @@ Stage: compile and run. Few elements are one part, so a sum of them is one dispa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +24,6 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loop, Module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base
-from shpy.passes.library import CORRECTABLE
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
 
@@ -91,8 +90,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     lanes = machine.lanes
     if lanes == 1:
         return None
-    target = replace(PACKET_TARGET, wrong=machine.wrong & CORRECTABLE, doubles=machine.doubles)
-    prepared = prepare(module, Options(precision=precision), target)
+    prepared = prepare(module, Options(precision=precision), machine.target(PACKET_TARGET))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE:
         return None

@@ -37,7 +37,7 @@ from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
 from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
 from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Loc, Module, Table, Value, Variable
-from shpy.ir.traverse import defined, variables_of
+from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
@@ -169,10 +169,7 @@ class KernelMaker(ClUnit):
 
     def needs_doubles(self) -> bool:
         """Return whether a double occurs; CompileError for a binary16."""
-        module = self.module
-        found = {p.type.base for p in module.params} | {t.type.base for t in module.tables}
-        for function in module.functions:
-            found |= {v.type.base for v in defined(function)} | {v.type.base for v in variables_of(function)}
+        found = bases_of(self.module)
         if Base.H in found:
             raise CompileError("OpenCL kernels hold no binary16")
         return Base.D in found
