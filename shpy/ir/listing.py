@@ -18,7 +18,7 @@ __all__ = ["table_of_functions", "table_of_operations"]
 
 def table_of_operations() -> str:
     """Return one row an operation, in the order of the table."""
-    rows = [("operation", "types", "exact meaning", "strict", "portable", "relaxed", "f64")]
+    rows: list[tuple[str, ...]] = [("operation", "types", "exact meaning", "strict", "portable", "relaxed", "f64")]
     rows += [(_name(op), f"`{op.signature}`", op.doc, *map(_spoken, _bounds(op))) for op in OPS.values()]
     return _table(rows)
 

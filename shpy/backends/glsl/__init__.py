@@ -128,8 +128,7 @@ class GlslBackend:
             return runtime.build(shader, module.entry.loc, steady=steady)
 
         prepared = prepare(module, options, target)
-        if not target.doubles:
-            _refuse(prepared.module)
+        _refuse(prepared.module, target)
         check_size(prepared.module, "OpenGL's compiler")
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math in REPRODUCIBLE:
@@ -196,8 +195,10 @@ def _notes(context: Context) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _refuse(module: Module) -> None:
-    """CompileError for what GLSL 3.30 has not: f64."""
+def _refuse(module: Module, target: Target) -> None:
+    """CompileError for what GLSL 3.30 has not: f64, but for functions of ours where the target has it for them."""
+    if target.doubles:
+        return
     for function in module.functions:
         things: list[Value | Variable] = [*defined(function), *variables_of(function)]
         for thing in things:
