@@ -88,7 +88,7 @@ def _unary(known: Known, let: Let, x: int) -> Found:
             return inner.args[0]
         case ("abs", "abs") | ("half", "half"):
             return x
-        case "abs", "neg":
+        case "abs", "neg" if let.value.type.base is not Base.U:  # an unsigned -x is no -x of the integers
             return Let(let.value, "abs", inner.args)
         case "not", "eq" | "ne":
             return Let(let.value, _INVERSE[inner.op], inner.args)
