@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from shpy.ir.exact import FUNCTIONS
 from shpy.ir.ops import OPS, Op, Tolerance
 
 __all__ = ["table_of_functions", "table_of_operations"]
@@ -46,8 +45,7 @@ def _name(op: Op) -> str:
 
 def _bounds(op: Op) -> tuple[Tolerance, ...]:
     """Return what is allowed in strict, portable and relaxed mode, and at f64."""
-    rounded = op.name in FUNCTIONS
-    return Tolerance() if rounded else op.tolerance, op.tolerance, op.relaxed, op.double
+    return op.tolerance, op.tolerance, op.relaxed, op.double
 
 
 def _spoken(bound: Tolerance) -> str:
