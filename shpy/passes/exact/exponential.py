@@ -5,35 +5,53 @@ Stage: improve. e to the x is 2**k times e to the r with |r| at most half of ln 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from shpy.ir.types import Base
 from shpy.passes.exact.coefficients import EXP, EXP2, LN2
 from shpy.passes.exact.parts import horner
 from shpy.passes.strict.parts import MAGIC
-from shpy.passes.terms import Term, where
+from shpy.passes.terms import Term, replaced, where
 
-_ENDS: Final = (-105.0, 90.0)
-"""Limits beyond which e to the x is 0 or infinite in binary32."""
+Pair = tuple[Term, Term]
+
+_NEAR: Final = 126
+"""Up to this in size, an exponent of two is that of one binary32."""
 
 
 def exp(x: Term) -> Term:
     """E to the x."""
-    low, high = _ENDS
-    near = where(x > high, high, where(x < low, low, x)).named("near")
-    shifted = (near * 1.442695 + MAGIC[Base.F]).named("shifted")
-    k = (shifted - MAGIC[Base.F]).based(Base.D).named("k")
-    ln2, ln2_low = LN2
-    r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
-    return times_power(horner(r, EXP), shifted)
+
+    def parts(x: Term) -> Pair:
+        shifted = (x * 1.442695 + MAGIC[Base.F]).named("shifted")
+        k = (shifted - MAGIC[Base.F]).based(Base.D).named("k")
+        ln2, ln2_low = LN2
+        return horner(k.mul_add(-ln2_low, k.mul_add(-ln2, x.based(Base.D))).named("r"), EXP), shifted
+
+    return _power_of(x, parts, _NEAR * 0.693, (-105.0, 90.0))
 
 
 def exp2(x: Term) -> Term:
     """2 to the x."""
-    near = where(x > 130.0, 130.0, where(x < -152.0, -152.0, x)).named("near")
-    shifted = (near + MAGIC[Base.F]).named("shifted")
-    r = (near - (shifted - MAGIC[Base.F])).based(Base.D).named("r")
-    return times_power(horner(r, EXP2), shifted)
+
+    def parts(x: Term) -> Pair:
+        shifted = (x + MAGIC[Base.F]).named("shifted")
+        return horner((x - (shifted - MAGIC[Base.F])).based(Base.D).named("r"), EXP2), shifted
+
+    return _power_of(x, parts, _NEAR, (-152.0, 130.0))
+
+
+def _power_of(x: Term, parts: Callable[[Term], Pair], near: float, ends: tuple[float, float]) -> Term:
+    """Return y * 2**k for the (y, k + MAGIC) that `parts` gives of x; beyond the ends it is 0 or infinite."""
+    y, shifted = parts(x)
+    result = (y * _power(shifted.op("bits_from_float"))).based(Base.F).named("result")
+
+    def far() -> list[Term]:
+        low, high = ends
+        return [times_power(*parts(where(x > high, high, where(x < low, low, x)).named("bounded"))).based(Base.F)]
+
+    return replaced((abs(x) > near).named("far"), {"result": result}, far)[0]
 
 
 def times_power(y: Term, shifted: Term) -> Term:
