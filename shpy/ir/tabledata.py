@@ -9,16 +9,45 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+PARTS = 256
+"""Changed parts that are remembered; a runtime that has seen none of them for longer takes the whole array."""
+
 
 class TableData:
-    """`array` is (*shape, size) for vectors, (*shape,) for scalars, of the working dtype; an update brings another one.
+    """`array` is (*shape, size) for vectors, (*shape,) for scalars, of the working dtype.
 
-    `version` counts updates. A runtime keeps the device's copy by the object's identity (weakly) and uploads again
-    only when `version` has changed.
+    `version` counts updates: one of the whole brings another array, one of a part changes the array that is there. A
+    runtime keeps the device's copy by the object's identity (weakly) and uploads again only when `version` has changed.
     """
 
-    __slots__ = ("__weakref__", "array", "version")
+    __slots__ = ("__weakref__", "_parts", "array", "version")
 
     def __init__(self, array: NDArray[Any], version: int = 0) -> None:
         self.array = array
         self.version = version
+        self._parts: list[tuple[int, int]] = []
+
+    def replace(self, array: NDArray[Any], version: int) -> None:
+        """Take another array, that of this version."""
+        self.array, self.version = array, version
+        self._parts = []
+
+    def change(self, start: int, part: NDArray[Any]) -> None:
+        """Write `part` along the first axis from `start` on, which makes the next version."""
+        self.array.flags.writeable = True
+        self.array[start : start + len(part)] = part
+        self.array.flags.writeable = False
+        self.version += 1
+        self._parts = [*self._parts[1 - PARTS :], (start, start + len(part))]
+
+    def changed_since(self, version: int | None) -> list[tuple[int, int]] | None:
+        """Return the disjoint ranges along the first axis that changed after `version`; None if all may have."""
+        if version is None or not 0 <= self.version - version <= len(self._parts):
+            return None
+        found: list[tuple[int, int]] = []
+        for start, stop in sorted(self._parts[len(self._parts) - (self.version - version) :]):
+            if found and start <= found[-1][1]:
+                found[-1] = found[-1][0], max(stop, found[-1][1])
+            else:
+                found.append((start, stop))
+        return found

@@ -364,9 +364,9 @@ class StreamTable(Table):
         """The memory that holds the elements now."""
         return self.stream._memories[self.leaf]
 
-    def update(self, array: Any) -> None:
-        """Replace the elements of the stream; the shape stays."""
-        self.stream.update(array)
+    def update(self, array: Any, *, start: int | None = None) -> None:
+        """Replace the elements of the stream; the shape stays. A stream is updated whole: ShpyTypeError for a part."""
+        _update(self.stream, array, start)
 
     def data(self, dtype: Any) -> TableData:
         """Return the elements on the host."""
@@ -393,9 +393,9 @@ class CompoundStreamTable(CompoundTable):
         self.stream = stream
         self._hold(stream.type, stream._layout, known or "table", parts)
 
-    def update(self, array: Any) -> None:
-        """Replace the elements of the stream; the shape stays."""
-        self.stream.update(array)
+    def update(self, array: Any, *, start: int | None = None) -> None:
+        """Replace the elements of the stream; the shape stays. A stream is updated whole: ShpyTypeError for a part."""
+        _update(self.stream, array, start)
 
 
 def _check_table(stream: Stream, type: Any) -> None:
@@ -411,6 +411,12 @@ def _check_table(stream: Stream, type: Any) -> None:
         )
     if not stream.size:
         raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="one element that stands for none")
+
+
+def _update(stream: Stream, array: Any, start: int | None) -> None:
+    if start is not None:
+        raise ShpyTypeError(f"{stream!r} is updated whole", loc=here(), cure="table.update(array), without start")
+    stream.update(array)
 
 
 def _tail(memory: Memory) -> Shape:

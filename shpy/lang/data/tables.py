@@ -111,9 +111,16 @@ class Table:
         """The number of elements on each axis, in the order of numpy's."""
         return self._array.shape[: self.rank]
 
-    def update(self, array: Any) -> None:
-        """Replace the data; the shape stays. Kernels use the new data from their next run on."""
-        self._replace(self._for_update(array))
+    def update(self, array: Any, *, start: int | None = None) -> None:
+        """Replace the data; the shape stays. Kernels use the new data from their next run on.
+
+        With `start`, an index on the first axis, the array replaces as many elements from there on, and they alone are
+        sent to devices. Raises ShpyTypeError for another shape, and ShpyIndexError for a part that is out of range.
+        """
+        if start is None:
+            self._replace(self._for_update(array))
+        else:
+            self._change(self._checked_part(array, start), start)
 
     def _for_update(self, array: Any) -> NDArray[Any]:
         data = self._checked(array)
@@ -124,6 +131,30 @@ class Table:
                 cure="a new sh.Table",
             )
         return data
+
+    def _checked_part(self, array: Any, start: int) -> NDArray[Any]:
+        data = self._checked(array)
+        if data.shape[1:] != self._array.shape[1:]:
+            raise ShpyTypeError(
+                f"a part of the Table {self.name or ''} is {('n', *self._array.shape[1:])}, not {data.shape}",
+                loc=here(),
+                cure="array.reshape(-1, ...)",
+            )
+        if not 0 <= start <= len(self) - len(data):
+            raise ShpyIndexError(
+                f"elements {start} to {start + len(data) - 1} of the Table {self.name or ''}, which has {len(self)}",
+                loc=here(),
+                cure="a part in range",
+            )
+        return data
+
+    def _change(self, part: NDArray[Any], start: int) -> None:
+        held = {key: data for key, data in self._data.items() if data.version == self._version}
+        converted = [self._working(part, key) for key in held]  # before anything changes: it may refuse a number
+        self._array[start : start + len(part)] = part
+        self._version += 1
+        for data, found in zip(held.values(), converted, strict=True):
+            data.change(start, found)
 
     def _replace(self, data: NDArray[Any]) -> None:
         self._array = data
@@ -136,17 +167,19 @@ class Table:
         if held is None:
             held = self._data[key] = TableData(self._frozen(key), self._version)
         elif held.version != self._version:
-            held.array, held.version = self._frozen(key), self._version
+            held.replace(self._frozen(key), self._version)
         return held
 
     def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range."""
-        what = f"the Table {self.name}" if self.name else "a Table"
-        same = self._array.dtype == dtype
-        array = self._array.copy() if same else working(self._array, self.type.base, dtype, what)
-        frozen = np.ascontiguousarray(array)
+        array = self._working(self._array, dtype)
+        frozen = np.ascontiguousarray(array.copy() if np.may_share_memory(array, self._array) else array)
         frozen.flags.writeable = False
         return frozen
+
+    def _working(self, array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+        what = f"the Table {self.name}" if self.name else "a Table"
+        return array if array.dtype == dtype else working(array, self.type.base, dtype, what)
 
     def leaves(self, name: str) -> dict[str, Table]:
         """Return the tables that stand for this one in a module, where it is called `name`: itself."""
@@ -292,12 +325,18 @@ class CompoundTable(Table):
         """The number of elements on each axis, in the order of numpy's."""
         return self._parts[0].shape
 
-    def update(self, array: Any) -> None:
-        """Replace the data, of all fields at once; the shape stays."""
+    def update(self, array: Any, *, start: int | None = None) -> None:
+        """Replace the data of all fields at once, or those of a part from `start` on; the shape stays."""
         entries = flatten(self._layout, array, f"the Table {self.name}")
-        checked = [part._for_update(entry) for part, entry in zip(self._parts, entries, strict=True)]
-        for part, data in zip(self._parts, checked, strict=True):  # only when all of them fit
-            part._replace(data)
+        pairs = list(zip(self._parts, entries, strict=True))
+        if start is None:
+            checked = [part._for_update(entry) for part, entry in pairs]
+            for part, data in zip(self._parts, checked, strict=True):  # only when all of them fit
+                part._replace(data)
+            return
+        checked = [part._checked_part(entry, start) for part, entry in pairs]
+        for part, data in zip(self._parts, checked, strict=True):
+            part._change(data, start)
 
     def leaves(self, name: str) -> dict[str, Table]:
         """Return the tables of the leaves by their names in a module, where this one is called `name`."""

@@ -99,16 +99,17 @@ class Store:
         known = self.tables.get(data)
         if known is not None and known[1] == data.version:
             return known[0]
-        texels = as_texels(data.array).reshape(-1, type.size)
-        if type.size == 3:  # texels of four components are read a third faster
-            texels = np.pad(texels, ((0, 0), (0, 1)))
         if known is not None:
             texture = known[0]
+            changed = data.changed_since(known[1])
+            for start, stop in [(0, len(data.array))] if changed is None else changed:
+                _write_part(texture, data.array, type.size, start, stop)
         else:
+            texels = _padded(data.array, type.size)
             rows = -(-len(texels) // FOLD)
             texture = self._texture((min(len(texels), FOLD), rows), texels.shape[1], texels.dtype)
             weakref.finalize(data, self.context.doomed.append, texture).atexit = False
-        write(texture, texels, texture.width)
+            write(texture, texels, texture.width)
         check(self.context.gl, "send a table")
         self.tables[data] = (texture, data.version)
         self.uploads += 1
@@ -197,13 +198,28 @@ def _format(dtype: np.dtype[Any]) -> str:
     return f"{dtype.kind}{dtype.itemsize}"
 
 
-def write(texture: Any, texels: Array, width: int) -> None:
-    """Put (n, components) texels into the first rows of `width`: the whole rows at once, then the rest."""
+def write(texture: Any, texels: Array, width: int, row: int = 0) -> None:
+    """Put (n, components) texels into rows of `width` from `row` on: the whole rows at once, then the rest."""
     rows, rest = divmod(len(texels), width)
     if rows:
-        texture.write(texels[: rows * width], viewport=(0, 0, width, rows))
+        texture.write(texels[: rows * width], viewport=(0, row, width, rows))
     if rest:
-        texture.write(texels[rows * width :], viewport=(0, rows, rest, 1))
+        texture.write(texels[rows * width :], viewport=(0, row + rows, rest, 1))
+
+
+def _write_part(texture: Any, array: Array, size: int, start: int, stop: int) -> None:
+    """Put elements `start` to `stop` along the first axis of a table's array to their places, by whole rows."""
+    each = array[0].size // size
+    row = start * each // texture.width
+    first = row * texture.width
+    past = min(-(-stop * each // texture.width) * texture.width, len(array) * each)
+    write(texture, _padded(array.reshape(-1, size)[first:past], size), texture.width, row)
+
+
+def _padded(array: Array, size: int) -> Array:
+    """Return elements of `size` components as texels (n, components): four for three, which are read a third faster."""
+    texels = as_texels(array).reshape(-1, size)
+    return np.pad(texels, ((0, 0), (0, 1))) if size == 3 else texels
 
 
 def read(target: Target, attachment: int, type: Type, out: Array, width: int, row: int = 0) -> None:

@@ -149,6 +149,12 @@ def _built_silently(program: Any, options: list[str]) -> Any:
         return program.build(options=options, cache_dir=False)
 
 
+def _as_held(array: Array, dtype: Any, padded: bool) -> Array:
+    """Return elements of a table as a buffer holds them; `padded` as in `Machine.table`."""
+    array = np.ascontiguousarray(array, dtype=dtype)
+    return np.concatenate([array, array[..., :1]], axis=-1) if padded else array
+
+
 def _rounds_correctly(device: Any) -> bool:
     return bool(device.single_fp_config & _pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
 
@@ -316,16 +322,31 @@ class Machine:
         """
         copies = self._tables.setdefault(data, {})
         version, buffer = copies.get((dtype, padded), (None, None))
-        if version != data.version:
-            array = np.ascontiguousarray(data.array, dtype=dtype)
-            if padded:
-                array = np.concatenate([array, array[..., :1]], axis=-1)
+        if version == data.version:
+            return buffer
+        changed = data.changed_since(version)
+        if changed is not None:
+            for start, stop in changed:
+                self._send_part(buffer, _as_held(data.array[start:stop], dtype, padded), start)
+            self.queue.finish()
+            copies[dtype, padded] = (data.version, buffer)
+        else:
+            array = _as_held(data.array, dtype, padded)
             buffer = self.lend(array, size)
             if buffer is None:
                 flags = self.cl.mem_flags
                 buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
             copies[dtype, padded] = (data.version, buffer)
         return buffer
+
+    def _send_part(self, buffer: Any, part: Array, start: int) -> None:
+        """Write elements to their places in a buffer. It is mapped, as it may be an array's own memory."""
+        offset = start * part[0].nbytes
+        mapped, _ = self.cl.enqueue_map_buffer(
+            self.queue, buffer, self.cl.map_flags.WRITE, offset, part.shape, part.dtype
+        )
+        mapped[...] = part
+        mapped.base.release(self.queue)
 
     @property
     def lanes(self) -> int:

@@ -1,0 +1,103 @@
+"""A part of a table that is replaced: every backend reads it, and it alone is sent."""
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.ir import tabledata
+from shpy.ir.tabledata import TableData
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+KINDS = {"small": 10, "lent": 70_000}
+"""OpenCL on a CPU reads large arrays where they lie."""
+
+
+def reader(table):
+    @sh.program
+    def read(i: sh.Attrib1i) -> table.type:
+        return table[i]
+
+    return read
+
+
+@pytest.mark.parametrize("count", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("type_", [sh.Attrib1f, sh.Attrib3f, sh.Attrib4f, sh.Attrib2i])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_parts_are_read_as_a_new_table_would_be(backend, type_, count):
+    shape = (count, type_.size) if type_.size > 1 else (count,)
+    dtype = np.int32 if type_ is sh.Attrib2i else np.float32
+    held = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
+    table = sh.Table(held, type_, name="held")
+    kernel, every = reader(table).compile(backend), np.arange(count, dtype=np.int32)
+    assert np.array_equal(kernel(every), held)
+    for start, stop in [(3, 5), (0, 1), (count - 2, count), (4, 9), (2, count)]:
+        held[start:stop] = -7 * held[start:stop] - 1
+        table.update(held[start:stop], start=start)
+        if stop != 1:  # two parts at once
+            assert np.array_equal(kernel(every), held), (start, stop)
+
+
+def test_a_part_of_a_table_of_two_axes_is_rows():
+    held = np.zeros((5, 3), np.float32)
+    table = sh.Table(held, sh.Attrib1f, name="held")
+
+    @sh.program
+    def read(row: sh.Attrib1i, column: sh.Attrib1i) -> sh.Attrib1f:
+        return table[row, column]
+
+    rows, columns = np.indices((5, 3), dtype=np.int32).reshape(2, -1)
+    kernels = [read.compile(backend) for backend in BACKENDS]
+    for kernel in kernels:
+        kernel(rows, columns)
+    table.update([[1, 2, 3], [4, 5, 6]], start=2)
+    held[2:4] = [[1, 2, 3], [4, 5, 6]]
+    for kernel in kernels:
+        assert np.array_equal(kernel(rows, columns), held.ravel())
+
+
+def test_a_struct_is_replaced_in_all_its_fields():
+    @sh.struct
+    class Ball:
+        center: sh.Point3f
+        radius: sh.Attrib1f
+
+    balls = sh.Table({"center": np.zeros((3, 3)), "radius": np.zeros(3)}, Ball)
+    balls.update({"center": [(1, 2, 3)], "radius": [4]}, start=1)
+    assert np.array_equal(balls[1].center, [1, 2, 3])
+    assert [float(balls[k].radius) for k in range(3)] == [0, 4, 0]
+    with pytest.raises(sh.ShpyIndexError):
+        balls.update({"center": [(9, 9, 9)], "radius": [9]}, start=3)
+    assert float(balls[2].radius) == 0
+
+
+def test_parts_out_of_range_and_of_other_shapes_change_nothing():
+    table = sh.Table(np.zeros((4, 2)), sh.Attrib2f, name="held")
+    for part, start in [(np.ones((2, 2)), 3), (np.ones((1, 2)), -1), (np.ones((5, 2)), 0)]:
+        with pytest.raises(sh.ShpyIndexError, match="which has 4"):
+            table.update(part, start=start)
+    with pytest.raises(sh.ShpyTypeError):
+        table.update(np.ones((2, 3)), start=0)
+    assert np.array_equal(table._host_array(), np.zeros((4, 2)))
+
+
+def test_a_stream_is_updated_whole():
+    table = sh.Table(sh.Stream(np.zeros(4), sh.Attrib1f, backend="numpy"))
+    with pytest.raises(sh.ShpyTypeError, match="whole"):
+        table.update([1.0], start=2)
+
+
+def test_what_changed_is_known_part_by_part(monkeypatch):
+    data = TableData(np.zeros(20))
+    data.change(3, np.ones(2))
+    data.change(5, np.ones(4))
+    data.change(1, np.ones(1))
+    assert data.changed_since(0) == [(1, 2), (3, 9)]
+    assert data.changed_since(2) == [(1, 2)]
+    assert data.changed_since(3) == []
+    assert data.changed_since(None) is None
+    monkeypatch.setattr(tabledata, "PARTS", 3)
+    data.change(0, np.ones(1))
+    assert data.changed_since(0) is None
+    assert data.changed_since(1) == [(0, 2), (5, 9)]
+    data.replace(np.zeros(20), 9)
+    assert data.changed_since(8) is None
