@@ -71,6 +71,12 @@ def _grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtyp
     return (lows - grow).astype(dtype), (highs + grow).astype(dtype)
 
 
+def boxes_of(corners: NDArray[np.floating], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
+    """Return the boxes that leaves hold of triangles with `corners` (N, 3, 3): the lower and the upper corners."""
+    triangles = np.asarray(corners, dtype=np.float64)
+    return _grown(triangles.min(axis=1), triangles.max(axis=1), dtype)
+
+
 def _unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:
     """Scale boxes into the unit cube, so that areas neither vanish nor overflow."""
     low = lows.min(axis=0)
@@ -123,7 +129,7 @@ def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Int
     low, high = lows[box], highs[box]
     bins = _binned(low + high, node, begins)
     cost, axis, border = _cheapest(low, high, bins, node, len(start))
-    area = _half_area((np.maximum.reduceat(high, begins) - np.minimum.reduceat(low, begins)).T)
+    area = half_area((np.maximum.reduceat(high, begins) - np.minimum.reduceat(low, begins)).T)
     cut = (cost + DESCENT * area < area * count) | (count > MAX_LEAF)
     # Boxes that no border parts are halved as they stand.
     before = np.where(np.isfinite(cost)[node], bins[axis[node], np.arange(len(node))] <= border[node],
@@ -180,11 +186,11 @@ def _one_side(bounds: Floats, counts: Ints) -> Floats:
         np.minimum(reach[:, k - 1], reach[:, k], out=reach[:, k])
     number = np.cumsum(counts[:-1], axis=0)
     with np.errstate(invalid="ignore"):
-        cost = _half_area(-(reach[3:] + reach[:3])) * number
+        cost = half_area(-(reach[3:] + reach[:3])) * number
     return np.where(number > 0, cost, np.inf).astype(np.float32)
 
 
-def _half_area(extent: Floats) -> Floats:
+def half_area(extent: Floats) -> Floats:
     """Return half the surface of boxes with these extents (3, ...)."""
     x, y, z = extent
     return np.asarray(x * y + y * z + z * x)

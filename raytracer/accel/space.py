@@ -62,7 +62,19 @@ def to_kernel(corners: Rows, precision: str) -> tuple[Rows, Rows, float]:
     origin = origin_of(corners)
     corners = corners - origin
     scale = scale_of(corners, precision)
-    return (corners * scale).astype(WORKING.get(precision, np.float32)).astype(np.float64), origin, scale
+    return rounded(corners * scale, precision), origin, scale
+
+
+def rounded(corners: Rows, precision: str) -> Rows:
+    """Round coordinates as a kernel that works at `precision` holds them."""
+    return corners.astype(WORKING.get(precision, np.float32)).astype(np.float64)
+
+
+def frame_of(low: Rows, high: Rows, precision: str) -> tuple[Rows, float]:
+    """Return the origin (3,) and the scale that `to_kernel` gives triangles in the box from `low` to `high`."""
+    box = np.stack([low, high])[None]
+    origin = origin_of(box)
+    return origin, scale_of(box - origin, precision)
 
 
 def triangle_rows(corners: NDArray[np.float64]) -> Rows:

@@ -16,11 +16,14 @@ from os import PathLike
 from typing import Any, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import shpy as sh
+from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
+from raytracer.integrators.motion import Motion
 from raytracer.integrators.progressive import origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
@@ -51,7 +54,8 @@ class Renderer:
     """The compiled tracer of one scene, for pictures of any size from any camera.
 
     `integrator` is a `Whitted`, `Staged` or `Path`, or a name as in `render`, which also describes the `options`;
-    `backend` is one of `sh.backends()`, None for the default one.
+    `backend` is one of `sh.backends()`, None for the default one. `move` and `deform` change objects between pictures;
+    `scene` is the scene of the last picture, and `builds` counts how often accelerators were built for all of it.
     """
 
     def __init__(
@@ -68,8 +72,18 @@ class Renderer:
         self.kernel: Any = None
         self.params: dict[str, Any] = {}
         self.layout: Layout | None = None
+        self.builds = 0
+        self._motion = Motion(scene.meshes)
+        self._moving: tuple[int, ...] = ()
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Build the accelerators, and record and compile the kernel of the scene's camera."""
+        scene = self.scene
         if not scene.triangles:
             return
+        self.builds += 1
+        self.staged = self.program = self.kernel = None
         started = time.perf_counter()
         self.layout = self._laid_out()
         self.build_seconds = time.perf_counter() - started
@@ -88,11 +102,65 @@ class Renderer:
     def _laid_out(self) -> Layout:
         """Return the tables of the scene, with the cube for secondary rays if there is one."""
         chosen = self.integrator
-        layout = Layout.of(self.scene, chosen.structure, chosen.precision, chosen.grid)
+        layout = Layout.of(self.scene, chosen.structure, chosen.precision, chosen.grid, self._moving)
         cube: LayeredCube | None = getattr(chosen, "secondary", None)
         if cube is None and chosen.accel is not None and is_layered(chosen.accel):
             cube = cube_of(chosen.accel, self.scene, self.backend)
         return layout if cube is None else dataclasses.replace(layout, secondary=cube)
+
+    def move(self, name: str | int, transform: ArrayLike) -> None:
+        """Place the meshes of a name, or the one of a number, where `transform` takes them, from the next picture on.
+
+        `transform` (4, 4) multiplies columns (x, y, z, 1), as an `Instance`'s does, and is relative to where the scene
+        has the mesh, or to the vertices that `deform` gave it: not to the last move. The picture is that of a scene
+        which was made so. A number is the place among the scene's meshes, which is the object id of pictures.
+
+        The first picture after an object's first move costs as much as a new Renderer: the object gets an accelerator
+        of its own. From then on only the parts of tables that the object has are computed and sent, and the accelerator
+        of what does not move stays. It is all built anew where the scene grows beyond the next power of two, or moves
+        to far away from 0, which `builds` counts. Raises SceneError for unknown names, for other matrices, and for
+        other accelerators than "bvh".
+        """
+        self._check_movable()
+        self._motion.move(name, transform)
+
+    def deform(self, name: str | int, vertices: ArrayLike, normals: ArrayLike | None = None) -> None:
+        """Give a mesh other `vertices` (V, 3), before it is transformed by `move`, from the next picture on.
+
+        Of a mesh with normals, None makes them anew as `Mesh.smoothed` does; (V, 3) or (F, 3, 3) saves that. Costs and
+        errors are those of `move`. The boxes of the object's accelerator are refitted; it is built anew when that has
+        made it `accel.forest.DEGRADED` times as costly as it was. Raises SceneError for vertices of another shape,
+        numbers that are not finite, and a name that several meshes have.
+        """
+        self._check_movable()
+        self._motion.deform(name, vertices, normals)
+
+    def _check_movable(self) -> None:
+        chosen = self.integrator
+        cube = getattr(chosen, "secondary", None) is not None or (chosen.accel is not None and is_layered(chosen.accel))
+        if cube or chosen.structure != "bvh":
+            used = "a layered depth cube" if cube else f"accel={chosen.structure!r}"
+            raise SceneError(f'objects move in a hierarchy, and this Renderer has {used}: choose accel="bvh"')
+
+    def _follow_motion(self) -> None:
+        """Bring tables and accelerators up to where the objects are."""
+        motion = self._motion
+        if not motion.changed:
+            return
+        self.scene = dataclasses.replace(self.scene, meshes=motion.meshes)
+        layout, precision = self.layout, self.integrator.precision
+        assert layout is not None  # a mesh with triangles has changed
+        origin, scale = frame_of(*motion.bounds, precision)
+        stays = np.array_equal(origin, layout.origin) and scale == layout.scale
+        if stays and motion.changed <= set(self._moving):
+            changed = {number: motion.meshes[number] for number in sorted(motion.changed)}
+            stays = self._tracer.renew(layout, layout.put(self._moving, changed, precision))
+        else:
+            self._moving = tuple(sorted(motion.changed | set(self._moving)))
+            stays = False
+        if not stays:
+            self._prepare()
+        motion.changed.clear()
 
     def _tracer_of(self, layout: Layout) -> Tracer | PathTracer:
         """Return the tracer of the integrator and of what the scene has."""
@@ -151,6 +219,7 @@ class Renderer:
         fine = isqrt(samples)
         width, height = checked_size(size)
         started = time.perf_counter()
+        self._follow_motion()
         layers = _unset(width, height)
         if self.layout is None:
             _clear(layers, self.scene.background)
@@ -183,6 +252,7 @@ class Renderer:
             raise SceneError('passes are those of integrator="path"')
         samples, seed = self._samples(samples), self.integrator.seed
         width, height = checked_size(size, _PASSING)
+        self._follow_motion()
         started, layers, first, origin = time.perf_counter(), _unset(width, height), 0, ""
         _clear(layers, self.scene.background)
         if self.layout is None:

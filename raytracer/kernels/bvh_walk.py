@@ -11,6 +11,7 @@ is hit. For this to hold to the bit, boxes are met with a margin for rounding (I
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import COUNT_BITS, Bvh
+from raytracer.accel.forest import Forest
 from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest, Walk, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
@@ -36,9 +38,9 @@ class BvhIntersector(Walk):
         self.bound = bound
         self.triangles = Triangles(triangles)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
-        self.leaves = Triangles(leaves, "leaves", sh.Table(bvh.items, sh.Attrib1i, "items"))
-        boxes = np.pad(np.stack([bvh.low, bvh.high], axis=1).reshape(-1, 3), ((0, 0), (0, 1)))
-        self.boxes = sh.Table(boxes, sh.Attrib4f, "boxes")
+        self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
+        self.leaves = Triangles(leaves, "leaves", self.items)
+        self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes")
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
         self.past = sh.Table(past, sh.Attrib1i, "past")
@@ -47,6 +49,22 @@ class BvhIntersector(Walk):
         self.margin = MARGIN * float(working.eps)
         self.steepest = min(float(working.max), FAR)
         self.vote = sh.any_lane if together else sh.Attrib1b
+
+    def renew(self, forest: Forest, triangles: Any, ranges: Sequence[tuple[int, int]]) -> None:
+        """Update the parts of the tables that changed, of `forest.bvh` and of the triangles in `ranges`."""
+        bvh, nodes = forest.bvh, len(forest.bvh.low)
+        for first, past in ranges:
+            self.triangles.renew(triangles[3 * first : 3 * past], first)
+        for first, past in forest.stale_items:
+            self.items.update(bvh.items[first:past], start=first)
+            self.leaves.renew(np.reshape(triangles, (-1, 3, 4))[bvh.items[first:past]].reshape(-1, 4), first)
+        for first, past in forest.stale_boxes:
+            self.boxes.update(box_rows(bvh.low[first:past], bvh.high[first:past]), start=2 * first)
+        for octant, first, past in forest.stale_links:
+            links = bvh.links[octant, first:past]
+            self.first.update(links[:, 0], start=octant * nodes + first)
+            self.past.update(links[:, 1], start=octant * nodes + first)
+        forest.clear()
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
@@ -104,6 +122,11 @@ class BvhIntersector(Walk):
             test(self.leaves, item, near, hit)
             item += 1
             SH_UNTIL(item >= end)
+
+
+def box_rows(low: Any, high: Any) -> Any:
+    """Return rows (2M, 4) of the lower and the upper corner of M boxes, and a component of padding."""
+    return np.pad(np.stack([low, high], axis=1).reshape(-1, 3), ((0, 0), (0, 1)))
 
 
 class BoxTest:

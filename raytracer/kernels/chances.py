@@ -26,15 +26,21 @@ class Chances:
     """
 
     def __init__(self, weights: Floats, numbers: Any = None, per: Any = 1.0, name: str = "chances") -> None:
-        thresholds, aliases = alias_table(weights)
         self.count = len(weights)
-        self.probabilities = probabilities_of(thresholds, aliases)
-        densities = (self.probabilities / per).astype(np.float32)
-        self.numbers = np.arange(self.count) if numbers is None else np.asarray(numbers)
-        self.densities = densities
-        rows = np.stack([thresholds, aliases, densities.view(np.uint32), self.numbers.astype(np.uint32)], axis=1)
-        self.table = sh.Table(rows.astype(np.uint32), sh.Attrib4u, name)
+        self.table = sh.Table(self._rows(weights, numbers, per), sh.Attrib4u, name)
         self.number = sh.Param(sh.Attrib1u, self.count, name=f"{name}_count")
+
+    def renew(self, weights: Floats, numbers: Any = None, per: Any = 1.0) -> None:
+        """Take other weights, of as many choices."""
+        self.table.update(self._rows(weights, numbers, per))
+
+    def _rows(self, weights: Floats, numbers: Any, per: Any) -> NDArray[np.uint32]:
+        thresholds, aliases = alias_table(weights)
+        self.probabilities = probabilities_of(thresholds, aliases)
+        self.densities = (self.probabilities / per).astype(np.float32)
+        self.numbers = np.arange(self.count) if numbers is None else np.asarray(numbers)
+        rows = np.stack([thresholds, aliases, self.densities.view(np.uint32), self.numbers.astype(np.uint32)], axis=1)
+        return rows.astype(np.uint32)
 
     def choose(self, which: Any, instead: Any) -> tuple[Any, Any, Any]:
         """Return the place, number and density of the choice that two hashed words make."""

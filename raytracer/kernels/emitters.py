@@ -7,7 +7,7 @@ triangle is chosen evenly, a direction to the environment by the brightness of i
 from __future__ import annotations
 
 from math import pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,16 @@ class Aim:
         self.ray, self.limit, self.incoming, self.density, self.around = ray, limit, incoming, density, around
 
 
+class Choices(NamedTuple):
+    """The weights of lights, their numbers and areas; how many are triangles; the factor of a triangle's density."""
+
+    weights: NDArray[np.float64]
+    numbers: NDArray[np.int64]
+    per: NDArray[np.float64]
+    shining: int
+    per_glow: float
+
+
 class Emitters:
     """The lights of a scene; `features` says which there are."""
 
@@ -56,30 +66,48 @@ class Emitters:
         self.surfaces = surfaces
         self.placed = LightList(layout.lights, surfaces)
         self.around = None if environment is None else Environment(environment)
+        choices = self._choices(layout)
+        self.shining, self.count = choices.shining, len(choices.weights)
+        self.features: dict[str, bool | int] = {"emissive triangles": self.shining, "environment": bool(self.around)}
+        if not self.count:
+            return
+        self.chances = Chances(*choices[:3], "emitters")
+        self.share_around = sh.Param(sh.Attrib1f, float(self.chances.probabilities[-1]), name="share_around")
+        if self.shining:
+            self.per_glow = sh.Param(sh.Attrib1f, choices.per_glow, name="per_glow")
+        self.first = sh.Param(sh.Attrib1i, self.placed.count, name="first_shining")
+        self.last = sh.Param(sh.Attrib1i, self.placed.count + self.shining, name="past_shining")
+
+    def _choices(self, layout: Layout) -> Choices:
+        """Return what can be chosen: the placed lights, the triangles that shine, what is around."""
         corners = layout.triangles[:, :3].reshape(-1, 3, 3)
         size = float(np.linalg.norm(np.ptp(corners, axis=(0, 1))))
         fading = layout.lights[1::2, 3] > 0
-        shining, areas, glows = shining_triangles(layout, surfaces)
+        shining, areas, glows = shining_triangles(layout, self.surfaces)
         weights = np.concatenate([
             pi * np.abs(layout.lights[1::2, :3]).mean(axis=1) / np.where(fading, (size / layout.scale) ** 2, 1),
             areas * glows / size**2 if len(areas) else [],
             [] if self.around is None else [pi * self.around.mean],
         ])  # fmt: skip
-        self.features: dict[str, bool | int] = {"emissive triangles": len(shining), "environment": bool(self.around)}
-        self.count = len(weights)
-        if not self.count:
-            return
         if not weights.any():
             weights += 1.0  # all of them are dark, which no choice can know
         numbers = np.concatenate([np.arange(self.placed.count), shining, [0] * bool(self.around)])
         per = np.concatenate([np.ones(self.placed.count), areas, [1.0] * bool(self.around)])
-        self.chances = Chances(weights, numbers, per, "emitters")
-        self.share_around = sh.Param(sh.Attrib1f, float(self.chances.probabilities[-1]), name="share_around")
-        self.shining = len(shining)
+        per_glow = 1 / (size**2 * float(weights.sum())) if len(shining) else 0.0
+        return Choices(weights, numbers, per, len(shining), per_glow)
+
+    def renew(self, layout: Layout) -> bool:
+        """Take other places of the triangles; return False if another number of them shines, which changes nothing."""
+        if not self.count:
+            return True
+        choices = self._choices(layout)
+        if choices.shining != self.shining:
+            return False
+        self.chances.renew(*choices[:3])
+        self.share_around.value = float(self.chances.probabilities[-1])
         if self.shining:
-            self.per_glow = sh.Param(sh.Attrib1f, 1 / (size**2 * float(weights.sum())), name="per_glow")
-        self.first = sh.Param(sh.Attrib1i, self.placed.count, name="first_shining")
-        self.last = sh.Param(sh.Attrib1i, self.placed.count + self.shining, name="past_shining")
+            self.per_glow.value = choices.per_glow
+        return True
 
     def aim(self, surface: Interaction, random: Any) -> Aim:
         """Choose a light for a surface, and a direction to it; `random(k)` are hashed words, of which six are used."""
@@ -232,7 +260,8 @@ def shining_triangles(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the numbers of the triangles that shine, their areas, and their expected brightness."""
     glows = surfaces.glow[layout.material_of, 3]
-    a, b, c = layout.triangles[:, :3].reshape(-1, 3, 3).swapaxes(0, 1)
+    shining = np.flatnonzero(glows > 0)
+    a, b, c = layout.triangles[:, :3].reshape(-1, 3, 3)[shining].swapaxes(0, 1)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    shining = np.flatnonzero((glows > 0) & (areas > 0))
-    return shining, areas[shining], glows[shining]
+    there = areas > 0
+    return shining[there], areas[there], glows[shining[there]]

@@ -12,6 +12,7 @@ a running mean, so that a picture may be continued: it is the same whoever compu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import shpy as sh
@@ -24,7 +25,7 @@ from raytracer.kernels.glass import refracted
 from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
-from raytracer.kernels.walk import TOGETHER, meet, scene_walk
+from raytracer.kernels.walk import TOGETHER, meet, renew_walk, scene_walk
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -119,6 +120,12 @@ class PathTracer:
             "textures": len(appearance.textured),
             "cutouts": self.surfaces.accept is not None,
         }
+
+    def renew(self, layout: Layout, ranges: Sequence[tuple[int, int]]) -> bool:
+        """Update the tables for triangles in `ranges` that changed; return False where a kernel must be made anew."""
+        renew_walk(self.intersector, layout, ranges)
+        self.surfaces.renew(layout, ranges)
+        return self.emitters.renew(layout)
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
         """Record the program of a band of the picture, from the mean of the samples before to the mean with the new."""

@@ -6,6 +6,7 @@ reads the first row. No number of a scene is a constant of its kernel, so that s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -83,6 +84,13 @@ class SurfaceTables:
         if self.glows:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
+
+    def renew(self, layout: Layout, ranges: Sequence[tuple[int, int]]) -> None:
+        """Update the normals, colours and uv coordinates of the triangles in `ranges` (first, past)."""
+        for table, rows in ((self.normals, layout.normals), (self.colors, layout.colors), (self.uvs, layout.uvs)):
+            if table is not None and rows is not None:
+                for first, past in ranges:
+                    table.update(rows[3 * first : 3 * past], start=3 * first)
 
     @cached_property
     def scale(self) -> Any:

@@ -12,6 +12,7 @@ meshes, no interpolated normals; one material, no lookup.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from math import inf
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from raytracer.accel.bounds import FAR
 from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
 from raytracer.kernels.triangle import RayHit
-from raytracer.kernels.walk import meet, scene_walk
+from raytracer.kernels.walk import meet, renew_walk, scene_walk
 from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -100,6 +101,12 @@ class Tracer:
         if self.surfaces.accept is not None:
             self.features["cutouts"] = True
         self.loops = self.reflects or self.lights.count > 0
+
+    def renew(self, layout: Layout, ranges: Sequence[tuple[int, int]]) -> bool:
+        """Update the tables for triangles in `ranges` that changed; return True: the kernel stays."""
+        renew_walk(self.intersector, layout, ranges)
+        self.surfaces.renew(layout, ranges)
+        return True
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""

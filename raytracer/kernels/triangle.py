@@ -155,10 +155,19 @@ class Triangles:
 
     def __init__(self, rows: NDArray[Any], name: str = "triangles", numbers: Any = None) -> None:
         self.rows = sh.Table(rows, sh.Attrib4f, name)
-        parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
-        levels = levels_of(parts[..., :3], parts[..., 3])
-        self.levels = sh.Table(levels, sh.Attrib1f, f"levels_of_{name}")
+        self.levels = sh.Table(self.levels_in(rows), sh.Attrib1f, f"levels_of_{name}")
         self.numbers = numbers
+
+    @staticmethod
+    def levels_in(rows: NDArray[Any]) -> NDArray[np.float64]:
+        """Return how far the planes of the triangles in `rows` are from 0."""
+        parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
+        return levels_of(parts[..., :3], parts[..., 3])
+
+    def renew(self, rows: NDArray[Any], first: int) -> None:
+        """Replace the triangles from the place `first` on."""
+        self.rows.update(rows, start=3 * first)
+        self.levels.update(self.levels_in(rows), start=first)
 
     def __getitem__(self, k: Any) -> list[Any]:
         """Return the three rows of triangle `k`."""

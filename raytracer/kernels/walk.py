@@ -5,7 +5,7 @@ Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a ke
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -89,10 +89,17 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
         return SplitWalk(exact, secondary)
     structure = layout.structure
     wide = backend in TOGETHER and isinstance(structure, Bvh) and structure.low.dtype == np.float32
-    if scattered and wide and len(structure.items) >= MANY:
+    if scattered and wide and len(structure.items) >= MANY and layout.forest is None:
         assert isinstance(structure, Bvh)
         return SplitWalk(exact, AloneWalk(WideIntersector(structure, layout.triangles, bound)))
     return exact
+
+
+def renew_walk(walk: Walk | SplitWalk, layout: Layout, ranges: Sequence[tuple[int, int]]) -> None:
+    """Update the tables of a walk through moving objects, whose triangles in `ranges` (first, past) changed."""
+    assert isinstance(walk, BvhIntersector)
+    assert layout.forest is not None
+    walk.renew(layout.forest, layout.triangles, ranges)
 
 
 def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> RayHit:

@@ -10,7 +10,7 @@ mesh needs is not there, and `kernels.tracer` records no code for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build
+from raytracer.accel.forest import Forest
 from raytracer.accel.grid import Grid
-from raytracer.accel.space import WORKING, Rows, to_kernel, triangle_rows
+from raytracer.accel.space import WORKING, Rows, rounded, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Mesh
@@ -45,6 +46,8 @@ class Layout:
     the uv coordinates at the corners, None if no material has textures or programs.
 
     `secondary` is the cube that all rays but those from the eye go through, None where they go through `structure`.
+
+    `forest` is the hierarchy of moving objects, of which `structure` is the joined one; None if none moves.
     """
 
     origin: NDArray[np.float64]
@@ -62,32 +65,70 @@ class Layout:
     without_uv: tuple[str, ...] = ()
     uvs: Rows | None = None
     secondary: LayeredCube | None = None
+    forest: Forest | None = None
 
     @classmethod
-    def of(cls, scene: Scene, accel: str = "bvh", precision: str = "f32", across: int | None = None) -> Layout:
-        """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`."""
+    def of(
+        cls,
+        scene: Scene,
+        accel: str = "bvh",
+        precision: str = "f32",
+        across: int | None = None,
+        moving: Sequence[int] = (),
+    ) -> Layout:
+        """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`.
+
+        `moving` are the numbers of the meshes that `put` may replace, where the accelerator is a BVH.
+        """
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
         corners, origin, scale = to_kernel(corners, precision)
         materials, index = _materials(meshes)
         sizes = [len(mesh) for mesh in meshes]
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
+        object_of = np.repeat(places, sizes).astype(np.int32)
+        ranges = [_range(object_of, number) for number in moving]
+        forest = Forest(corners, ranges, WORKING.get(precision, np.float32)) if moving else None
         return cls(
             origin=origin,
             scale=scale,
-            structure=build(accel, corners, precision, across),
+            structure=build(accel, corners, precision, across) if forest is None else forest.bvh,
             roundoff=float(np.finfo(WORKING.get(precision, np.float32)).eps) / 2,
             triangles=triangle_rows(corners),
             normals=_normals(meshes),
             colors=_colors(meshes),
             material_rows=_material_rows(materials),
             material_of=np.repeat(index, sizes).astype(np.int32),
-            object_of=np.repeat(places, sizes).astype(np.int32),
+            object_of=object_of,
             lights=light_rows(scene.placed_lights, origin, scale),
             materials=materials,
             without_uv=_without_uv(meshes, index, len(materials)),
             uvs=_uvs(meshes) if any(m.textures or m.surface for m in materials) else None,
+            forest=forest,
         )
+
+    def put(self, moving: Sequence[int], meshes: Mapping[int, Mesh], precision: str) -> list[tuple[int, int]]:
+        """Take other meshes, of as many triangles, in the place of those of these numbers, all of them in `moving`.
+
+        Return the ranges (first, past) of their triangles. The origin and the scale stay.
+        """
+        assert self.forest is not None
+        ranges = []
+        for number, mesh in meshes.items():
+            first, past = _range(self.object_of, number)
+            corners = rounded((mesh.corners - self.origin) * self.scale, precision)
+            rows = slice(3 * first, 3 * past)
+            self.triangles[rows] = triangle_rows(corners)
+            if self.normals is not None:
+                self.normals[rows] = _corner_rows([_corner_normals(mesh)])
+            if self.colors is not None:
+                self.colors[rows] = _corner_rows([_corner_colors(mesh, self.materials)])
+            if self.uvs is not None:
+                self.uvs[rows] = _uvs([mesh])
+            self.forest.change(list(moving).index(number), corners)
+            ranges.append((first, past))
+        self.forest.join()
+        return ranges
 
     @property
     def glass(self) -> Rows:
@@ -120,6 +161,12 @@ def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale
     return rows
 
 
+def _range(object_of: NDArray[np.int32], number: int) -> tuple[int, int]:
+    """Return the range (first, past) of the triangles of a mesh."""
+    first, past = np.searchsorted(object_of, [number, number + 1])
+    return int(first), int(past)
+
+
 def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]:
     """Return the different materials, and which one each mesh has."""
     known: dict[Material, int] = {}
@@ -148,17 +195,26 @@ def _without_uv(meshes: Sequence[Mesh], index: Sequence[int], count: int) -> tup
 def _normals(meshes: Sequence[Mesh]) -> Rows | None:
     if all(mesh.normals is None for mesh in meshes):
         return None
-    flat = [np.repeat(mesh.face_normals[:, None], 3, axis=1) for mesh in meshes]
-    return _corner_rows([f if m.normals is None else m.normals for f, m in zip(flat, meshes, strict=True)])
+    return _corner_rows(list(map(_corner_normals, meshes)))
+
+
+def _corner_normals(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the normals at corners, (n, 3, 3): those of the faces for a flat mesh."""
+    found = np.repeat(mesh.face_normals[:, None], 3, axis=1) if mesh.normals is None else mesh.normals
+    return np.asarray(found)
 
 
 def _colors(meshes: Sequence[Mesh]) -> Rows | None:
     if all(mesh.colors is None for mesh in meshes):
         return None
-    own = [np.ones((len(mesh), 3, 3)) if mesh.colors is None else mesh.colors for mesh in meshes]
-    if any(is_programmed(mesh.material) for mesh in meshes):
-        return _corner_rows(own)
-    return _corner_rows([colors * mesh.material.tint for colors, mesh in zip(own, meshes, strict=True)])
+    materials, _ = _materials(meshes)
+    return _corner_rows([_corner_colors(mesh, materials) for mesh in meshes])
+
+
+def _corner_colors(mesh: Mesh, materials: Sequence[Material]) -> NDArray[np.float64]:
+    """Return the colours at corners, (n, 3, 3), with the material's unless any of the scene's is programmed."""
+    own = np.ones((len(mesh), 3, 3)) if mesh.colors is None else mesh.colors
+    return np.asarray(own if any(map(is_programmed, materials)) else own * mesh.material.tint)
 
 
 def is_programmed(material: Material) -> bool:

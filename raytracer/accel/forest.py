@@ -1,0 +1,217 @@
+"""Hierarchies of objects that move and of the triangles that stay, joined to one `Bvh` of which parts are replaced.
+
+Stage: accelerate. Takes corners (N, 3, 3) and which triangles each moving object has. Node 0 holds everything. Rays
+look first into the moving objects, through a small hierarchy over their boxes that is built anew after each change, and
+then into what stays: so no link of that part depends on where the objects are, and it is never touched.
+
+An object that has moved or changed its shape keeps the links of its hierarchy; the boxes are refitted to its triangles
+from the bottom up. When that has made the hierarchy too costly, it is built anew in its place.
+
+>>> corners = np.arange(18.0).reshape(2, 3, 3)
+>>> forest = Forest(corners, [(1, 2)])
+>>> forest.bvh.items.tolist(), forest.bvh.low[0].round(3).tolist()
+([1, 0], [0.0, 1.0, 2.0])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from raytracer.accel.bvh import COUNT_BITS, DESCENT, END, Bvh, boxes_of, build_bvh, half_area
+
+Corners = NDArray[np.floating]
+Ints = NDArray[np.int64]
+
+DEGRADED = 1.5
+"""Growth of a refitted hierarchy's cost at which it is built anew."""
+GAP = 256
+"""Links that are sent together, though only those at the ends of the range have changed."""
+
+
+class Forest:
+    """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
+
+    `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those
+    (octant, first, past) of nodes whose links did, `stale_items` the ranges of `bvh.items`. `rebuilt` counts
+    hierarchies of objects that were built anew.
+    """
+
+    def __init__(self, corners: Corners, moving: Sequence[tuple[int, int]], dtype: DTypeLike = np.float32) -> None:
+        self.dtype = np.dtype(dtype)
+        self.moving = list(moving)
+        self.rebuilt = 0
+        stays = np.ones(len(corners), bool)
+        for first, past in self.moving:
+            stays[first:past] = False
+        still = np.flatnonzero(stays)
+        sizes = [past - first for first, past in self.moving]
+        # An object has room for as many nodes as its triangles can need.
+        roots = np.cumsum([len(sizes), *(2 * size - 1 for size in sizes)])
+        self.clear()
+        self.still = build_bvh(corners[still], dtype) if len(still) else None
+        total = int(roots[-1]) + (0 if self.still is None else len(self.still.low))
+        low, high = np.zeros((total, 3), self.dtype), np.zeros((total, 3), self.dtype)
+        links, items = np.full((8, total, 2), END, np.int32), np.zeros(len(corners), np.int32)
+        self.bvh = Bvh(low, high, links, items)
+        places = np.cumsum([0, *sizes])
+        self.objects = [_Object(self.bvh, *place) for place in zip(roots, places, [m[0] for m in moving], strict=False)]
+        for known, (first, past) in zip(self.objects, self.moving, strict=True):
+            known.put(build_bvh(corners[first:past], dtype))
+        self.past_objects = END
+        if self.still is not None:
+            self.past_objects = int(roots[-1])
+            _put(self.bvh, self.still, self.past_objects, int(places[-1]), END)
+            items[places[-1] :] = still[self.still.items]
+        self.join()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what has changed."""
+        self.stale_boxes: list[tuple[int, int]] = []
+        self.stale_links: list[tuple[int, int, int]] = []
+        self.stale_items: list[tuple[int, int]] = []
+
+    def change(self, number: int, corners: Corners) -> None:
+        """Take new corners (n, 3, 3) of the moving object of this number."""
+        known = self.objects[number]
+        known.refit(corners, self.dtype)
+        if known.cost() > DEGRADED * known.built_cost:
+            known.put(build_bvh(corners, self.dtype))
+            self.rebuilt += 1
+            self.stale_links += [(octant, known.root, known.root + known.count) for octant in range(8)]
+        self.stale_items.append((known.item, known.item + len(corners)))
+        self.stale_boxes.append((known.root, known.root + known.count))
+
+    def join(self) -> None:
+        """Build after changes the hierarchy over the objects' boxes, and link it to what comes before and after."""
+        bvh, past = self.bvh, self.past_objects
+        top = _Top(bvh, self.objects)
+        inner = len(self.objects)  # with node 0
+        before = bvh.links[:, :inner].copy()
+        for octant in range(8):
+            bvh.links[octant, 0] = top.root, END
+            for known, end in top.linked(octant, past):
+                self.stale_links += [(octant, *part) for part in known.link(octant, end)]
+        boxes = [top.root] if past == END else [top.root, past]
+        bvh.low[0], bvh.high[0] = bvh.low[boxes].min(axis=0), bvh.high[boxes].max(axis=0)
+        if not np.array_equal(before, bvh.links[:, :inner]):
+            self.stale_links += [(octant, 0, inner) for octant in range(8)]
+        self.stale_boxes.append((0, inner))
+
+
+class _Object:
+    """The hierarchy of a moving object: its nodes from `root` on, its items from `item` on, its first triangle."""
+
+    def __init__(self, bvh: Bvh, root: int, item: int, first: int) -> None:
+        self.bvh, self.root, self.item, self.first = bvh, int(root), int(item), int(first)
+        self.count = 0
+
+    def put(self, built: Bvh) -> None:
+        """Take a hierarchy that was built for the object alone."""
+        self.count = len(built.low)
+        _put(self.bvh, built, self.root, self.item, END)
+        self.order = built.items
+        self.bvh.items[self.item : self.item + len(built.items)] = built.items + self.first
+        first, past = built.links[0].T.astype(np.int64)
+        inner = first >= 0
+        self.leaves = np.flatnonzero(~inner)
+        code = -1 - first[self.leaves]
+        self.starts = code >> COUNT_BITS
+        self.levels = _levels(np.where(inner, first, -1), np.where(inner, past[np.maximum(first, 0)], -1))
+        self.weights = np.full(self.count, DESCENT)
+        self.weights[self.leaves] = code & ((1 << COUNT_BITS) - 1)
+        self.ends = [np.flatnonzero(links[:, 1] == END) + self.root for links in built.links]
+        self.next: list[int | None] = [None] * 8
+        self.built_cost = self.cost()
+
+    def refit(self, corners: Corners, dtype: np.dtype[Any]) -> None:
+        """Fit the boxes to new corners (n, 3, 3)."""
+        lows, highs = boxes_of(corners[self.order], dtype)
+        span = slice(self.root, self.root + self.count)
+        low, high = self.bvh.low[span], self.bvh.high[span]
+        low[self.leaves] = np.minimum.reduceat(lows, self.starts)
+        high[self.leaves] = np.maximum.reduceat(highs, self.starts)
+        for nodes, left, right in self.levels:
+            low[nodes] = np.minimum(low[left], low[right])
+            high[nodes] = np.maximum(high[left], high[right])
+
+    def cost(self) -> float:
+        """Return the expected cost of a ray that meets the root, by the surface area heuristic."""
+        span = slice(self.root, self.root + self.count)
+        extent = self.bvh.high[span].astype(np.float64) - self.bvh.low[span]
+        area = half_area((extent / (extent[0].max() or 1.0)).T)
+        return float((area * self.weights).sum() / (area[0] or 1.0))
+
+    def link(self, octant: int, past: int) -> list[tuple[int, int]]:
+        """Make a node the next one after the object; return the ranges of nodes whose links changed."""
+        if self.next[octant] == past:
+            return []
+        self.next[octant] = past
+        ends = self.ends[octant]
+        self.bvh.links[octant, ends, 1] = past
+        parts = np.split(ends, np.flatnonzero(np.diff(ends) > GAP) + 1)
+        return [(int(part[0]), int(part[-1]) + 1) for part in parts]
+
+
+class _Top:
+    """The hierarchy over the boxes of objects, whose inner nodes are 1, 2, ...; `root` is its first node."""
+
+    def __init__(self, bvh: Bvh, objects: Sequence[_Object]) -> None:
+        self.bvh, self.objects = bvh, objects
+        roots = [known.root for known in objects]
+        self.centers = bvh.low[roots].astype(np.float64) + bvh.high[roots]
+        self.children: dict[int, tuple[int, int, int]] = {}
+        self.known = {known.root: known for known in objects}
+        self.root = self._cut(np.arange(len(objects)))
+
+    def _cut(self, members: Ints) -> int:
+        """Halve objects along the axis on which they lie farthest apart; return the node that holds them."""
+        if len(members) == 1:
+            return self.objects[int(members[0])].root
+        node = len(self.children) + 1
+        self.children[node] = (0, 0, 0)  # its number is taken
+        axis = int(np.ptp(self.centers[members], axis=0).argmax())
+        order = members[np.argsort(self.centers[members, axis], kind="stable")]
+        left, right = self._cut(order[: len(order) // 2]), self._cut(order[len(order) // 2 :])
+        self.children[node] = left, right, axis
+        self.bvh.low[node] = np.minimum(self.bvh.low[left], self.bvh.low[right])
+        self.bvh.high[node] = np.maximum(self.bvh.high[left], self.bvh.high[right])
+        return node
+
+    def linked(self, octant: int, past: int) -> list[tuple[_Object, int]]:
+        """Link the inner nodes for rays of an octant; return the objects, and the node that comes after each."""
+        found = []
+        todo = [(self.root, past)]
+        while todo:
+            node, after = todo.pop()
+            if node in self.known:
+                found.append((self.known[node], after))
+                continue
+            left, right, axis = self.children[node]
+            near, far = (right, left) if octant >> axis & 1 else (left, right)
+            self.bvh.links[octant, node] = near, after
+            todo += [(near, far), (far, after)]
+        return found
+
+
+def _put(bvh: Bvh, part: Bvh, root: int, item: int, past: int) -> None:
+    """Copy a hierarchy's nodes to `root` and on, of which `past` comes after; its items begin at `item`."""
+    span = slice(root, root + len(part.low))
+    bvh.low[span], bvh.high[span] = part.low, part.high
+    first, after = part.links[..., 0], part.links[..., 1]
+    bvh.links[:, span, 0] = np.where(first < 0, first - (item << COUNT_BITS), first + root)
+    bvh.links[:, span, 1] = np.where(after == END, past, after + root)
+
+
+def _levels(left: Ints, right: Ints) -> list[tuple[Ints, Ints, Ints]]:
+    """Return the inner nodes level by level from the bottom up, with their children; -1 for those of leaves."""
+    levels = []
+    nodes = np.zeros(1, np.int64)
+    while len(nodes := nodes[left[nodes] >= 0]):
+        levels.append((nodes, left[nodes], right[nodes]))
+        nodes = np.concatenate([left[nodes], right[nodes]])
+    return levels[::-1]

@@ -1,0 +1,93 @@
+"""The objects of a renderer's scene as they have been moved and deformed since.
+
+Stage: render. A `Renderer` asks for what has changed before each picture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raytracer.errors import SceneError
+from raytracer.meshes.folder import shown
+from raytracer.meshes.mesh import Mesh, affine
+
+_NAMED = 20
+"""Names that a message lists."""
+
+
+class Motion:
+    """The meshes of a scene where they are now; `changed` are the numbers of those that the picture does not show yet.
+
+    Each has the mesh that was given or deformed last, and the matrix by which it is transformed.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh]) -> None:
+        self.meshes = list(meshes)
+        self.changed: set[int] = set()
+        self._given = list(meshes)
+        self._transforms: dict[int, NDArray[np.float64]] = {}
+        self._bounds: dict[int, NDArray[np.float64]] = {}
+
+    def move(self, name: str | int, transform: ArrayLike) -> None:
+        """Transform all meshes of a name, or the one of a number, as they were given."""
+        matrix, numbers = affine(transform), self.numbers(name)
+        placed = {number: self._given[number].transformed(matrix) for number in numbers}
+        for number, mesh in placed.items():
+            self._transforms[number] = matrix
+            self._take(number, mesh)
+
+    def deform(self, name: str | int, vertices: ArrayLike, normals: ArrayLike | None) -> None:
+        """Give the mesh of a name or number other vertices, before it is transformed."""
+        number, *others = self.numbers(name)
+        if others:
+            places = ", ".join(map(str, [number, *others]))
+            raise SceneError(f"there are {len(others) + 1} meshes {name!r}: deform one of them by its number, {places}")
+        mesh = self._given[number]
+        places_ = np.asarray(vertices, dtype=np.float64)
+        if places_.shape != mesh.vertices.shape:
+            raise SceneError(f"{mesh.name}: other vertices are {mesh.vertices.shape}, as before, not {places_.shape}")
+        if normals is not None and mesh.normals is None:
+            raise SceneError(f"{mesh.name}: the mesh is flat, and has no normals: deform it without normals")
+        found = dataclasses.replace(mesh, vertices=places_, normals=normals)
+        if normals is None and mesh.normals is not None:
+            found = found.smoothed()
+        transform = self._transforms.get(number)
+        placed = found if transform is None else found.transformed(transform)
+        self._given[number] = found
+        self._take(number, placed)
+
+    def numbers(self, name: str | int) -> list[int]:
+        """Return the numbers of the meshes of a name, or the number itself; SceneError where there is none."""
+        if isinstance(name, str):
+            found = [number for number, mesh in enumerate(self.meshes) if mesh.name == name]
+        else:
+            found = [int(name)] if 0 <= name < len(self.meshes) else []
+        if not found:
+            names = list(dict.fromkeys(mesh.name for mesh in self.meshes))
+            more = f" and {len(names) - _NAMED:,} more" if len(names) > _NAMED else ""
+            listed = ", ".join(map(shown, names[:_NAMED])) + more
+            raise SceneError(f"the scene has no mesh {name!r}: its meshes are {listed or 'none'}")
+        return found
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The corners of the box round all triangles."""
+        boxes = [self._box(number) for number, mesh in enumerate(self.meshes) if len(mesh)]
+        return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+
+    def _take(self, number: int, mesh: Mesh) -> None:
+        self.meshes[number] = mesh
+        self._bounds.pop(number, None)
+        if len(mesh):
+            self.changed.add(number)
+
+    def _box(self, number: int) -> Any:
+        if number not in self._bounds:
+            corners = self.meshes[number].corners
+            self._bounds[number] = np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+        return self._bounds[number]

@@ -1,0 +1,225 @@
+"""Objects that move and change their shape: pictures are those of scenes made so, and what stays is not touched."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Renderer, Scene, SceneError
+from raytracer.accel import forest
+from raytracer.accel.bvh import build_bvh
+from raytracer.accel.forest import Forest
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+SIZE = (40, 30)
+
+
+def named(mesh, name):
+    return dataclasses.replace(mesh, name=name)
+
+
+def scene(**changes):
+    cube = box((1, 1, 1))
+    coloured = Mesh(cube.vertices, cube.faces, colors=np.eye(3)[np.arange(len(cube.vertices)) % 3])
+    meshes = [
+        named(sphere(1.0, Material((0.7, 0.7, 0.8), reflectivity=0.4), rings=6, segments=10).moved((0, 1, 0)), "ball"),
+        named(coloured.moved((1.4, 0.5, 0.8), turn=30), "box"),
+        named(icosahedron(0.6, Material((0.2, 0.6, 0.3))).moved((-1.3, 0.5, 0.9)), "stone"),
+        named(floor(12, Material((0.5, 0.5, 0.5), specular=0.0, reflectivity=0.2)), "ground"),
+    ]
+    lights = [PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5))]
+    given = {"meshes": meshes, "lights": lights, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
+    return Scene(**(given | changes))
+
+
+def turned(angle, offset=(0, 0, 0), scale=(1, 1, 1)):
+    a = np.radians(angle)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]) * scale
+    matrix[:3, 3] = offset
+    return matrix
+
+
+MOVES = {
+    "turned": turned(40),
+    "far": turned(70, (0.5, 0.3, -2)),
+    "mirrored": turned(10, (0, 0.1, 0), (-1, 1, 1)),
+    "flat": turned(0, (0, 0.5, 0), (1, 0, 1)),
+    "nothing": turned(0, (0, 0.5, 0), (0, 0, 0)),
+}
+
+
+def same(image, other):
+    for name, layer in image.layers.items():
+        assert np.array_equal(layer, other.layers[name], equal_nan=True), name
+
+
+def from_scratch(made, changes):
+    return dataclasses.replace(made, meshes=[changes.get(mesh.name, mesh) for mesh in made.meshes])
+
+
+@pytest.mark.parametrize("options", [{"bounces": 2}, {"integrator": "path", "samples": 2}], ids=["whitted", "path"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_moved_objects_are_where_a_new_scene_has_them(backend, options):
+    made = scene()
+    renderer = Renderer(made, backend=backend, **options)
+    same(renderer.render(SIZE), Renderer(made, backend=backend, **options).render(SIZE))
+    ball, cube = made.meshes[:2]
+    for number, matrix in enumerate(MOVES.values()):
+        renderer.move("ball", matrix)
+        if number:
+            renderer.move("box", matrix @ turned(15))
+        there = {"ball": ball.transformed(matrix)} | ({"box": cube.transformed(matrix @ turned(15))} if number else {})
+        expected = Renderer(from_scratch(made, there), backend=backend, **options).render(SIZE)
+        same(renderer.render(SIZE), expected)
+    assert renderer.builds == 3, "at first, and at the first move of each object"
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_deformed_objects_look_as_a_new_scene_has_them(backend):
+    made = scene()
+    renderer = Renderer(made, backend=backend)
+    ball, stone = made.meshes[0], made.meshes[2]
+    for step in range(1, 4):
+        wavy = ball.vertices + 0.1 * step * np.sin(4 * ball.vertices[:, [1, 2, 0]])
+        spiky = stone.vertices * (1 + 0.3 * step * (np.arange(len(stone.vertices)) % 2))[:, None]
+        renderer.deform("ball", wavy)
+        renderer.deform(2, spiky)
+        renderer.move("ball", MOVES["turned"])
+        there = {
+            "ball": dataclasses.replace(ball, vertices=wavy).smoothed().transformed(MOVES["turned"]),
+            "stone": dataclasses.replace(stone, vertices=spiky),
+        }
+        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend=backend).render(SIZE))
+    assert renderer.builds == 2
+
+
+def test_what_stays_is_neither_built_nor_sent_again(monkeypatch):
+    made = scene(meshes=[*scene().meshes, *(named(torus(0.2, 0.1).moved((k, 2, -1)), "ring") for k in range(9))])
+    renderer = Renderer(made, backend="numpy")
+    renderer.move("ball", turned(10))
+    renderer.render(SIZE)
+    built, sent = [], []
+    monkeypatch.setattr(
+        forest, "build_bvh", lambda corners, *rest: built.append(len(corners)) or build_bvh(corners, *rest)
+    )
+    update = sh.Table.update
+
+    def counted(table, array, *, start=None):
+        assert start is not None
+        sent.append((table.name, len(array)))
+        update(table, array, start=start)
+
+    monkeypatch.setattr(sh.Table, "update", counted)
+    renderer.move("ball", turned(25, (0.2, 0, 0)))
+    renderer.render(SIZE)
+    count = len(made.meshes[0])
+    assert not built or built == [count]
+    totals = {name: sum(n for other, n in sent if other == name) for name, _ in sent}
+    assert totals["triangles"] == totals["leaves"] == totals["normals"] == 3 * count
+    assert totals["items"] == count
+    assert totals["boxes"] <= 2 * 2 * count
+    assert renderer.builds == 2
+    sent.clear()
+    renderer.render(SIZE)
+    assert not sent, "nothing has moved since"
+
+
+def test_the_scene_is_the_one_that_is_shown():
+    renderer = Renderer(scene(), backend="numpy")
+    before = renderer.scene.meshes[0].vertices
+    renderer.move("ball", turned(90, (0, 1, 0)))
+    renderer.render((4, 4))
+    assert not np.array_equal(renderer.scene.meshes[0].vertices, before)
+    assert renderer.scene.camera == scene().camera
+    renderer.move("ball", np.eye(4))
+    renderer.render((4, 4))
+    assert np.array_equal(renderer.scene.meshes[0].vertices, before)
+
+
+def test_a_scene_that_grows_beyond_its_scale_is_built_anew():
+    made = scene()
+    renderer = Renderer(made, backend="numpy")
+    renderer.move("ball", turned(10))
+    renderer.render((8, 6))
+    for offset, builds in [((30, 0, 0), 3), ((1e6, 1e6, 0), 4), ((0, 0, 0), 5)]:
+        renderer.move("ball", turned(0, offset))
+        there = {"ball": made.meshes[0].transformed(turned(0, offset))}
+        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
+        assert renderer.builds == builds
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_lamp_moves_and_vanishes(backend):
+    lamp = named(box((0.5, 0.1, 0.5), Material((0.5, 0.5, 0.5), emission=(4, 3, 2))), "lamp")
+    made = scene(meshes=[*scene().meshes, lamp], lights=[PointLight((3, 5, 4), falloff="square")])
+    options = {"integrator": "path", "samples": 2, "backend": backend}
+    renderer = Renderer(made, **options)
+    for matrix in (turned(0, (0, 4, 0)), turned(20, (1, 3, 0), (2, 1, 1)), MOVES["flat"], turned(3, (0, 4, 0))):
+        renderer.move("lamp", matrix)
+        expected = Renderer(from_scratch(made, {"lamp": lamp.transformed(matrix)}), **options).render(SIZE)
+        same(renderer.render(SIZE), expected)
+
+
+def test_all_objects_may_move_and_any_number_of_them():
+    many = [named(box((0.3, 0.3, 0.3)), f"box {k}") for k in range(13)]
+    made = scene(meshes=many)
+    renderer = Renderer(made, backend="numpy")
+    for step in range(3):
+        matrices = [turned(10 * step + k, (k % 4 - 2, (k * step) % 5 / 2, k % 3 - 1)) for k in range(13)]
+        for k, matrix in enumerate(matrices):
+            renderer.move(k, matrix)
+        there = [Instance(mesh, matrix) for mesh, matrix in zip(many, matrices, strict=True)]
+        same(renderer.render(SIZE), Renderer(scene(meshes=there), backend="numpy").render(SIZE))
+
+
+def test_meshes_of_one_name_move_together():
+    made = scene(meshes=[*scene().meshes, named(box((0.3, 0.3, 0.3)).moved((0, 2, 0)), "stone")])
+    renderer = Renderer(made, backend="numpy")
+    renderer.move("stone", turned(20, (0.2, 0.2, 0)))
+    there = [mesh.transformed(turned(20, (0.2, 0.2, 0))) if mesh.name == "stone" else mesh for mesh in made.meshes]
+    expected = Renderer(dataclasses.replace(made, meshes=there), backend="numpy")
+    same(renderer.render(SIZE), expected.render(SIZE))
+    with pytest.raises(SceneError, match=r"2 meshes 'stone'.*number, 2, 4"):
+        renderer.deform("stone", made.meshes[2].vertices)
+
+
+def test_mistakes_are_refused_and_change_nothing():
+    renderer = Renderer(scene(), backend="numpy")
+    before = renderer.render((8, 6))
+    vertices = renderer.scene.meshes[0].vertices
+    for call, what in [
+        (lambda: renderer.move("bal", np.eye(4)), "no mesh 'bal': its meshes are ball, box, stone, ground"),
+        (lambda: renderer.move(4, np.eye(4)), "no mesh 4"),
+        (lambda: renderer.move("ball", np.eye(3)), r"a matrix \(4, 4\)"),
+        (lambda: renderer.move("ball", np.full((4, 4), np.nan)), "finite"),
+        (lambda: renderer.move("ball", turned(0, (1e37, 0, 0))), "scale the mesh"),
+        (lambda: renderer.deform("ball", vertices[1:]), "as before"),
+        (lambda: renderer.deform("ball", vertices * np.nan), "NaN"),
+        (lambda: renderer.deform("stone", renderer.scene.meshes[2].vertices, np.ones((12, 3))), "flat"),
+    ]:
+        with pytest.raises(SceneError, match=what):
+            call()
+    same(renderer.render((8, 6)), before)
+
+
+@pytest.mark.parametrize("accel", ["grid", "brute", "ldc:16"])
+def test_other_accelerators_say_that_nothing_moves_there(accel):
+    renderer = Renderer(scene(), backend="numpy", accel=accel)
+    with pytest.raises(SceneError, match='choose accel="bvh"'):
+        renderer.move("ball", np.eye(4))
+
+
+def test_a_refitted_hierarchy_is_built_anew_when_it_has_degraded():
+    rng = np.random.default_rng(3)
+    corners = rng.random((400, 1, 3)) * 10 + rng.random((400, 3, 3)) * 0.3
+    found = Forest(corners, [(100, 300)])
+    found.change(0, corners[100:300] * 1.5 + 3)
+    assert found.rebuilt == 0, "another size and place make no other hierarchy"
+    shuffled = rng.permutation(corners[100:300])
+    found.change(0, shuffled)
+    assert found.rebuilt == 1
+    found.change(0, shuffled)
+    assert found.rebuilt == 1
