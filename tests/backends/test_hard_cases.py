@@ -19,7 +19,7 @@ UNARY = sorted(ACTIVE - {"pow", "atan2"})
 TINY = 2.0**-126
 
 
-@pytest.mark.parametrize("target", ["numpy", "opencl-1", "opencl-16", "interpreter"])
+@pytest.mark.parametrize("target", ["numpy", "opencl-1", "opencl-16", "glsl", "interpreter"])
 @pytest.mark.parametrize("name", UNARY)
 def test_hard_cases_are_rounded_correctly(name: str, target: str) -> None:
     x, answers = hard_cases(name)
