@@ -126,3 +126,4 @@ sin, cos, tan = _exact("sin", np.sin), _exact("cos", np.cos), _exact("tan", np.t
 asin, acos, atan = _exact("asin", np.arcsin), _exact("acos", np.arccos), _exact("atan", np.arctan)
 sinh, cosh, tanh = _exact("sinh", np.sinh), _exact("cosh", np.cosh), _exact("tanh", np.tanh)
 asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), _exact("atanh", np.arctanh)
+rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out))

@@ -45,10 +45,10 @@ def _name(op: Op) -> str:
 
 def _bounds(op: Op) -> tuple[Tolerance, ...]:
     """Return what is allowed in strict, portable and relaxed mode, and at f64."""
-    return op.tolerance, op.tolerance, op.relaxed, op.double
+    return op.tolerance, op.portable, op.relaxed, op.double
 
 
 def _spoken(bound: Tolerance) -> str:
-    parts = [f"{bound.ulp:g} ULP"] if bound.ulp else []
+    parts = [f"{bound.ulp:.7g} ULP"] if bound.ulp else []
     parts += [f"{bound.absolute:g}"] if bound.absolute else []
     return " or ".join(parts) or "nothing"

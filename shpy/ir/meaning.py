@@ -170,12 +170,6 @@ def mad(a: Values, b: Values, c: Values) -> Values:
 
 
 @operation
-def rsqrt(x: Values) -> Values:
-    """Return 1 / sqrt(x)."""
-    return 1 / np.sqrt(x)
-
-
-@operation
 def fract(x: Values) -> Values:
     """Return x - floor(x)."""
     return x - np.floor(x)

@@ -64,8 +64,8 @@ def _letters(signature: str) -> tuple[str, ...]:
 class Op:
     """One row. `meaning` takes and gives arrays (see `meaning.py`).
 
-    `tolerance` is how far it may be off at f32 in strict mode, where all targets give the same bits, and `relaxed` in
-    relaxed mode; `double` in strict mode at f64. Fast mode promises nothing.
+    `tolerance` is how far it may be off at f32 in strict mode, `portable` in portable mode, where all targets give the
+    same bits in each, and `relaxed` in relaxed mode; `double` in strict mode at f64. Fast mode promises nothing.
 
     `definition` is what a composite operation means in terms of others (see `formula.py`); `inline`: it is short enough
     to stand where it is used. `componentwise`: each component of the result depends on that component of the operands
@@ -84,6 +84,7 @@ class Op:
     parameters: tuple[str, ...] = ()
     symbol: str | None = None
     tolerance: Tolerance = Tolerance()
+    portable: Tolerance = Tolerance()
     relaxed: Tolerance = Tolerance()
     double: Tolerance = Tolerance()
     definition: Callable[..., Any] | None = None
@@ -94,7 +95,14 @@ class Op:
 
     def bound(self, math: str) -> Tolerance:
         """Return what is allowed at f32 in "strict", "portable" or "relaxed" mode."""
-        return self.relaxed if math == "relaxed" else self.tolerance
+        return {"strict": self.tolerance, "portable": self.portable, "relaxed": self.relaxed}[math]
+
+    def distance(self, math: str) -> float:
+        """Return how many units in the last place a result may lie from the exact value: half of one at least.
+
+        Distances are measured to a reference in binary64, which is rounded itself: 2**-20 more is allowed.
+        """
+        return max(self.bound(math).ulp, 0.5 * (1 + 2**-20))
 
     @property
     def bases(self) -> frozenset[Base]:
@@ -203,7 +211,6 @@ _composite(
     "6t^5 - 15t^4 + 10t^3 of t = clamp((x - a) / (b - a), 0, 1); step(a, x) where a = b",
 )
 _op("sqrt", "f: T -> T", m.in_f32(np.sqrt), "correctly rounded", "Return the square root, correctly rounded.")
-_composite("f: T -> T", m.rsqrt, "1 / sqrt(x), rounded twice", inline=True)
 _op("ldexp", "f: T I -> T", m.ldexp, "x * 2**n rounded once",
     "Return x * 2**n, rounded once; n of type i.", parameters="x n")  # fmt: skip
 _op("bits_from_float", "f: T -> U", m.bits_from_float, "binary32 bits; 0x7fc00000 for every NaN",
@@ -221,18 +228,32 @@ _geometry("f: T T S -> T", m.refract, "GLSL 4.60 section 8.5; 0 at total reflect
 _geometry("f: T T T -> T", m.faceforward, "n where dot(reference, i) < 0, else -n", exact=True)
 
 
-# Transcendentals: in strict mode those of `passes/strict`; in relaxed mode the target's own within the bounds of
-# OpenCL's full profile (OpenCL C 3.0 section 7.4), or the strict ones where the target has none that keep them.
+# Transcendentals: in strict mode those of `passes/exact`, correctly rounded; in portable mode those of `passes/strict`;
+# in relaxed mode the target's own within the bounds of OpenCL's full profile (OpenCL C 3.0 section 7.4), or those of
+# portable mode where the target has none that keep them. The numbers bound portable and relaxed mode, and f64.
 def _transcendental(
-    name: str, meaning: Callable[..., Any], ulp: float, relaxed: float, double: float, says: str, parameters: str = "x"
+    name: str,
+    meaning: Callable[..., Any],
+    portable: float,
+    relaxed: float,
+    double: float,
+    says: str,
+    parameters: str = "x",
+    strict: float = 0,
 ) -> None:
-    bounds = {"tolerance": Tolerance(ulp), "relaxed": Tolerance(relaxed), "double": Tolerance(double)}
+    bounds = {
+        "tolerance": Tolerance(strict),
+        "portable": Tolerance(portable),
+        "relaxed": Tolerance(relaxed),
+        "double": Tolerance(double),
+    }
     signature = f"f: {' '.join('T' for _ in parameters.split())} -> T"
     _op(name, signature, meaning, "", says, parameters=parameters, **bounds)
 
 
 _transcendental("exp", exact.exp, 1, 3, 1, "Return e to the power of x.")
 _transcendental("exp2", exact.exp2, 1, 3, 1, "Return 2 to the power of x.")
+_transcendental("rsqrt", exact.rsqrt, 1.5, 2, 1.5, "Return 1 / sqrt(x).")
 _transcendental("log", exact.log, 1, 3, 1, "Return the natural logarithm.")
 _transcendental("log2", exact.log2, 1, 3, 1, "Return the logarithm to base 2.")
 _transcendental("log10", exact.log10, 1, 3, 1, "Return the logarithm to base 10: a whole number for each power of ten.")
@@ -250,10 +271,12 @@ _transcendental("tanh", exact.tanh, 1.5, 5, 1.5, "Return the hyperbolic tangent.
 _transcendental("asinh", exact.asinh, 1.5, 4, 1.25, "Return the inverse hyperbolic sine.")
 _transcendental("acosh", exact.acosh, 1.5, 4, 1.25, "Return the inverse hyperbolic cosine.")
 _transcendental("atanh", exact.atanh, 1.5, 5, 1.25, "Return the inverse hyperbolic tangent.")
+_NEARLY = 0.5000001
+"""The error of a value that is rounded to binary64 first."""
 _pow = "Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."
-_transcendental("pow", m.through_f64(m.power), 1, 16, 1, _pow, "x y")
+_transcendental("pow", m.through_f64(m.power), 1, 16, 1, _pow, "x y", _NEARLY)
 _atan2 = "Return the angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."
-_transcendental("atan2", m.through_f64(np.arctan2), 1, 6, 1, _atan2, "y x")
+_transcendental("atan2", m.through_f64(np.arctan2), 1, 6, 1, _atan2, "y x", _NEARLY)
 
 TRANSCENDENTALS: Final = frozenset(name for name, op in OPS.items() if op.relaxed.ulp)
 """The operations that no target is asked to do correctly rounded."""

@@ -49,9 +49,6 @@ PARTS = frozenset({"payne_hanek", "far_reduced", "sin_strict", "cos_strict", "ta
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
 """Replacements of functions that a target has within the bounds for near angles only."""
 
-ELEMENTARY = TRANSCENDENTALS | {"rsqrt"}
-"""Operations of binary32 that strict mode rounds correctly."""
-
 HALVES = {f"{name}_half": name for name in TRANSCENDENTALS}
 """Functions that round a result in binary32 to binary16, by the names of its function."""
 
@@ -63,12 +60,8 @@ CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 
 
 def is_exact(name: str, type: Type, formulas: Formulas) -> bool:
-    """Return whether an operation on this type is the exact value rounded once."""
-    if name not in ELEMENTARY or type.base is not Base.F or formulas == "portable":
-        return False
-    from shpy.passes.exact import ACTIVE
-
-    return name in ACTIVE
+    """Return whether an operation on this type is an elementary function that gives the exact value rounded once."""
+    return name in TRANSCENDENTALS and type.base is Base.F and formulas != "portable"
 
 
 @cache

@@ -94,6 +94,9 @@ class _Lower(Rewriter):
             callee = self.library.use(BOUNDED[op], tuple(self.types[a] for a in let.args), self._unbounded)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
+        if op in self.native:
+            self.emit(let)
+            return
         if is_exact(op, let.value.type, self.library.formulas):
             if op in self.exact:
                 self.emit(let)
@@ -103,7 +106,7 @@ class _Lower(Rewriter):
             callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._lowered)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
-        if op in self.native or not (op in COMPOSITES or op in TRANSCENDENTALS or op in PARTS):
+        if not (op in COMPOSITES or op in TRANSCENDENTALS or op in PARTS):
             self.emit(let)
             return
         types = tuple(self.types[a] for a in let.args)

@@ -25,7 +25,6 @@ from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
-from shpy.passes.library import ELEMENTARY
 from shpy.passes.lower import lower
 from shpy.passes.modes import Math, formulas_of
 from shpy.passes.precision import Precision, set_precision
@@ -133,7 +132,7 @@ def with_strict_functions(module: Module, precision: Precision, math: Math = "st
     Else it is at its precision already, and computes with binary32 or binary64.
     """
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
-    if not any(s.op in ELEMENTARY for s in lets):
+    if not any(s.op in TRANSCENDENTALS for s in lets):
         return module
     native, formulas, exact = frozenset(OPS) - TRANSCENDENTALS, formulas_of(math, doubles=True), frozenset(FUNCTIONS)
     plain = lower_half(set_precision(module, precision), formulas, exact)

@@ -4,6 +4,7 @@
 #else
 #define precise
 #endif
+#extension GL_ARB_gpu_shader_fp64 : require
 
 float zero = float(min(int(gl_FragCoord.x), 0));  // 0.0, but the driver must not know
 uniform ivec2 sh_last;
@@ -13,108 +14,49 @@ uniform sampler2D in_k;
 uniform int each_k;  // 0 where one value serves all elements
 layout(location = 0) out vec2 out_0;
 
-// a * b as a sum of two floats (Dekker 1971), for products that neither overflow nor underflow.
-vec2 sh_two_product(precise float a, precise float b) {
-    precise float product = a * b;
-    precise float a_high = a * 4097.0 - (a * 4097.0 - a);
-    precise float b_high = b * 4097.0 - (b * 4097.0 - b);
-    precise float a_low = a - a_high;
-    precise float b_low = b - b_high;
-    precise float rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low;
-    return vec2(product, rest);
-}
-
-// Payne and Hanek's reduction as passes/strict/payne_hanek.py writes it, an iteration for each digit of 2 / pi, and so a
-// quarter of the text: where branches skip nothing, one iteration is what an angle costs that is not far.
-vec3 sh_payne_hanek(precise float x) {
-    const float digits[17] = float[17](0.0, 163.0, -104.0, 878.0, 1252.0, 1045.0, 672.0, -985.0, 1405.0,
-        501.0, 846.0, -575.0, -586.0, 662.0, -1644.0, -956.0, -1788.0);
-    // By so many digits x is scaled: a twelfth of its exponent.
-    int scale = clamp(((floatBitsToInt(x) >> 23 & 255) - 147) * 43 >> 9, 0, 8);
-    precise float mantissa = x * intBitsToFloat(107 - 12 * scale << 23);
-    precise float first = mantissa + 1.2582912e+07 - 1.2582912e+07;
-    precise float rest = (mantissa - first) * 4096.0;
-    precise float second = rest + 1.2582912e+07 - 1.2582912e+07;
-    precise float third = (rest - second) * 4096.0;
-    precise float a = 0.0, b = 0.0, c = 0.0, carry = 0.0, k = 0.0;
-    precise float p = 0.0, p_2 = 0.0, p_3 = 0.0, p_4 = 0.0, p_5 = 0.0, p_6 = 0.0, p_7 = 0.0;
-    for (int n = scale + 8; n >= scale; n--) {
-        a = b;
-        b = c;
-        c = digits[n];
-        k = first * a + second * b + third * c + carry;
-        p = p_2;
-        p_2 = p_3;
-        p_3 = p_4;
-        p_4 = p_5;
-        p_5 = p_6;
-        p_6 = p_7;
-        carry = k * 0.00024414062 + 1.2582912e+07 - 1.2582912e+07;
-        p_7 = k - carry * 4096.0;
-        carry = n > scale + 6 ? 0.0 : carry;
-    }
-    precise float pair = (p_6 * 4096.0 + p_5) * 5.9604645e-08;
-    precise float pair_2 = (p_4 * 4096.0 + p_3) * 3.5527137e-15;
-    precise float pair_3 = (p_2 * 4096.0 + p) * 2.1175824e-22;
-    precise float sum = pair + pair_2;
-    precise float low = pair_2 - (sum - pair) + pair_3;
-    precise vec2 product = sh_two_product(sum, 1.5707964);
-    precise float tail = product.y + (sum * -4.371139e-08 + low * 1.5707964);
-    precise float high = product.x + tail;
-    precise vec3 result = vec3(high, tail - (high - product.x), k);
-    return result;
-}
-
 float sin_strict(precise float x) {
-    precise float near_k = x * 0.63661975 + 1.2582912e+07 - 1.2582912e+07;
-    precise float product = near_k * 1.5707964;
-    precise float k_high = near_k + 6.442451e+09 - 6.442451e+09;
-    precise float k_low = near_k - k_high;
-    precise float rest = k_high * 1.5708008 - product + k_high * -4.4107437e-06;
-    precise float product_low = rest + k_low * 1.5708008 + k_low * -4.4107437e-06;
-    precise float left = x - product;
-    precise float t = -product_low;
-    precise float sum = left + t;
-    precise float back = sum - left;
-    precise float sum_low = left - (sum - back) + (t - back);
-    precise float product_2 = near_k * -4.371139e-08;
-    precise float rest_2 = k_high * -4.3713953e-08 - product_2 + k_high * 2.5650593e-12;
-    precise float product_low_2 = rest_2 + k_low * -4.3713953e-08 + k_low * 2.5650593e-12;
-    precise float t2 = -product_2;
-    precise float sum_2 = sum + t2;
-    precise float back_2 = sum_2 - sum;
-    precise float sum_low_2 = sum - (sum_2 - back_2) + (t2 - back_2);
-    precise float lost = sum_low + sum_low_2 - product_low_2;
-    precise float tail = lost - near_k * -1.7151245e-15;
-    precise float near_high = sum_2 + tail;
-    precise float near_low = tail - (near_high - sum_2);
-    precise float t3 = abs(x);
-    precise bool far = t3 > 1.048576e+06;
-    precise float high = near_high;
-    precise float low = near_low;
-    precise float k = near_k;
+    precise double t = double(x);
+    precise double product = t * 0.3183098854497075lf;
+    precise double near_k = product + 6755399441055744.0lf - 6755399441055744.0lf;
+    precise double near_f = t * 1.138005036539198e-18lf + (t * 7.340831623126043e-10lf + (product - near_k));
+    precise float t2 = abs(x);
+    precise bool far = t2 >= 1.6777216e+07;
+    precise float t3 = float(near_k);
+    precise double f = near_f;
+    precise float k = t3;
     precise bool any_far = far;
     if (any_far) {
-        precise vec3 t4 = sh_payne_hanek(x);
-        high = far ? t4.x : near_high;
-        low = far ? t4.y : near_low;
-        k = far ? t4.z : near_k;
+        precise bool above = t2 >= 1.1258999e+15;
+        precise double digit = above ? 1.2841276625374931e-08lf : 0.3183098854497075lf;
+        precise double digit_2 = above ? 8.076898927812296e-18lf : 7.340831623126043e-10lf;
+        precise double digit_3 = above ? 1.2634130177915748e-26lf : 1.138005036539198e-18lf;
+        precise bool above_2 = t2 >= 7.5557864e+22;
+        precise double digit_4 = above_2 ? 1.468547768767099e-16lf : digit;
+        precise double digit_5 = above_2 ? 1.4188110080591198e-25lf : digit_2;
+        precise double digit_6 = above_2 ? 8.341433834304119e-35lf : digit_3;
+        precise bool above_3 = t2 >= 5.0706024e+30;
+        precise double digit_7 = above_3 ? 3.037013239734091e-24lf : digit_4;
+        precise double digit_8 = above_3 ? 5.090832185799798e-33lf : digit_5;
+        precise double digit_9 = above_3 ? 7.95005651784451e-42lf : digit_6;
+        precise double product_2 = t * digit_7;
+        precise double rest = t * digit_8;
+        precise double k_2 = product_2 + 6755399441055744.0lf - 6755399441055744.0lf;
+        precise double more = rest + 6755399441055744.0lf - 6755399441055744.0lf;
+        precise double left = product_2 - k_2 + (rest - more);
+        precise double last = left + 6755399441055744.0lf - 6755399441055744.0lf;
+        precise double t4 = t * digit_9 + (left - last);
+        precise double t5 = k_2 - floor(k_2 * 0.5lf) * 2.0lf + (more + last);
+        f = far ? t4 : near_f;
+        k = far ? float(t5) : t3;
     }
-    precise float k_by_2 = k * 0.5;
-    precise float pairs = floor(k_by_2);
-    precise float k_by_4 = pairs * 0.5;
-    precise bool odd = k_by_2 != pairs;
-    precise bool opposite = k_by_4 != floor(k_by_4);
-    precise float z = high * high;
-    precise float z_by_2 = z * 0.5;
-    precise float whole = 1.0 - z_by_2;
-    precise float series = (z * 2.451498e-05 - 0.0013888152) * z + 0.041666664;
-    precise float rest_3 = z * z * series - high * low;
-    precise float cosine_rest = 1.0 - whole - z_by_2 + rest_3;
-    precise float series_2 = ((z * 2.8502463e-06 - 0.00019855748) * z + 0.008333388) * z - 0.16666667;
-    precise float sine_rest = high * (z * series_2) + low;
-    precise float size = odd ? whole + cosine_rest : high + sine_rest;
-    precise float result = t3 < 0.00012207031 ? x : (opposite ? -size : size);
+    precise float half_ = k * 0.5;
+    precise bool odd = half_ != floor(half_);
+    precise double z = f * f;
+    precise double t4 = ((7.407082011743356e-07lf * z + -2.187234610985848e-05lf) * z + 0.0004662860726569745lf) * z + -0.007370427288701782lf;
+    precise double t5 = (((t4 * z + 0.08214588614421396lf) * z + -0.5992645292865307lf) * z + 2.5501640398760044lf) * z + -5.167712780049945lf;
+    precise double series = t5 * z + 3.141592653589793lf;
+    precise float size = float(f * series);
+    precise float result = odd ? -size : size;
     return result;
 }
 

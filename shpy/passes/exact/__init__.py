@@ -28,7 +28,7 @@ from shpy.ir.types import Base
 from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
 from shpy.passes.terms import Term, where
 
-__all__ = ["ACTIVE", "EXCEPTIONS", "FUNCTIONS", "rounded"]
+__all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
 
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
@@ -41,9 +41,6 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     "pow": power.pow_,
     "rsqrt": root.rsqrt,
 }
-
-ACTIVE: Final[frozenset[str]] = frozenset()
-"""The functions in use: none, until each has its own formula."""
 
 EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "acos": ("0x1.110b46p-26", "0x1.04c444p-12"),

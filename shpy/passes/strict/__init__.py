@@ -23,4 +23,5 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
     **{f.__name__: f for f in (logarithm.asinh, logarithm.acosh, logarithm.atanh)},
     "pow": logarithm.pow_,
+    "rsqrt": exponential.rsqrt,
 }

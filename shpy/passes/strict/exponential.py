@@ -118,3 +118,8 @@ def tanh(x: Term) -> Term:
     far = (1 - 2 / (scaled_by(high + low, shifted) + 1)).named("far")
     near = where(a < TINY[x.type.base], x, x + x * (z * polynomial(z, TANH)))
     return where(a < 0.625, near, where(x < 0, -far, far))
+
+
+def rsqrt(x: Term) -> Term:
+    """1 / sqrt(x), rounded twice."""
+    return 1 / x.op("sqrt")

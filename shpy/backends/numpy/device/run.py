@@ -52,7 +52,9 @@ _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
 """What depends on the tile, of the arguments of a text."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
-TARGET: Final = Target("numpy", native=frozenset(OPS), bounded=frozenset({"sin", "cos", "tan"}), vector=True)
+TARGET: Final = Target(
+    "numpy", native=frozenset(OPS) - {"rsqrt"}, bounded=frozenset({"sin", "cos", "tan"}), vector=True
+)
 
 EXACT: Final = frozenset(exact.FUNCTIONS) - {"sin", "cos"}
 """Functions that numpy does faster than a formula: its sine and cosine of binary64 take one element at a time."""

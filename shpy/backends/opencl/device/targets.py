@@ -8,11 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from shpy.backends.opencl.text.operations import FAST
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.passes.pipeline import Target
 
 __all__ = ["PACKET_TARGET", "TARGET"]
 
-TARGET: Final = Target("opencl", native=TRANSCENDENTALS, fast=FAST)
+TARGET: Final = Target("opencl", native=TRANSCENDENTALS)
 PACKET_TARGET: Final = replace(TARGET, vector=True)

@@ -17,7 +17,7 @@ from shpy.backends.emit import tree
 from shpy.backends.emit.tree import BOOL, INT, UINT, Construct, Do, Expr, Member, Name, number
 from shpy.backends.opencl.packets.prologue import IN_REGISTERS, PacketPrologue
 from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of
-from shpy.backends.opencl.text.operations import FAST, NATIVE, ClBody, ClUnit
+from shpy.backends.opencl.text.operations import NATIVE, ClBody, ClUnit
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
@@ -95,7 +95,7 @@ class PacketBody(ClBody):
         type = types[0]
         ours = op in _PROLOGUE if op not in ("min", "max") else type.is_float
         ours = ours or (op == "pow" and type.base is Base.D)
-        fast = self.unit.math == "fast" and (op in FAST | NATIVE.keys() or op == "ldexp")
+        fast = self.unit.math == "fast" and (op in NATIVE or op == "ldexp")
         if isinstance(type, Lanes) and ours and not fast:
             return self.unit.prologue.use(op, type)
         return super().function_of(op, types)

@@ -43,14 +43,14 @@ from shpy.ir.nodes import Let, Loc, Module, Variable
 from shpy.ir.types import Base, Type
 from shpy.passes.modes import REPRODUCIBLE, Math
 
-__all__ = ["ELEMENTWISE", "FAST", "FUNCTIONS", "NATIVE", "ClBody", "ClUnit", "as_component"]
+__all__ = ["ELEMENTWISE", "FUNCTIONS", "NATIVE", "ClBody", "ClUnit", "as_component"]
 
 FUNCTIONS: Final[Mapping[str, str]] = {
     **{
         op: op
         for op in (
             "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 log10 sin cos tan asin acos atan "
-            "sinh cosh tanh asinh acosh atanh pow atan2"
+            "sinh cosh tanh asinh acosh atanh pow atan2 rsqrt"
         ).split()
     },
     "count_leading_zeros": "clz",
@@ -69,9 +69,6 @@ NATIVE: Final[Mapping[str, str]] = {
     op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
 }
 """Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
-
-FAST: Final = frozenset({"rsqrt"})
-"""What fast mode does not compose of other operations."""
 
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
@@ -161,7 +158,7 @@ class ClBody(Body):
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
         """Name OpenCL's function, or one of the prologue."""
         unit, type = self.unit, types[0]
-        if unit.math == "fast" and op in FAST | NATIVE.keys():
+        if unit.math == "fast" and op in NATIVE:
             return NATIVE[op] if type.base is Base.F else op
         if unit.math == "fast" and (op == "ldexp" or op in NAN_LOST):
             return op
