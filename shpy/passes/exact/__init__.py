@@ -18,7 +18,9 @@ exceptions are those of either spelling.
 from __future__ import annotations
 
 import inspect
+import operator
 from collections.abc import Callable, Mapping
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -26,12 +28,13 @@ import numpy as np
 from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
 from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
-from shpy.passes.terms import Term, where
+from shpy.passes.exact.parts import Rare
+from shpy.passes.terms import Term, replaced, where
 
 __all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
 
 
-FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
+FUNCTIONS: Final[Mapping[str, Callable[..., Term | Rare]]] = {
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
     **{f.__name__: f for f in (exponential.exp, exponential.exp2)},
     **{f.__name__: f for f in (inverse.asin, inverse.acos, inverse.atan, inverse.atan2)},
@@ -65,15 +68,31 @@ def rounded(name: str) -> Callable[..., Term]:
 
     def meaning(*given: Term) -> Term:
         found = formula(*given)
-        result = found if found.type.base is Base.F else found.based(Base.F)
-        inputs = np.array([float.fromhex(x) for x in EXCEPTIONS.get(name, ())], np.float32)
-        if name in ODD:
-            inputs = np.concatenate([inputs, -inputs])
-        x = abs(given[0]) if name in EVEN else given[0]
-        values = ELEMENTARY[name](inputs) if len(inputs) else inputs
-        for exception, value in zip(inputs, values, strict=True):
-            result = where(x.equals(exception.item()), value.item(), result)
-        return result
+        cases = _exceptions(name, given[0])
+        if isinstance(found, Rare):
+            result, conditions, made = found.result, [found.when], found.made
+        else:
+            result = found if found.type.base is Base.F else found.based(Base.F)
+            if len(cases) < 2:
+                return where(cases[0][0], cases[0][1], result) if cases else result
+            conditions, made = [], lambda: result
+
+        def corrected() -> list[Term]:
+            return [reduce(lambda known, case: where(case[0], case[1], known), cases, made())]
+
+        rare = reduce(operator.or_, [*conditions, *(case for case, _ in cases)]).named("rare")
+        return replaced(rare, {"result": result}, corrected)[0]
 
     meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
     return meaning
+
+
+def _exceptions(name: str, x: Term) -> list[tuple[Term, float]]:
+    """Return the conditions under which x is an exception, and the results."""
+    inputs = np.array([float.fromhex(text) for text in EXCEPTIONS.get(name, ())], np.float32)
+    if not len(inputs):
+        return []
+    if name in ODD:
+        inputs = np.concatenate([inputs, -inputs])
+    x = abs(x) if name in EVEN else x
+    return [(x.equals(a.item()), v.item()) for a, v in zip(inputs, ELEMENTARY[name](inputs), strict=True)]

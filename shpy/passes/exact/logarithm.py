@@ -10,30 +10,35 @@ import math
 
 from shpy.ir.types import Base
 from shpy.passes.exact.coefficients import LN2, LOG, LOG2, LOG10
-from shpy.passes.exact.parts import horner
-from shpy.passes.strict.logarithm import edges, parted
+from shpy.passes.exact.parts import Rare, horner
+from shpy.passes.strict.logarithm import INFINITY, edges, parted
 from shpy.passes.terms import Term
 
 
-def log(x: Term) -> Term:
+def _rare_edges(x: Term, inside: Term) -> Rare:
+    inside = inside.named("inside")
+    return Rare(inside, (x <= 0) | x.differs(x) | x.equals(INFINITY), lambda: edges(x, inside))
+
+
+def log(x: Term) -> Rare:
     """Natural logarithm."""
     f, k = (t.based(Base.D) for t in parted(x))
     s = (f / (f + 2)).named("s")
     z = (s * s).named("z")
     ln2, ln2_low = LN2
     part = (s * z).mul_add(horner(z, LOG), s + s).named("part")
-    return edges(x, k.mul_add(ln2, k.mul_add(ln2_low, part)).based(Base.F))
+    return _rare_edges(x, k.mul_add(ln2, k.mul_add(ln2_low, part)).based(Base.F))
 
 
-def log2(x: Term) -> Term:
+def log2(x: Term) -> Rare:
     """Binary logarithm."""
     f, k = (t.based(Base.D) for t in parted(x))
     s = (f / (f + 2)).named("s")
-    return edges(x, s.mul_add(horner((s * s).named("z"), LOG2), k).based(Base.F))
+    return _rare_edges(x, s.mul_add(horner((s * s).named("z"), LOG2), k).based(Base.F))
 
 
-def log10(x: Term) -> Term:
+def log10(x: Term) -> Rare:
     """Decimal logarithm."""
     f, k = (t.based(Base.D) for t in parted(x))
     s = (f / (f + 2)).named("s")
-    return edges(x, k.mul_add(math.log10(2), s * horner((s * s).named("z"), LOG10)).based(Base.F))
+    return _rare_edges(x, k.mul_add(math.log10(2), s * horner((s * s).named("z"), LOG10)).based(Base.F))
