@@ -135,8 +135,14 @@ def in_binary64() -> dict[str, Array]:
     }
 
 
-def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
-    """Describe a device: operations that are corrected, operations that cannot be, and flushed denormals."""
+NO_BINARY64: Final = (
+    "this device does not compute exactly in binary64: of the elementary functions, strict mode has exp, log, sin, cos "
+    'and rsqrt here, and refuses the others; math="portable" has all'
+)
+
+
+def notes_of(wrong: Iterable[str], *, binary64: bool = True) -> tuple[str, ...]:
+    """Describe a device: operations that are corrected or cannot be, binary64 that it lacks, and flushed denormals."""
     operations = set(wrong) - {"denormals", "zeros", "optimiser"}
     notes = []
     if corrected := sorted(operations & CORRECTABLE):
@@ -144,6 +150,8 @@ def notes_of(wrong: Iterable[str]) -> tuple[str, ...]:
         notes.append(f"this device gets {names} wrong: strict and relaxed mode correct it")
     if hopeless := sorted(operations - CORRECTABLE):
         notes.append(f"this device gets {' and '.join(hopeless)} wrong: strict mode refuses programs with it")
+    if not binary64:
+        notes.append(NO_BINARY64)
     if "optimiser" in wrong:
         notes.append("this device makes errors in optimised programs: they are built with -cl-opt-disable")
     if "zeros" in wrong:

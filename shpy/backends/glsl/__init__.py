@@ -185,7 +185,7 @@ def _described(context: Context) -> Device:
 
 def _notes(context: Context) -> tuple[str, ...]:
     limits = context.limits
-    notes = list(notes_of(limits.wrong))
+    notes = list(notes_of(limits.wrong, binary64=limits.doubles))
     if not limits.keeps_order:
         notes.append(
             "this device lacks GL_ARB_gpu_shader5: bit operations keep arithmetic in order instead, which takes time"

@@ -380,12 +380,13 @@ class Machine:
     def notes(self) -> tuple[str, ...]:
         """Return facts about this device for the user."""
         native = min(self.device.native_vector_width_float, max(WIDTHS))
+        notes = notes_of(self.wrong, binary64="exact" in self.binary64)
         if self.lanes < native and self.device.type & self.cl.device_type.CPU:
             return (
-                *notes_of(self.wrong),
+                *notes,
                 f"this device fails at vectors of {native}: packets of {self.lanes} take their place",
             )
-        return notes_of(self.wrong)
+        return notes
 
     @in_ieee_arithmetic
     def _asked(self) -> frozenset[str]:

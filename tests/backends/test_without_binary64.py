@@ -1,0 +1,147 @@
+"""Devices without binary64: which strict functions they have, what is refused there, and with which words."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.backends.base import Options
+from shpy.backends.device.probe import NO_BINARY64
+from shpy.backends.glsl.device.context import open_context
+from shpy.backends.opencl.device.driver import machine_of
+from shpy.backends.registry import backend as backend_named
+from shpy.ir.exact import hard_cases
+from shpy.ir.ops import TRANSCENDENTALS
+from shpy.passes import pairs
+from shpy.run import kernel as kernels
+from shpy.run.kernel import Kernel
+from shpy.testing.arrays import differing, flat_leaves
+from shpy.testing.certify.functions import function
+from shpy.testing.reference import flushes_denormals
+
+TARGETS = [("opencl", 1), ("opencl", 16), ("opencl", "auto"), ("glsl", "auto")]
+REFUSED = sorted(TRANSCENDENTALS - pairs.FUNCTIONS.keys())
+TINY = 2.0**-126
+
+
+@pytest.fixture
+def without_binary64(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Takes binary64 from the devices of OpenCL and OpenGL."""
+    context = open_context(0)
+    monkeypatch.setitem(machine_of(None).__dict__, "binary64", frozenset())
+    monkeypatch.setattr(context, "limits", replace(context.limits, doubles=False))
+
+
+def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
+    """Compiled anew: not the kernel of a device with binary64."""
+    kernels._executables.clear()
+    if backend == "glsl":
+        options.pop("lanes", None)
+    return Kernel(program.recorded, backend_named(backend), Options(**options))
+
+
+@pytest.mark.parametrize(("backend", "lanes"), TARGETS)
+@pytest.mark.parametrize("name", sorted(pairs.FUNCTIONS))
+def test_five_functions_are_rounded_correctly(name: str, backend: str, lanes: Any, without_binary64: None) -> None:
+    kernel = compiled(function(name), backend, lanes=lanes)
+    assert "double" not in kernel.source
+    x, answers = hard_cases(name)
+    [found] = flat_leaves(kernel(x))
+    wrong = differing(found, answers)
+    if flushes_denormals(kernel.notes):
+        wrong &= (np.abs(x) >= TINY) & (np.abs(answers) > TINY)
+    assert not wrong.any(), f"{wrong.sum()} of {x.size}, {x[np.argmax(wrong)]!r}"
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_others_are_refused_and_run_in_portable_mode(name: str, backend: str, without_binary64: None) -> None:
+    with pytest.raises(sh.CompileError, match=f"{name} needs binary64 in strict mode") as refused:
+        compiled(function(name), backend)
+    assert 'math="portable"' in str(refused.value)
+    kernel = compiled(function(name), backend, math="portable")
+    assert "double" not in kernel.source
+    x = np.linspace(1.01, 1.99, 257, dtype=np.float32) - np.float32(name in ("asin", "acos", "atanh"))
+    given = (x, x[::-1].copy())[: len(function(name).inputs)]
+    wanted = function(name).compile("numpy", math="portable")(*given)
+    np.testing.assert_array_equal(kernel(*given), wanted)
+
+
+@sh.program
+def slope(x: sh.Attrib1f) -> sh.Attrib1f:
+    y = x + 1
+    return sh.tan(y)  # the refused line
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_the_refusal_names_the_line(backend: str, without_binary64: None) -> None:
+    with pytest.raises(sh.CompileError) as refused:
+        compiled(slope, backend)
+    assert refused.value.loc is not None
+    with open(__file__) as source:
+        assert "the refused line" in source.readlines()[refused.value.loc.line - 1]
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_other_modes_and_binary16_are_as_everywhere(backend: str, without_binary64: None) -> None:
+    x = np.linspace(0.25, 1.25, 100, dtype=np.float32)
+    for math in ("relaxed", "fast"):
+        np.testing.assert_allclose(compiled(slope, backend, math=math)(x), np.tan(x + 1), rtol=2e-5)
+    half = compiled(slope, backend, precision="f16")
+    np.testing.assert_array_equal(half(x), slope.compile("numpy", precision="f16")(x))
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_notes_say_what_a_device_lacks(backend: str, without_binary64: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert NO_BINARY64 in compiled(function("exp"), backend).notes
+    monkeypatch.undo()
+    assert NO_BINARY64 not in compiled(function("exp"), backend).notes
+    for name in TRANSCENDENTALS:
+        assert bool(re.search(rf"\b{name}\b", NO_BINARY64)) == (name in pairs.FUNCTIONS), name
+
+
+LACKING = """
+import numpy as np
+import shpy as sh
+from shpy.backends.glsl.device.context import open_context
+assert not open_context(0).limits.doubles
+
+@sh.program
+def curve(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.sin(x) + sh.exp(x)
+
+x = np.linspace(-3, 3, 1000, dtype=np.float32)
+assert curve.compile("glsl")(x).tobytes() == curve.compile("numpy")(x).tobytes()
+
+from raytracer import Scene, render
+scene = Scene.builtin("mixed")
+try:
+    render(scene, (8, 8), backend="glsl")
+except sh.ShpyError as error:
+    print(error)
+render(scene, (8, 8), backend="glsl", math="portable")
+"""
+
+
+def test_a_driver_without_the_extension() -> None:
+    environment = {**os.environ, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader_fp64"}
+
+    def run(*command: str) -> str:
+        done = subprocess.run(
+            [sys.executable, *command], env=environment, capture_output=True, text=True, timeout=300, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    said = run("-c", LACKING)
+    assert "pow needs binary64 in strict mode" in said
+    assert 'math="portable"' in said
+    assert NO_BINARY64 in " ".join(run("-m", "shpy", "doctor").split())
