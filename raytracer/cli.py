@@ -20,6 +20,7 @@ from typing import Any
 
 import shpy as sh
 from raytracer.accel.choice import check
+from raytracer.animation import ANIMATIONS, animate, made_by
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
@@ -102,6 +103,18 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (9)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.set_defaults(run=_gallery)
+    command = commands.add_parser("animate", help="render the frames of a moving scene to a GIF, WebP or MP4 file")
+    command.add_argument("scene", help="a Python file that defines scene(time) -> Scene, or `animated`")
+    command.add_argument("-o", "--output", type=Path, help="a .gif, .webp or .mp4 file, or a folder (SCENE.gif)")
+    command.add_argument("--frames", type=_positive, default=48, help="how many (48)")
+    command.add_argument("--fps", type=_error, default=24.0, help="frames of a second; frame k is at k / fps (24)")
+    command.add_argument("--size", type=_size, default=(320, 240), help="WIDTHxHEIGHT in pixels (320x240)")
+    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    command.add_argument("--integrator", choices=["whitted", "path"], default="whitted", help="as of render (whitted)")
+    command.add_argument("--bounces", type=_whole, help="as of render")
+    command.add_argument("--samples", type=_positive, help="as of render")
+    command.add_argument("--resume", action="store_true", help="keep the frames that the folder has")
+    command.set_defaults(run=_animate)
     command = commands.add_parser("scenes", help="list the built-in scenes, or the meshes of a scene or file")
     command.add_argument("scene", nargs="?", help="a built-in scene or a file")
     command.set_defaults(run=_scenes)
@@ -279,6 +292,20 @@ def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, p
 def _gallery(options: argparse.Namespace) -> int:
     for path, image in gallery(options.folder, options.size, backend=options.backend, samples=options.samples):
         print(f"{path}: {_summary(image)}", flush=True)
+    return 0
+
+
+def _animate(options: argparse.Namespace) -> int:
+    make = ANIMATIONS.get(options.scene) or made_by(Path(options.scene))
+    output = options.output or Path(f"{Path(options.scene).stem}.gif")
+    given = {name: value for name in ("bounces", "samples") if (value := getattr(options, name)) is not None}
+    asked = {name: getattr(options, name) for name in ("fps", "size", "integrator", "backend", "resume")}
+    steps = animate(make, output, options.frames, **asked, **given)
+    with progress_bar(f"{options.scene}, {options.frames:,} frames") as progress:
+        for done in steps:
+            progress(done, options.frames)
+    width, height = options.size
+    print(f"{output}: {options.frames:,} frames, {width} x {height}, {options.fps:g} a second")
     return 0
 
 

@@ -61,6 +61,17 @@ class Motion:
         self._given[number] = found
         self._take(number, placed)
 
+    def follow(self, meshes: Sequence[Mesh]) -> bool:
+        """Take other meshes in the place of these; return False if they are others in more than their vertices."""
+        if len(meshes) != len(self.meshes) or not all(map(_alike, meshes, self.meshes)):
+            return False
+        for number, (mesh, before) in enumerate(zip(meshes, self.meshes, strict=True)):
+            self._given[number] = mesh
+            self._transforms.pop(number, None)
+            if not _equal(mesh, before):
+                self._take(number, mesh)
+        return True
+
     def numbers(self, name: str | int) -> list[int]:
         """Return the numbers of the meshes of a name, or the number itself; SceneError where there is none."""
         if isinstance(name, str):
@@ -91,3 +102,22 @@ class Motion:
             corners = self.meshes[number].corners
             self._bounds[number] = np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
         return self._bounds[number]
+
+
+_AT_VERTICES = ("normals", "colors", "uv")
+
+
+def _alike(mesh: Mesh, before: Mesh) -> bool:
+    """Return whether meshes have the same faces, materials and names, and the same kinds of data at their vertices."""
+    if mesh is before:
+        return True
+    kinds = all((getattr(mesh, name) is None) == (getattr(before, name) is None) for name in _AT_VERTICES)
+    names = mesh.name == before.name and mesh.material == before.material
+    return kinds and names and mesh.vertices.shape == before.vertices.shape and len(mesh) == len(before)
+
+
+def _equal(mesh: Mesh, before: Mesh) -> bool:
+    """Return whether meshes that are alike are equal."""
+    return mesh is before or all(
+        np.array_equal(getattr(mesh, name), getattr(before, name)) for name in ("vertices", "faces", *_AT_VERTICES)
+    )

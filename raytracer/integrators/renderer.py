@@ -33,7 +33,7 @@ from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.memory import check_fits
 from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Layout
+from raytracer.scene.layout import Layout, light_rows
 from raytracer.scene.scene import Scene
 
 Progress = Callable[[int, int], None]
@@ -79,7 +79,7 @@ class Renderer:
 
     def _prepare(self) -> None:
         """Build the accelerators, and record and compile the kernel of the scene's camera."""
-        scene = self.scene
+        scene, self.layout = self.scene, None
         if not scene.triangles:
             return
         self.builds += 1
@@ -135,12 +135,36 @@ class Renderer:
         self._check_movable()
         self._motion.deform(name, vertices, normals)
 
+    def show(self, scene: Scene) -> None:
+        """Take another scene, from the next picture on.
+
+        One with as many meshes, of the same faces and materials, and the same lights, background and ambient, is taken
+        as its meshes' movement; for any other all is built anew. Raises SceneError as a new Renderer does.
+        """
+        _check_scene(scene, self.integrator)
+        if (
+            _lit_alike(scene, self.scene)
+            and self._obstacle is None
+            and scene.triangles
+            and self._motion.follow(scene.meshes)
+        ):
+            self.scene = scene
+            return
+        self.scene, self._motion, self._moving = scene, Motion(scene.meshes), ()
+        self._prepare()
+
     def _check_movable(self) -> None:
+        if self._obstacle is not None:
+            raise SceneError(f'objects move in a hierarchy, and this Renderer has {self._obstacle}: choose accel="bvh"')
+
+    @property
+    def _obstacle(self) -> str | None:
+        """The accelerator, if it is one in which nothing can move."""
         chosen = self.integrator
         cube = getattr(chosen, "secondary", None) is not None or (chosen.accel is not None and is_layered(chosen.accel))
-        if cube or chosen.structure != "bvh":
-            used = "a layered depth cube" if cube else f"accel={chosen.structure!r}"
-            raise SceneError(f'objects move in a hierarchy, and this Renderer has {used}: choose accel="bvh"')
+        if cube:
+            return "a layered depth cube"
+        return None if chosen.structure == "bvh" else f"accel={chosen.structure!r}"
 
     def _follow_motion(self) -> None:
         """Bring tables and accelerators up to where the objects are."""
@@ -357,6 +381,14 @@ def _check_scene(scene: Scene, integrator: Any) -> None:
         raise SceneError('an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out')
     if not scene.triangles:
         raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
+
+
+def _lit_alike(scene: Scene, other: Scene) -> bool:
+    """Return whether two scenes have the same lights, background and ambient light."""
+    origin = np.zeros(3)
+    lights, others = (light_rows(one.placed_lights, origin, 1.0) for one in (scene, other))
+    around = scene.environment is other.environment and scene.ambient == other.ambient
+    return around and np.array_equal(scene.background, other.background) and np.array_equal(lights, others)
 
 
 def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
