@@ -104,6 +104,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.set_defaults(run=_gallery)
     command = commands.add_parser("animate", help="render the frames of a moving scene to a GIF, WebP or MP4 file")
+    _add_animate_arguments(command)
+    command = commands.add_parser("scenes", help="list the built-in scenes, or the meshes of a scene or file")
+    command.add_argument("scene", nargs="?", help="a built-in scene or a file")
+    command.set_defaults(run=_scenes)
+    command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
+    command.set_defaults(run=_doctor)
+    return parser
+
+
+def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help="a Python file that defines scene(time) -> Scene, or `animated`")
     command.add_argument("-o", "--output", type=Path, help="a .gif, .webp or .mp4 file, or a folder (SCENE.gif)")
     command.add_argument("--frames", type=_positive, default=48, help="how many (48)")
@@ -115,12 +125,6 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--samples", type=_positive, help="as of render")
     command.add_argument("--resume", action="store_true", help="keep the frames that the folder has")
     command.set_defaults(run=_animate)
-    command = commands.add_parser("scenes", help="list the built-in scenes, or the meshes of a scene or file")
-    command.add_argument("scene", nargs="?", help="a built-in scene or a file")
-    command.set_defaults(run=_scenes)
-    command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
-    command.set_defaults(run=_doctor)
-    return parser
 
 
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
