@@ -102,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--size", type=_size, default=SIZE, help="WIDTHxHEIGHT in pixels (640x480)")
     command.add_argument("--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (9)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    _add_math(command)
     command.set_defaults(run=_gallery)
     command = commands.add_parser("animate", help="render the frames of a moving scene to a GIF, WebP or MP4 file")
     _add_animate_arguments(command)
@@ -167,7 +168,14 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
         "--grid", type=_positive, help="cells of a grid along each axis (as many as suit the triangles)"
     )
     command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
+    _add_math(command)
     command.set_defaults(run=_render)
+
+
+def _add_math(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"
+    )
 
 
 _whole, _positive, _error, _share = sh.command.whole(0), sh.command.whole(1), sh.command.real(0), sh.command.real(0)
@@ -201,6 +209,8 @@ def _render(options: argparse.Namespace) -> int:
         return _render_path(options, wanted, scene, output)
     if options.resume:
         raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
+    if options.error is not None and options.math is not None:
+        raise SceneError("--error chooses the arithmetic itself: leave out --math")
     with progress_bar(f"{scene.name}, {scene.triangles:,} triangles") as progress:
         image = render(
             scene,
@@ -294,7 +304,8 @@ def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, p
 
 
 def _gallery(options: argparse.Namespace) -> int:
-    for path, image in gallery(options.folder, options.size, backend=options.backend, samples=options.samples):
+    given: dict[str, Any] = {"backend": options.backend, "samples": options.samples, "math": options.math or "strict"}
+    for path, image in gallery(options.folder, options.size, **given):
         print(f"{path}: {_summary(image)}", flush=True)
     return 0
 

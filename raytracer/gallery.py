@@ -25,12 +25,17 @@ _BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4, "t
 
 
 def gallery(
-    folder: str, size: tuple[int, int] = SIZE, *, backend: str | None = None, samples: int | None = None
+    folder: str,
+    size: tuple[int, int] = SIZE,
+    *,
+    backend: str | None = None,
+    samples: int | None = None,
+    math: str = "strict",
 ) -> Iterator[tuple[Path, Image]]:
     """Render every built-in scene into a PNG file in a folder, which exists; yield each path with its Image.
 
-    `samples` takes the place of the nine rays for each pixel, and of the paths. Raises SceneError where there is no
-    such folder, and as `render` does.
+    `samples` takes the place of the nine rays for each pixel, and of the paths. `math` is that of programs, "strict" by
+    default. Raises SceneError where there is no such folder, and as `render` does.
     """
     if not Path(folder).is_dir():
         raise SceneError(f"there is no folder {folder}: make it first")
@@ -39,8 +44,9 @@ def gallery(
         writer(path)
         wanted: integrator.Integrator
         if name in _PATHS:
-            shape, wanted = (min(size), min(size)), integrator.Path(samples=samples or _PATHS[name])
+            shape, wanted = (min(size), min(size)), integrator.Path(samples=samples or _PATHS[name], math=math)
         else:
-            shape, wanted = size, integrator.Whitted(bounces=_BOUNCES.get(name, 3), samples=samples or _SAMPLES)
+            bounces = _BOUNCES.get(name, 3)
+            shape, wanted = size, integrator.Whitted(bounces=bounces, samples=samples or _SAMPLES, math=math)
         image = render(Scene.builtin(name), shape, integrator=wanted, backend=backend)
         yield image.save(path), image

@@ -6,7 +6,9 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,9 @@ from shpy.passes import pairs
 from shpy.run import kernel as kernels
 from shpy.run.kernel import Kernel
 from shpy.testing.arrays import differing, flat_leaves
-from shpy.testing.certify.functions import function
+from shpy.testing.certify.findings import Section, Target
+from shpy.testing.certify.functions import function, sweep_checks
+from shpy.testing.certify.sections import Ran, run_section
 from shpy.testing.reference import flushes_denormals
 
 TARGETS = [("opencl", 1), ("opencl", 16), ("opencl", "auto"), ("glsl", "auto")]
@@ -33,11 +37,14 @@ TINY = 2.0**-126
 
 
 @pytest.fixture
-def without_binary64(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Takes binary64 from the devices of OpenCL and OpenGL."""
+def without_binary64(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Takes binary64 from the devices of OpenCL and OpenGL; kernels that were compiled so are forgotten."""
     context = open_context(0)
     monkeypatch.setitem(machine_of(None).__dict__, "binary64", frozenset())
     monkeypatch.setattr(context, "limits", replace(context.limits, doubles=False))
+    kernels._executables.clear()
+    yield
+    kernels._executables.clear()
 
 
 def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
@@ -108,7 +115,22 @@ def test_notes_say_what_a_device_lacks(backend: str, without_binary64: None, mon
         assert bool(re.search(rf"\b{name}\b", NO_BINARY64)) == (name in pairs.FUNCTIONS), name
 
 
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_certify_compares_what_there_is_and_names_what_is_refused(backend: str, without_binary64: None) -> None:
+    names = [*pairs.FUNCTIONS, "tan", "tan, portable"]
+    checks = [check for check in sweep_checks() if check.name in names]
+    ran = Ran(Section("functions", "", None, checks))
+    run_section(ran, Target(backend), full=True, progress=lambda *_: None)
+    refused = ran.findings.pop("tan")
+    assert refused.verdict == "refused"
+    assert refused.detail.startswith("tan needs binary64 in strict mode")
+    assert ran.findings.keys() == {*names} - {"tan"}
+    assert {finding.verdict for finding in ran.findings.values()} <= {"same", "denormals"}, ran.findings
+
+
 LACKING = """
+import sys
+
 import numpy as np
 import shpy as sh
 from shpy.backends.glsl.device.context import open_context
@@ -128,10 +150,15 @@ try:
 except sh.ShpyError as error:
     print(error)
 render(scene, (8, 8), backend="glsl", math="portable")
+
+from raytracer import cli
+words = ["render", "boxes", "--size", "8x8", "--backend", "glsl", "-o", sys.argv[1]]
+assert cli.main(words) == 1
+assert cli.main([*words, "--math", "portable"]) == 0
 """
 
 
-def test_a_driver_without_the_extension() -> None:
+def test_a_driver_without_the_extension(tmp_path: Path) -> None:
     environment = {**os.environ, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader_fp64"}
 
     def run(*command: str) -> str:
@@ -141,7 +168,7 @@ def test_a_driver_without_the_extension() -> None:
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    said = run("-c", LACKING)
+    said = run("-c", LACKING, str(tmp_path / "boxes.png"))
     assert "pow needs binary64 in strict mode" in said
     assert 'math="portable"' in said
     assert NO_BINARY64 in " ".join(run("-m", "shpy", "doctor").split())

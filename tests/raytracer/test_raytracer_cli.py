@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Scene, SceneError, cli, gallery, memory, render, rendering
+from raytracer import Image, Scene, SceneError, cli, gallery, memory, render, rendering
 from raytracer.scenes import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
@@ -153,6 +153,18 @@ def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
     with cli.progress_bar("work") as progress:
         progress(1, 2)
     assert "work" in capsys.readouterr().err
+
+
+def test_the_mode_of_arithmetic_is_an_option(tmp_path, capsys):
+    path = tmp_path / "boxes.npy"
+    words = ["render", "boxes", "-o", str(path), "--size", "24x16", "--backend", "numpy", "--math"]
+    assert cli.main([*words, "portable"]) == 0
+    wanted = render(Scene.builtin("boxes"), (24, 16), backend="numpy", math="portable").pixels
+    np.testing.assert_array_equal(Image.load(path).pixels, wanted)
+    assert cli.main([*words, "loose"]) == 1
+    assert "loose" in capsys.readouterr().err
+    assert cli.main([*words, "portable", "--error", "1"]) == 1
+    assert "leave out --math" in capsys.readouterr().err
 
 
 def test_the_gallery_has_every_scene(tmp_path, capsys, monkeypatch):
