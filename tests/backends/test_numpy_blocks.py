@@ -144,6 +144,7 @@ def test_a_stencil_writes_its_results_where_they_belong(precision):
     rng = np.random.default_rng(3)
     u, v = rng.random((9, 300), np.float32), rng.random((9, 300), np.float32)
     kernel = spread_twice.compile("numpy", precision=precision)
+    assert "out=" in kernel.source
     wanted = [result.copy() for result in kernel(u, v)]
     np.testing.assert_array_equal(wanted[0], wanted[1])
     sh.testing.assert_equivalent(spread_twice, u, v, backends=["interpreter", "numpy"], precision=precision)

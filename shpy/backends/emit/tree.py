@@ -348,6 +348,11 @@ def picked(e: Expr, components: Sequence[int], type: Type) -> Member:
     return Member(type, e, "".join([COMPONENTS[c] for c in components]))
 
 
+def several(values: Sequence[Expr]) -> Expr:
+    """Return one value, or several side by side."""
+    return values[0] if len(values) == 1 else Tuple(BOOL, tuple(values))
+
+
 def number(value: int, type: Type = INT) -> Literal:
     """Return a whole number."""
     return Literal(type, value)

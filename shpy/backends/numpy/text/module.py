@@ -37,6 +37,7 @@ from shpy.backends.emit.tree import (
     Name,
     Tuple,
     Update,
+    several,
 )
 from shpy.backends.numpy import lanes as lane_functions
 from shpy.backends.numpy.text.compaction import LaneLoop, compacted
@@ -53,6 +54,7 @@ from shpy.backends.numpy.text.operations import (
     zeros,
 )
 from shpy.backends.numpy.text.updates import Updates
+from shpy.backends.numpy.text.written import written
 from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import continues, defined, rewrite, uses, walk
@@ -65,7 +67,6 @@ __all__ = ["Printed", "print_python"]
 
 LANES: Final = "lanes", ""
 """What a function is handed that needs the number of lanes."""
-_PLACE: Final = frozenset({"place"})
 _EXACT: Final = frozenset({"exact"})
 _RESERVED: Final = ("np", *_EXACT, "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
 _NAMED: Final = frozenset({"param", "grid_index", "grid_shape", "table_size"})
@@ -80,6 +81,7 @@ class Printed:
     """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
 
     An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
+    `outs`: the numbers of the outputs whose memory follows, or None where the result is only to be returned.
     `large`: many lanes are to run together, for they leave loops one by one, and those that are left should still be
     many; or no function is called, so that few arrays live at a time, and numpy reuses temporaries of 256 KiB.
     """
@@ -88,11 +90,16 @@ class Printed:
     entry: str
     arguments: tuple[tuple[str, str], ...]
     large: bool
+    outs: tuple[int, ...]
 
 
-def print_python(vector: VectorModule, *, exact: frozenset[str] = frozenset()) -> Printed:
-    """Return the module's text, in which the functions named in `exact` are rounded correctly."""
-    return _PythonModule(vector, exact).printed()
+def print_python(vector: VectorModule, *, status: bool = False, exact: frozenset[str] = frozenset()) -> Printed:
+    """Return the module's text.
+
+    `status`: elements may be discarded, so no result is written in place. Functions named in `exact` are rounded
+    correctly.
+    """
+    return _PythonModule(vector, exact).printed(in_place=not status)
 
 
 def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
@@ -100,7 +107,7 @@ def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
 
     def needed(let: Let) -> Needs | None:
         needs = needed_by(let)
-        return needs | Needs(grid=_PLACE) if needs is not None and let.op == "neighbour" else needs
+        return needs | Needs(grid=frozenset({"place"})) if needs is not None and let.op == "neighbour" else needs
 
     found = {}
     for name, needs in needs_of(module, needed).items():
@@ -128,14 +135,19 @@ class _PythonModule(Unit):
         self.speller = PythonSpeller()
         self.compacts = False
 
-    def printed(self) -> Printed:
-        """Return the whole text, and what it takes."""
+    def printed(self, *, in_place: bool) -> Printed:
+        """Return the whole text, and what it takes; `in_place`: a stencil writes its outputs."""
         entry = self.module.entry
+        outs: tuple[int, ...] = ()
         for function in self.module.functions:
             facts = _all_of(function) if function.pure else self.vector.facts[function.name]
             updates = Updates(function, facts) if function is entry else None
             body = _PythonBody(self, function, facts, updates)
-            self.speller.function(self.functions[function.name], body.parameters(), body.made())
+            parameters, block = body.parameters(), body.made()
+            if function is entry and in_place and ("place", "") in self.handed[entry.name]:
+                block, memory = written(block, function.outputs, body.varying_slots, body.scope)
+                parameters, outs = [*parameters, *memory.values()], tuple(memory)
+            self.speller.function(self.functions[function.name], parameters, block)
             self.compacts |= body.compacts
         called = {name.partition(".")[0] for name in self.speller.called}
         lane_names = frozenset(lane_functions.__all__)
@@ -145,7 +157,7 @@ class _PythonModule(Unit):
         head = ["import numpy as np", *[""] * bool(imports), *imports]
         text = "\n".join([*head, *self.speller.lines]) + "\n"
         large = len(self.module.functions) == 1 or self.compacts
-        return Printed(text, self.functions[entry.name], tuple(self.handed[entry.name]), large)
+        return Printed(text, self.functions[entry.name], tuple(self.handed[entry.name]), large, outs)
 
 
 def _all_of(function: Function) -> LaneFacts:
@@ -358,7 +370,7 @@ class _PythonBody(NumpyOperations):
             assert components is not None
             self.out.append(Assign(Index(variable.type, whole, components), e, s.loc))
         elif not isinstance(index, Literal):
-            listed = [] if s.components is None else [_tuple(s.components)]
+            listed = [] if s.components is None else [Tuple(INT, tuple(map(tree.number, s.components)))]
             self.out.append(Do(tree.call("put", variable.type, whole, index, own(e), *listed), s.loc))
         elif 0 <= index.value < (variable.length or 0):
             at = index if components is None else Tuple(INT, (index, components))
@@ -464,15 +476,6 @@ class _PythonBody(NumpyOperations):
         with self.block() as made:
             self.region(s.body, body, start)
         self.out.append(tree.Each(counter, over, tuple(made), s.loc))
-
-
-def several(values: list[Expr]) -> Expr:
-    """Return one value, or several side by side."""
-    return values[0] if len(values) == 1 else Tuple(BOOL, tuple(values))
-
-
-def _tuple(components: tuple[int, ...]) -> Expr:
-    return Tuple(INT, tuple([tree.number(c) for c in components]))
 
 
 def _with_step(block: Block, step: Block) -> Block:
