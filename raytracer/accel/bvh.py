@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from raytracer.accel.planes import largest_of
+
 Floats = NDArray[np.float32]
 Bounds = NDArray[np.floating]
 Ints = NDArray[np.int64]
@@ -66,7 +68,7 @@ def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> B
 
 def _grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
     """Round boxes to `dtype` and grow them by a rounding of their coordinates, so that no triangle lies in a face."""
-    largest = np.maximum(np.abs(lows), np.abs(highs)).max(axis=1, keepdims=True)
+    largest = largest_of(np.maximum(np.abs(lows), np.abs(highs)))[:, None]
     grow = float(np.finfo(dtype).eps) * largest + GROWTH
     return (lows - grow).astype(dtype), (highs + grow).astype(dtype)
 
@@ -74,7 +76,8 @@ def _grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtyp
 def boxes_of(corners: NDArray[np.floating], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
     """Return the boxes that leaves hold of triangles with `corners` (N, 3, 3): the lower and the upper corners."""
     triangles = np.asarray(corners, dtype=np.float64)
-    return _grown(triangles.min(axis=1), triangles.max(axis=1), dtype)
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]  # several times as fast as min along an axis of three
+    return _grown(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c), dtype)
 
 
 def _unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:

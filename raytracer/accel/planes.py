@@ -23,7 +23,7 @@ def normals_of(corners: Floats) -> Floats:
 
 def levels_of(corners: Floats, normals: Floats) -> Floats:
     """Return the distances of the planes of triangles (N, 3, 3) from 0 along their unit normals (N, 3)."""
-    nearest = corners[np.arange(len(corners)), np.abs(corners).max(axis=2).argmin(axis=1)]
+    nearest = corners[np.arange(len(corners)), largest_of(corners).argmin(axis=1)]
     x, y, z = (nearest * normals).T  # each sum by itself: what einsum gives depends on how arrays lie in memory
     return np.asarray(x + y + z)
 
@@ -37,5 +37,11 @@ def unit(vectors: Floats) -> Floats:
 
 def scaled(vectors: Floats) -> Floats:
     """Divide each vector by its largest component; zero stays zero."""
-    largest = np.abs(vectors).max(axis=-1, keepdims=True)
+    largest = largest_of(vectors)[..., None]
     return np.asarray(vectors / np.where(largest > 0, largest, 1))
+
+
+def largest_of(vectors: NDArray[np.floating]) -> Floats:
+    """Return the largest magnitude among the three components of each vector."""
+    x, y, z = (np.abs(vectors[..., axis]) for axis in range(3))
+    return np.asarray(np.maximum(np.maximum(x, y), z))  # several times as fast as max along an axis of three
