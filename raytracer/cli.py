@@ -2,6 +2,7 @@
 
 raytracer render bunny.obj -o bunny.png
 raytracer render mixed --size 1024x768 --backend opencl --bounces 3 --samples 4
+raytracer render chair.glb --camera 2,1,3 --target 0,0.5,0 --no-floor
 raytracer render cornell --integrator path --samples 1024 -o cornell.exr --resume
 raytracer tradeoff mixed --error 0.5 -o tradeoff.png
 """
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import shpy as sh
+from raytracer import viewing
 from raytracer.accel.choice import check
 from raytracer.animation import ANIMATIONS, animate, made_by
 from raytracer.errors import SceneError
@@ -49,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(viewing.joined(sys.argv[1:] if arguments is None else arguments))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", sh.ShpyWarning)
@@ -70,7 +72,12 @@ def _show(message: Warning | str, *_: Any, **__: Any) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="raytracer", description="A ray tracer written once in shpy.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    command = commands.add_parser("render", help="render a built-in scene or a mesh file")
+    command = commands.add_parser(
+        "render",
+        help="render a built-in scene or a mesh file",
+        epilog=viewing.EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     _add_render_arguments(command)
     command = commands.add_parser("tradeoff", help="time and error of every variant of a scene, and the one to take")
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
@@ -169,6 +176,7 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
     _add_math(command)
+    viewing.add_arguments(command)
     command.set_defaults(run=_render)
 
 
@@ -198,13 +206,14 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _render(options: argparse.Namespace) -> int:
-    scene = find_scene(options.scene)
-    output = options.output or Path(f"{scene.name}.png")
+    output = options.output or Path(f"{Path(options.scene).stem}.png")
     writer(output)  # complains now about a path that cannot be written later
     width, height = options.size
     check_fits(width, height, SAVING[output.suffix.lower()])
     said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
     wanted = integrator.chosen(options.integrator, said)
+    viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path))
+    scene = viewing.scene_of(options)
     if isinstance(wanted, integrator.Path):
         return _render_path(options, wanted, scene, output)
     if options.resume:
@@ -222,7 +231,7 @@ def _render(options: argparse.Namespace) -> int:
         )
     if image.stats.picked:
         print(f"within {options.error:g}/255: {image.stats.picked}")
-    print(f"{image.save(output)}: {_summary(image)}")
+    print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")
     return 0
 
 
@@ -241,7 +250,7 @@ def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Sc
             for image in renderer.passes(options.size, progress=progress, resume=found):
                 started = time.monotonic()
                 if started >= due and image.samples < samples:
-                    image.save(output)
+                    viewing.exposed(image, options.exposure).save(output)
                     kept, ended = image.samples, time.monotonic()
                     due = ended + max(_SAVING, _SHARE * (ended - started))
         except KeyboardInterrupt as error:
@@ -250,7 +259,7 @@ def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Sc
             stop = error
     assert image is not None  # there is at least one pass
     try:
-        print(f"{image.save(output)}: {_summary(image)}")
+        print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")
     except KeyboardInterrupt as error:
         raise type(error)(f"stopped; {output} holds {kept:,} samples" if kept else "") from None
     if stop is None:
@@ -263,7 +272,7 @@ def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Sc
 
 
 def _tradeoff(options: argparse.Namespace) -> int:
-    scene = find_scene(options.scene)
+    scene = viewing.find_scene(options.scene)
     if options.output is not None:
         new_figure(options.output)  # complains now about a path that cannot be written later
     with progress_bar(f"{scene.name}: variants") as progress:
@@ -324,15 +333,6 @@ def _animate(options: argparse.Namespace) -> int:
     return 0
 
 
-def find_scene(name: str) -> Scene:
-    """Return the built-in scene of this name, else read the file; SceneError if it is neither."""
-    if name in SCENES:
-        return Scene.builtin(name)
-    if Path(name).suffix or Path(name).exists():
-        return Scene.load(name)
-    raise SceneError(f"{name!r} is neither a file nor a built-in scene; the scenes are {', '.join(SCENES)}")
-
-
 def _summary(image: Image) -> str:
     height, width = image.depth.shape
     stats = image.stats
@@ -365,7 +365,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 def _scenes(options: argparse.Namespace) -> int:
     if options.scene is not None:
-        meshes = find_scene(options.scene).meshes
+        meshes = viewing.find_scene(options.scene).meshes
         width = max(len(shown(mesh.name)) for mesh in meshes)
         for mesh in meshes:
             print(f"{shown(mesh.name):{width}}  {len(mesh):,} triangles")

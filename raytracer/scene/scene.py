@@ -27,17 +27,14 @@ from raytracer.meshes.folder import Notices, shown
 from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
-from raytracer.meshes.shapes import floor
-from raytracer.scene.camera import Camera, radius_of
-from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight, PointLight
+from raytracer.scene.camera import Camera
+from raytracer.scene.framing import bounds_of, fitted, ground, key_and_fill, upright
+from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import load_contents
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
-MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)
 _NAMED = 20
 """Names of meshes that a message shows."""
-_LARGEST = 1e33
-"""Radius of a mesh that can be framed: its floor is 400 times as large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +69,7 @@ class Scene:
         if sum(isinstance(light, EnvironmentLight) for light in self.lights) > 1:
             raise SceneError("a scene has at most one EnvironmentLight")
         if self.camera is None:
-            object.__setattr__(self, "camera", Camera.framing(*self.bounds))
+            object.__setattr__(self, "camera", fitted(self.meshes, np.eye(3)))
 
     @property
     def triangles(self) -> int:
@@ -108,43 +105,57 @@ class Scene:
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The corners of the box round all triangles; the unit cube about the origin for an empty scene."""
-        used = [mesh.corners.reshape(-1, 3) for mesh in self.meshes if len(mesh)]
-        if not used:
-            return np.full(3, -0.5), np.full(3, 0.5)
-        return np.min([u.min(axis=0) for u in used], axis=0), np.max([u.max(axis=0) for u in used], axis=0)
+        return bounds_of(self.meshes, np.eye(3))
 
     @classmethod
-    def framed(cls, meshes: Any, name: str | None = None) -> Scene:
+    def framed(
+        cls,
+        meshes: Any,
+        name: str | None = None,
+        *,
+        up: Triple = (0, 1, 0),
+        floor: bool = True,
+        lights: Sequence[Light] = (),
+    ) -> Scene:
         """Put one mesh or several on a mirroring floor under two lights, with a camera that sees all of them.
 
-        The floor is the last mesh of the scene. Raises SceneError for meshes without triangles, and for too large ones.
+        The floor is the last mesh of the scene; without `floor` there is none. `up` is the direction in the meshes'
+        coordinates from the floor to them. `lights` take the place of the two. Raises SceneError for meshes without
+        triangles, for too large ones, and for an `up` that is no direction.
         """
         given = placed(meshes)
         name = name or next((mesh.name for mesh in given), "scene")
-        scene = cls(given, name=name)
-        if not scene.triangles:
+        if not any(map(len, given)):
             raise SceneError(f"{name}: a mesh without triangles cannot be framed")
-        low, high = scene.bounds
-        lights = _key_and_fill(name, low, high)
-        middle, radius = (low + high) / 2, radius_of(low, high)
-        x, _, z = middle.tolist()
-        ground = floor(400 * radius, MIRROR_FLOOR).moved((x, float(low[1]) - 1e-4 * radius, z))
-        return dataclasses.replace(scene, meshes=(*given, ground), lights=lights)
+        turn = upright(up)
+        low, high = bounds_of(given, turn)
+        shining = lights or key_and_fill(name, low, high, turn)
+        under = [ground(low, high, turn)] if floor else []
+        return cls((*given, *under), shining, fitted(given, turn), name=name)
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Scene:
+    def load(
+        cls,
+        path: str | PathLike[str],
+        *,
+        up: Triple = (0, 1, 0),
+        floor: bool = True,
+        lights: Sequence[Light] = (),
+    ) -> Scene:
         """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
         A file with a camera or lights is shown as it says; two lights are added if it has none, and a camera that sees
-        everything. Other files are framed (see `framed`). docs/raytracer-files.md lists what is read; what a file holds
+        everything. Other files are framed: `up` and `floor` are those of `framed`. `lights` are added to those of the
+        file, and take the place of the two. docs/raytracer-files.md lists what is read; what a file holds
         beyond that, and pictures that are not there, are an sh.ShpyWarning each. Raises FileNotFoundError, and
         SceneError for a file that cannot be read or holds no triangles.
         """
         found, name = load_contents(path), Path(path).stem
         if found.camera is None and not found.lights:
-            return cls.framed(found.meshes, name)
-        scene = cls(found.meshes, found.lights, found.camera, name=name)
-        return scene if scene.lights else dataclasses.replace(scene, lights=_key_and_fill(name, *scene.bounds))
+            return cls.framed(found.meshes, name, up=up, floor=floor, lights=lights)
+        turn = upright(up)
+        shining = (*found.lights, *lights) or key_and_fill(name, *bounds_of(found.meshes, turn), turn)
+        return cls(found.meshes, shining, found.camera or fitted(found.meshes, turn), name=name)
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
@@ -197,18 +208,6 @@ def _listed(names: Sequence[str]) -> str:
     """Return names in one line; of many, the first ones."""
     more = len(names) - _NAMED
     return (", ".join(map(shown, names[:_NAMED])) or "no meshes") + (f" and {more:,} more" if more > 0 else "")
-
-
-def _key_and_fill(name: str, low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[Light, Light]:
-    """Return two lights for the contents of a box; SceneError where it is too large."""
-    radius = radius_of(low, high)
-    if radius > _LARGEST:
-        raise SceneError(f"{name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
-    x, y, z = ((low + high) / 2).tolist()
-    return (
-        PointLight((x - 3 * radius, y + 5 * radius, z + 4 * radius), (0.85, 0.82, 0.76)),
-        PointLight((x + 5 * radius, y + 3 * radius, z + 2.5 * radius), (0.30, 0.34, 0.42)),
-    )
 
 
 BUILTIN: dict[str, Callable[[], Scene]] = {}

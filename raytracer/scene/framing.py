@@ -1,0 +1,117 @@
+"""Lights, a floor and a camera for meshes that come without them.
+
+Stage: scene description. What is up in the meshes is y here: `upright` gives the rotation in between.
+
+    turn = upright((0, 0, 1))
+    key_and_fill("part", *bounds_of(meshes, turn), turn), fitted(meshes, turn)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.appearance.materials import Material, Triple
+from raytracer.errors import SceneError
+from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.shapes import floor
+from raytracer.scene.camera import Camera, radius_of
+from raytracer.scene.lights import Light, PointLight
+
+Matrix = NDArray[np.float64]
+MIRROR_FLOOR = Material(color=(0.40, 0.39, 0.38), specular=0.0, reflectivity=0.22)
+TOWARD: Final[Triple] = (0.42, 0.42, 1.0)
+"""The direction from the meshes to the camera."""
+FOV: Final = 32.0
+FILLED: Final = 0.88
+"""The share of the picture's shorter side that meshes span: a ball then covers 0.61 of a square picture."""
+NEAREST: Final = 0.1
+"""The least distance from the camera to meshes, in radii: what lies along the line of sight has no width."""
+_LARGEST = 1e33
+"""Radius of a mesh that can be framed: its floor is 400 times as large."""
+
+
+def upright(up: Triple) -> Matrix:
+    """Return the smallest rotation (3, 3) that takes y to `up`; SceneError where that is no direction."""
+    direction = np.asarray(up, dtype=np.float64)
+    if direction.shape != (3,) or not np.all(np.isfinite(direction)) or not direction.any():
+        raise SceneError(f"up is a direction of three finite numbers that are not all 0, not {up!r}")
+    direction = direction / np.abs(direction).max()
+    x, y, z = (direction / np.linalg.norm(direction)).tolist()
+    if y <= -1:
+        return np.diag([1.0, -1.0, -1.0])
+    # Rodrigues' formula about the axis (z, 0, -x), whose length is the sine of the angle, with y as the cosine.
+    part = 1 / (1 + y)
+    return np.array([[1 - x * x * part, x, -x * z * part], [-x, y, -z], [-x * z * part, z, 1 - z * z * part]])
+
+
+def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the corners of the box round all triangles, in coordinates that `turn` takes to those of the meshes.
+
+    Without triangles it is the unit cube about the origin.
+    """
+    used = [mesh.corners.reshape(-1, 3) @ turn for mesh in meshes if len(mesh)]
+    if not used:
+        return np.full(3, -0.5), np.full(3, 0.5)
+    return np.min([u.min(axis=0) for u in used], axis=0), np.max([u.max(axis=0) for u in used], axis=0)
+
+
+def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Light, Light]:
+    """Return two lights for what lies in a box; SceneError where the box is too large."""
+    radius = radius_of(low, high)
+    if radius > _LARGEST:
+        raise SceneError(f"{name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
+    middle = (low + high) / 2
+    return (
+        PointLight(_triple(turn @ (middle + radius * np.array((-3, 5, 4)))), (0.85, 0.82, 0.76)),
+        PointLight(_triple(turn @ (middle + radius * np.array((5, 3, 2.5)))), (0.30, 0.34, 0.42)),
+    )
+
+
+def ground(low: Matrix, high: Matrix, turn: Matrix) -> Mesh:
+    """Return the floor under what lies in a box."""
+    radius = radius_of(low, high)
+    x, _, z = ((low + high) / 2).tolist()
+    placed = np.eye(4)
+    placed[:3, :3] = turn
+    return floor(400 * radius, MIRROR_FLOOR).moved((x, float(low[1]) - 1e-4 * radius, z)).transformed(placed)
+
+
+def fitted(meshes: Sequence[Mesh], turn: Matrix) -> Camera:
+    """Return the nearest camera in the direction `TOWARD` whose picture shows meshes within the share `FILLED`.
+
+    All corners lie between the four planes through the eye that bound this part of the picture. Across, the planes have
+    the normals k f + r and k f - r, where f looks along the line of sight, r to the right, and k is the tangent of half
+    the angle. A corner p is inside where (p - eye) . n >= 0, so the least p . n of both planes say where they meet.
+    """
+    low, high = bounds_of(meshes, turn)
+    middle, radius = (low + high) / 2, radius_of(low, high)
+    forward = -np.asarray(TOWARD) / np.linalg.norm(TOWARD)
+    right = np.cross(forward, (0, 1, 0))
+    right /= np.linalg.norm(right)
+    sides = (right, np.cross(right, forward))
+    reach = FILLED * math.tan(math.radians(FOV) / 2)
+    normals = np.stack([*(reach * forward + sign * side for side in sides for sign in (1, -1)), forward], axis=1)
+    least = np.full(5, np.inf)
+    for mesh in meshes:
+        if len(mesh):
+            corners = (mesh.corners.reshape(-1, 3) @ turn - middle) / radius
+            least = np.minimum(least, (corners @ normals).min(axis=0))
+    if not np.all(np.isfinite(least)):  # no triangles: the box itself
+        least = -np.abs(normals).sum(axis=0) / math.sqrt(3)
+    a, b, c, d, front = least
+    depth = min((a + b) / (2 * reach), (c + d) / (2 * reach), front - NEAREST)
+    eye = depth * forward + (a - b) / 2 * sides[0] + (c - d) / 2 * sides[1]
+    target = eye - depth * forward
+    return Camera(
+        _triple(turn @ (middle + radius * eye)), _triple(turn @ (middle + radius * target)), _triple(turn[:, 1]), FOV
+    )
+
+
+def _triple(values: Matrix) -> Triple:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,185 @@
+"""The scene that a command shows, and the options of the command line for its camera.
+
+raytracer render chair.glb --camera 2,1,3 --target 0,0.5,0 --fov 30 --no-floor --background "#ffffff"
+
+Stage: the command line. Every command that renders adds `add_arguments`, checks with `check`, and opens its scene with
+`scene_of`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raytracer.appearance.materials import Triple
+from raytracer.appearance.textures import decoded
+from raytracer.errors import SceneError
+from raytracer.image import READING, Image
+from raytracer.scene.camera import Camera
+from raytracer.scene.lights import EnvironmentLight
+from raytracer.scene.scene import Scene
+from raytracer.scenes import SCENES
+
+EXAMPLES = """examples:
+  raytracer render chair.glb --camera 2,1,3 --target 0,0.5,0 --fov 30     from another side
+  raytracer render part.stl --up z --no-floor --background "#ffffff"      z is up in the file; white all around
+  raytracer render chair.glb --integrator path --environment sky.png --exposure 1
+"""
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_NEGATIVE = ("--camera", "--target", "--up", "--background")
+"""The options whose values may begin with a minus, which argparse takes for another option's."""
+_MOST = 64.0
+"""The largest exposure, in stops: beyond it a picture is black or white."""
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add the options of the camera, the floor, the background and the exposure to a command."""
+    group = command.add_argument_group("how the scene is seen")
+    group.add_argument("--camera", type=_triple, metavar="X,Y,Z", help="where the camera stands")
+    group.add_argument("--target", type=_triple, metavar="X,Y,Z", help="what it looks at")
+    group.add_argument("--up", type=_up, metavar="X,Y,Z", help="what is up in the picture: three numbers, or x, y or z")
+    group.add_argument("--fov", type=_fov, metavar="DEG", help="the angle across the picture's shorter side")
+    group.add_argument("--no-floor", action="store_true", help="files: no floor under what is framed")
+    group.add_argument(
+        "--background", type=_color, metavar="COLOR", help="what is seen where nothing is: #RRGGBB, or linear R,G,B"
+    )
+    group.add_argument("--exposure", type=_stops, metavar="EV", help=".png: brighter by 2 to this power; -1 is half")
+    group.add_argument("--environment", type=Path, metavar="FILE", help="path: a 360 degree picture that lights all")
+
+
+def joined(arguments: Sequence[str]) -> list[str]:
+    """Return arguments in which a value that begins with a minus is one word with its option: --camera=-1,2,3."""
+    found: list[str] = []
+    for word in arguments:
+        if found and found[-1] in _NEGATIVE and re.match(r"-[\d.]", word):
+            found[-1] += f"={word}"
+        else:
+            found.append(word)
+    return found
+
+
+def check(options: argparse.Namespace, output: Path, *, lights_all: bool) -> None:
+    """Raise SceneError for options that do not go together; `lights_all` says whether the environment can light."""
+    if options.environment is not None and not lights_all:
+        raise SceneError("--environment lights scenes with --integrator path alone: add that, or leave it out")
+    if options.exposure is not None and output.suffix.lower() in READING:
+        raise SceneError(f"{output}: --exposure is for .png; {' and '.join(READING)} hold the light as it is")
+    if options.no_floor and options.scene in SCENES:
+        raise SceneError("--no-floor is for files, which are put on one; a built-in scene is as it is made")
+
+
+def scene_of(options: argparse.Namespace) -> Scene:
+    """Open the scene of a command and apply its options; SceneError, or OSError for files, where that is impossible."""
+    sky = () if options.environment is None else (_sky(options.environment),)
+    if options.scene in SCENES:
+        scene = Scene.builtin(options.scene)
+        scene = dataclasses.replace(scene, lights=[*(scene.placed_lights if sky else scene.lights), *sky])
+    else:
+        up = _AXES["y"] if options.up is None else options.up
+        scene = find_scene(options.scene, up=up, floor=not options.no_floor, lights=sky)
+    if options.background is not None:
+        scene = dataclasses.replace(scene, background=options.background)
+    assert scene.camera is not None  # a scene makes one
+    return dataclasses.replace(scene, camera=_turned(scene.camera, options))
+
+
+def find_scene(name: str, **framing: Any) -> Scene:
+    """Return the built-in scene of this name, else read the file; SceneError if it is neither.
+
+    `framing` holds keywords of `Scene.load`.
+    """
+    if name in SCENES:
+        return Scene.builtin(name)
+    if Path(name).suffix or Path(name).exists():
+        return Scene.load(name, **framing)
+    raise SceneError(f"{name!r} is neither a file nor a built-in scene; the scenes are {', '.join(SCENES)}")
+
+
+def exposed(image: Image, stops: float | None) -> Image:
+    """Return a picture whose pixels are brighter by a factor of 2**stops; the picture itself where that is None."""
+    if stops is None:
+        return image
+    return dataclasses.replace(image, pixels=image.pixels * np.float32(2.0**stops))
+
+
+def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
+    """Return the camera with the options that are given."""
+    given: dict[str, Any] = {"position": options.camera, "target": options.target, "up": options.up, "fov": options.fov}
+    given = {name: value for name, value in given.items() if value is not None}
+    if not given:
+        return camera
+    if camera.projection != "perspective" and options.fov is not None:
+        raise SceneError(f"--fov is for a perspective camera, and this scene has an {camera.projection} one")
+    try:
+        return dataclasses.replace(camera, **given)
+    except SceneError as error:
+        sight = {"camera": camera.position, "target": camera.target, "up": camera.up}
+        sight |= {
+            name: given[key] for name, key in zip(sight, ("position", "target", "up"), strict=True) if key in given
+        }
+        here = ", ".join(f"--{name} is {','.join(f'{x:g}' for x in at)}" for name, at in sight.items())
+        raise SceneError(f"{error}: {here}; choose another of them") from None
+
+
+def _sky(path: Path) -> EnvironmentLight:
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no picture {path}: --environment is the path of one")
+    return EnvironmentLight(path)
+
+
+def _numbers(text: str, count: int) -> list[float] | None:
+    """Return finite numbers with commas between them; None for another text."""
+    words = text.split(",")
+    try:
+        found = [float(word) for word in words if word.isascii() and "_" not in word]
+    except ValueError:
+        return None
+    return found if len(found) == len(words) == count and all(map(math.isfinite, found)) else None
+
+
+def _triple(text: str) -> Triple:
+    found = _numbers(text, 3)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"three numbers with commas between them, such as 1,0.5,-2, not {text!r}")
+    return found[0], found[1], found[2]
+
+
+def _up(text: str) -> Triple:
+    if text.lower() in _AXES:
+        return _AXES[text.lower()]
+    found = _triple(text)
+    if not any(found):
+        raise argparse.ArgumentTypeError("a direction that is not zero, such as 0,0,1, or z")
+    return found
+
+
+def _fov(text: str) -> float:
+    found = _numbers(text, 1)
+    if found is None or not 0 < found[0] < 180:
+        raise argparse.ArgumentTypeError(f"an angle between 0 and 180 degrees, such as 40, not {text!r}")
+    return found[0]
+
+
+def _stops(text: str) -> float:
+    found = _numbers(text, 1)
+    if found is None or abs(found[0]) > _MOST:
+        raise argparse.ArgumentTypeError(f"a number from -{_MOST:g} to {_MOST:g}, such as 1.5, not {text!r}")
+    return found[0]
+
+
+def _color(text: str) -> Triple:
+    """Return a linear colour."""
+    if re.fullmatch("#[0-9a-fA-F]{6}", text):
+        r, g, b = decoded(np.array([int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)])).tolist()
+        return r, g, b
+    found = _numbers(text, 3)
+    if found is None or min(found) < 0:
+        raise argparse.ArgumentTypeError(f'"#RRGGBB" of sRGB or three linear numbers R,G,B from 0 on, not {text!r}')
+    return found[0], found[1], found[2]
