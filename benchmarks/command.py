@@ -28,6 +28,7 @@ from benchmarks import (
     features,
     frames,
     functions,
+    glass_rays,
     machine,
     paths,
     peers,
@@ -75,6 +76,7 @@ STUDIES = (
         "path-z": lambda mesh, quick: paths.z_test(quick),
         "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
         "glass": equal_error.glass,
+        "glass-rays": glass_rays.glass_rays,
         "chaining": chaining.chaining,
         "early": chaining.early,
     }

@@ -170,8 +170,8 @@ def mitsuba_eye_rays(mesh: Mesh, size: int) -> Any:
     return mi.Ray3f(mi.Point3f(eye), dr.normalize(corner + column * across + row * down))
 
 
-def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
-    """All cores, and packets of 16 rays if they are coherent; rays are made beforehand."""
+def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool, coherent: bool | None = None) -> Any:
+    """All cores, and packets of 16 rays if they are coherent, as those from the eye are; rays are made beforehand."""
     import drjit as dr
     import mitsuba as mi
 
@@ -179,7 +179,8 @@ def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
     ray = mitsuba_eye_rays(mesh, rays[0]) if primary else mi.Ray3f(*(a.T for a in rays))
     shape = (rays[0], rays[0]) if primary else (-1,)
     dr.eval(ray)
-    return lambda: _traced(scene, ray, primary, any_hit).reshape(shape)
+    alike = primary if coherent is None else coherent
+    return lambda: _traced(scene, ray, alike, any_hit).reshape(shape)
 
 
 def embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
