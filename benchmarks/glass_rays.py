@@ -9,6 +9,7 @@ slow, or the walk.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks import features, peers, rays
-from benchmarks.studies import Table, in_turns
+from benchmarks.studies import Table, rounds_of
 from benchmarks.work import TARGETS
 from raytracer import Intersector, Mesh, PointLight, Scene
 
@@ -26,32 +27,38 @@ Rays = tuple[np.ndarray, np.ndarray]
 
 
 def glass_rays(body: Mesh, quick: bool) -> Table:
-    """Return the core-nanoseconds that each contender takes for a ray of each kind."""
+    """Return the nanoseconds of a core that each contender takes for a ray of each kind, and for both pictures."""
     scene = features.plain(body)
     sets = rays_of(scene, len(body), 32 if quick else 256)
     whole = joined(scene)
     found, _ = peers.available(["mitsuba", "embreex"])
     for name in found:
         peers.start(name)
-    makers: dict[str, tuple[Callable[..., Any], int]] = {"shpy, OpenCL": (_ours, 2)}
-    if "mitsuba" in found:
-        makers["Mitsuba"] = (_mitsuba, 2)
-    if "embreex" in found:
-        makers["Embree, one ray at a time"] = (_embree, 1)
-    runs = [
-        (maker(whole, *given, coherent), cores) for given, coherent in sets.values() for maker, cores in makers.values()
+    makers: dict[str, Callable[..., Any]] = {"shpy, OpenCL": _ours}
+    makers |= {"Mitsuba": _mitsuba} if "mitsuba" in found else {}
+    makers |= {"Embree, one ray at a time": _embree} if "embreex" in found else {}
+    runs = [maker(whole, *given, coherent) for given, coherent in sets.values() for maker in makers.values()]
+    turns = 2 if quick else 15
+    # Of all threads, as the contenders differ in how many they start.
+    taken = np.array(rounds_of(runs, turns, time.process_time)).reshape(len(sets), len(makers), turns)
+    counts = [len(eye) for (eye, _), _ in sets.values()]
+    rows = [
+        [name, f"{count:,}", *(_spread(1e9 * times / count, 0) for times in of_set)]
+        for name, count, of_set in zip(sets, counts, taken, strict=True)
     ]
-    seconds = in_turns([run for run, _ in runs], 2 if quick else 9)
-    rows = []
-    for k, (name, ((eye, _), _)) in enumerate(sets.items()):
-        own = slice(k * len(makers), (k + 1) * len(makers))
-        each = [1e9 * s * cores / len(eye) for s, (_, cores) in zip(seconds[own], runs[own], strict=True)]
-        rows.append([name, f"{len(eye):,}", *(f"{ns:.0f}" for ns in each)])
+    eye, light, glass = taken
+    more = (counts[0] + counts[2]) / (counts[0] + counts[1])
+    rows.append(["picture with glass / plain", f"{more:.2f}", *(_spread(r, 1) for r in (eye + glass) / (eye + light))])
     note = (
         f"{body.name}, {len(body):,} triangles, on a floor: the rays of the pictures of `glass`, the closest hit, "
-        "nanoseconds of a core for a ray (time x cores; Embree has one), the best of 9 in turns."
+        f"nanoseconds of a core for a ray (CPU time): medians of {turns} rounds, with the first and the third quartile."
     )
     return Table("glass-rays", note, ["rays", "number", *makers], rows)
+
+
+def _spread(values: np.ndarray, digits: int) -> str:
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
 def joined(scene: Scene) -> Mesh:
@@ -105,7 +112,7 @@ def rays_of(scene: Scene, clear: int, size: int) -> dict[str, tuple[Rays, bool]]
     scattered = tuple(np.concatenate(parts) for parts in zip(*further, strict=True))
     sets = {"from the eye": ((start, first), True), "to the light, plain": (plain, True)}
     sets["of glass, but those from the eye"] = ((scattered[0], scattered[1]), False)
-    return {k: ((np.float32(a), np.float32(b)), alike) for k, ((a, b), alike) in sets.items()}
+    return {k: ((eye.astype(np.float32), ray.astype(np.float32)), alike) for k, ((eye, ray), alike) in sets.items()}
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

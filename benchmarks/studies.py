@@ -63,7 +63,14 @@ def best(run: Callable[[], Any], calls: int = 5) -> tuple[float, float]:
 def in_turns(
     runs: Sequence[Callable[[], Any]], turns: int = 5, clock: Callable[[], float] = time.perf_counter
 ) -> list[float]:
-    """Seconds of the fastest call of each, in turns: a pause, a call that wakes the threads, one that counts.
+    """Return seconds of the fastest call of each, in turns: see `rounds_of`."""
+    return [min(times) for times in rounds_of(runs, turns, clock)]
+
+
+def rounds_of(
+    runs: Sequence[Callable[[], Any]], turns: int, clock: Callable[[], float] = time.perf_counter
+) -> list[list[float]]:
+    """Return seconds of the calls of each, in turns: a pause, a call that wakes the threads, one that counts.
 
     With `time.process_time` as the clock, seconds of all threads of the process.
     """
@@ -75,7 +82,7 @@ def in_turns(
             started = clock()
             run()
             times.append(clock() - started)
-    return [min(times) for times in found]
+    return found
 
 
 def rate(count: int, seconds: float) -> str:
