@@ -157,7 +157,9 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
         "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
     )
     command.add_argument(
-        "--accel", type=_accel, help="how rays find triangles: bvh, grid, brute, or ldc:1024 (bvh; grid if staged)"
+        "--accel",
+        type=_accel,
+        help="how rays find triangles: bvh, bvh:ploc (built faster), grid, brute, or ldc:1024 (bvh; grid if staged)",
     )
     command.add_argument(
         "--tracer",

@@ -62,11 +62,11 @@ def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> B
     """Build the BVH of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`."""
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
     lows, highs = triangles.min(axis=1), triangles.max(axis=1)
-    levels, order = _cut(*_unit_boxes(lows, highs))
-    return _flattened(levels, order, *_grown(lows[order], highs[order], np.dtype(dtype)))
+    levels, order = cut_apart(*unit_boxes(lows, highs), MAX_LEAF)
+    return _flattened(levels, order, *grown(lows[order], highs[order], np.dtype(dtype)))
 
 
-def _grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
+def grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
     """Round boxes to `dtype` and grow them by a rounding of their coordinates, so that no triangle lies in a face."""
     largest = largest_of(np.maximum(np.abs(lows), np.abs(highs)))[:, None]
     grow = float(np.finfo(dtype).eps) * largest + GROWTH
@@ -77,10 +77,10 @@ def boxes_of(corners: NDArray[np.floating], dtype: np.dtype[Any]) -> tuple[Bound
     """Return the boxes that leaves hold of triangles with `corners` (N, 3, 3): the lower and the upper corners."""
     triangles = np.asarray(corners, dtype=np.float64)
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]  # several times as fast as min along an axis of three
-    return _grown(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c), dtype)
+    return grown(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c), dtype)
 
 
-def _unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:
+def unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:
     """Scale boxes into the unit cube, so that areas neither vanish nor overflow."""
     low = lows.min(axis=0)
     size = float((highs - low).max()) or 1.0
@@ -88,7 +88,7 @@ def _unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[
 
 
 @dataclass(slots=True, eq=False)
-class _Level:
+class Level:
     """The nodes at one depth: which part of the order each holds, its first child in the next level, its axis of cut.
 
     `child` is -1 for a leaf; the other child stands behind the first.
@@ -100,16 +100,19 @@ class _Level:
     axis: Ints
 
 
-def _cut(lows: Floats, highs: Floats) -> tuple[list[_Level], Ints]:
-    """Cut boxes (N, 3) apart, a level of nodes at a time; return the levels and the order of the boxes in them."""
+def cut_apart(lows: Floats, highs: Floats, most: int) -> tuple[list[Level], Ints]:
+    """Cut boxes (N, 3) apart, a level of nodes at a time; return the levels and the order of the boxes in them.
+
+    A leaf holds at most `most` boxes.
+    """
     order = np.arange(len(lows))
     levels = []
     start, count = np.zeros(1, np.int64), np.full(1, len(lows))
     while len(start):
-        level = _Level(start, count, np.full(len(start), -1), np.zeros(len(start), np.int64))
+        level = Level(start, count, np.full(len(start), -1), np.zeros(len(start), np.int64))
         levels.append(level)
         open_ = np.flatnonzero(count > 1)
-        axis, left = _best_cuts(lows, highs, order, start[open_], count[open_])
+        axis, left = _best_cuts(lows, highs, order, start[open_], count[open_], most)
         cut = left > 0
         parents, left = open_[cut], left[cut]
         level.axis[parents] = axis[cut]
@@ -119,7 +122,7 @@ def _cut(lows: Floats, highs: Floats) -> tuple[list[_Level], Ints]:
     return levels, order
 
 
-def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints) -> tuple[Ints, Ints]:
+def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int) -> tuple[Ints, Ints]:
     """Cut each node where that is cheapest, and put its part of `order` in two.
 
     Gives the axis of each cut, and how many boxes come before it: 0 where the node had better be a leaf.
@@ -133,7 +136,7 @@ def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Int
     bins = _binned(low + high, node, begins)
     cost, axis, border = _cheapest(low, high, bins, node, len(start))
     area = half_area((np.maximum.reduceat(high, begins) - np.minimum.reduceat(low, begins)).T)
-    cut = (cost + DESCENT * area < area * count) | (count > MAX_LEAF)
+    cut = (cost + DESCENT * area < area * count) | (count > most)
     # Boxes that no border parts are halved as they stand.
     before = np.where(np.isfinite(cost)[node], bins[axis[node], np.arange(len(node))] <= border[node],
                       within < (count // 2)[node])  # fmt: skip
@@ -199,7 +202,7 @@ def half_area(extent: Floats) -> Floats:
     return np.asarray(x * y + y * z + z * x)
 
 
-def _flattened(levels: list[_Level], order: Ints, lows: Bounds, highs: Bounds) -> Bvh:
+def _flattened(levels: list[Level], order: Ints, lows: Bounds, highs: Bounds) -> Bvh:
     """Build the nodes of all levels, numbered depth first: boxes from the bottom up, links from the top down."""
     numbers = _depth_first(levels)
     total = sum(len(level.start) for level in levels)
@@ -236,7 +239,7 @@ def _reduced(reduce: np.ufunc, rows: Bounds, ends: Ints) -> Bounds:
     return np.asarray(reduce.reduceat(padded, ends)[::2])
 
 
-def _depth_first(levels: list[_Level]) -> list[Ints]:
+def _depth_first(levels: list[Level]) -> list[Ints]:
     """Return the number of each node of each level, so that a first child follows its parent."""
     sizes = [np.ones(len(level.start), np.int64) for level in levels]
     for level, size, below in zip(levels[-2::-1], sizes[-2::-1], sizes[:0:-1], strict=True):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from raytracer.accel.bvh import Bvh, build_bvh
 from raytracer.accel.grid import Grid, build_grid
+from raytracer.accel.ploc import build_ploc
 from raytracer.accel.space import WORKING
 from raytracer.errors import SceneError
 
@@ -25,8 +26,8 @@ def build(accel: str, corners: Corners, precision: str = "f32", across: int | No
     A grid has `across` cells along each axis, None for as many as suit the triangles.
     """
     check(accel)
-    if accel == "bvh":
-        return build_bvh(corners, WORKING.get(precision, np.float32))
+    if accel in HIERARCHIES:
+        return HIERARCHIES[accel](corners, WORKING.get(precision, np.float32))
     if accel == "grid":
         return build_grid(corners.astype(np.float32), across=across)
     # A grid of one empty cell with every triangle outside of it: a ray tries all of them.
@@ -37,10 +38,12 @@ def build(accel: str, corners: Corners, precision: str = "f32", across: int | No
 
 def check(accel: str) -> None:
     """Raise SceneError if there is no accelerator of this name."""
-    if accel not in ACCELERATORS:
-        names = ", ".join(map(repr, [*ACCELERATORS, "ldc:1024"]))
+    if accel not in ACCELERATORS and accel not in HIERARCHIES:
+        names = ", ".join(map(repr, dict.fromkeys([*HIERARCHIES, *ACCELERATORS, "ldc:1024"])))
         raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
 
 
 ACCELERATORS = ("bvh", "grid", "brute")
 """The hierarchy of boxes; the uniform grid; every triangle, for judging the others."""
+HIERARCHIES = {"bvh": build_bvh, "bvh:ploc": build_ploc}
+"""The hierarchy's builders, from the top down and from the bottom up. The second takes less time; rays take more."""

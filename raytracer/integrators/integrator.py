@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import isqrt
 from typing import Any, ClassVar, Final, TypedDict
 
-from raytracer.accel.choice import check
+from raytracer.accel.choice import HIERARCHIES, check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube, is_layered
@@ -31,8 +31,9 @@ MOST_SAMPLES: Final = 1 << 24
 class Integrator:
     """The options that every integrator has.
 
-    `accel` is "bvh", "grid" or "brute", which differ in time alone, None for the one that suits the integrator. A grid
-    has `grid` cells along each axis, None for as many as suit the triangles. `precision` and `math` are those of
+    `accel` is "bvh", "bvh:ploc", "grid" or "brute", which differ in time alone, None for the one that suits the
+    integrator. "bvh:ploc" is the hierarchy that is built fast, for large meshes and few rays. A grid has
+    `grid` cells along each axis, None for as many as suit the triangles. `precision` and `math` are those of
     `Program.compile`. Raises SceneError for options out of range, and for those that exclude each other.
     """
 
@@ -108,8 +109,10 @@ class Staged(Integrator):
         if self.accel is not None and is_layered(self.accel):
             raise SceneError(_NO_CUBE)
         super().__post_init__()
-        if self.structure == "bvh":
-            raise SceneError('the staged tracer goes through cells of a grid: accel="grid" or "brute", not "bvh"')
+        if self.structure in HIERARCHIES:
+            raise SceneError(
+                f'the staged tracer goes through cells of a grid: accel="grid" or "brute", not "{self.structure}"'
+            )
         _check_threshold(self.threshold)
 
 

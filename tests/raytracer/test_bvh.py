@@ -5,6 +5,7 @@ import pytest
 from effort import calls
 
 from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, build_bvh
+from raytracer.accel.ploc import build_ploc
 from raytracer.meshes.shapes import box, floor, knot, sphere
 
 
@@ -25,6 +26,7 @@ ODD = {
     "far away": random_triangles(50, 0.1, 4) + 1e6,
     "one far larger": np.concatenate([random_triangles(50, 0.01, 5), floor(1e6).corners]),
 }
+BUILDERS = (build_bvh, build_ploc)
 MESHES = {"soup": random_triangles(400, 0.1, 2), "ball": sphere().corners, "box": box().corners} | ODD
 
 
@@ -44,10 +46,11 @@ def children_of(bvh, octant=0):
     return inner, first[inner], past[first[inner]]
 
 
+@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("name", MESHES)
-def test_every_triangle_is_in_one_leaf_and_in_its_box(name):
+def test_every_triangle_is_in_one_leaf_and_in_its_box(name, build):
     corners = MESHES[name].astype(np.float32)
-    bvh = build_bvh(corners)
+    bvh = build(corners)
     assert sorted(bvh.items.tolist()) == list(range(len(corners)))
     spans = sorted((first, end) for _, first, end in leaves_of(bvh))
     assert [a for a, _ in spans] == [0, *(b for _, b in spans[:-1])]
@@ -58,9 +61,10 @@ def test_every_triangle_is_in_one_leaf_and_in_its_box(name):
         assert np.all((held > bvh.low[node]) & (held < bvh.high[node]))  # not even in a face
 
 
+@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("name", MESHES)
-def test_links_lead_through_all_nodes_the_nearer_child_first(name):
-    bvh = build_bvh(MESHES[name])
+def test_links_lead_through_all_nodes_the_nearer_child_first(name, build):
+    bvh = build(MESHES[name])
     for octant, (first, past) in enumerate(bvh.links.transpose(0, 2, 1)):
         seen, node = [], 0
         while node != END:
@@ -92,10 +96,11 @@ def test_opposite_octants_take_the_children_in_opposite_order():
     assert len(inner) > 50
 
 
+@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
-def test_boxes_hold_the_triangles_as_they_are_rounded(dtype):
+def test_boxes_hold_the_triangles_as_they_are_rounded(dtype, build):
     corners = random_triangles(200, 0.1, 3)
-    bvh = build_bvh(corners, dtype)
+    bvh = build(corners, dtype)
     assert bvh.low.dtype == dtype
     for node, first, end in leaves_of(bvh):
         held = corners[bvh.items[first:end]].astype(dtype).reshape(-1, 3)
@@ -136,9 +141,10 @@ def test_a_far_larger_triangle_does_not_spoil_the_rest():
     assert sum(alone) < 60
 
 
+@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("name", ODD)
-def test_odd_triangles_make_finite_boxes(name):
-    bvh = build_bvh(ODD[name])
+def test_odd_triangles_make_finite_boxes(name, build):
+    bvh = build(ODD[name])
     assert np.all(np.isfinite(bvh.low) & np.isfinite(bvh.high))
     assert np.all(bvh.low < bvh.high)
 

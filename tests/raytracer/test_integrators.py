@@ -71,7 +71,11 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
     [
         (lambda: Whitted(bounces=True), "bounces is a number from 0 to 64, not True"),
         (lambda: Whitted(samples=2), "samples is a square number from 1 to 64, not 2"),
-        (lambda: Whitted(accel="octree"), "the accelerator is one of 'bvh', 'grid', 'brute', 'ldc:1024', not 'octree'"),
+        (
+            lambda: Whitted(accel="octree"),
+            "the accelerator is one of 'bvh', 'bvh:ploc', 'grid', 'brute', 'ldc:1024', not 'octree'",
+        ),
+        (lambda: Staged(accel="bvh:ploc"), 'accel="grid" or "brute", not "bvh:ploc"'),
         (lambda: Whitted(secondary=box()), "secondary is a LayeredCube, not Mesh"),
         (lambda: Whitted(accel="ldc", precision="f64"), "works at precision=\"f32\", not 'f64'"),
         (lambda: Path(precision="f16"), "works at precision=\"f32\", not 'f16'"),

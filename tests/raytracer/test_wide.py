@@ -6,6 +6,7 @@ from test_bvh import MESHES
 
 import raytracer.accel.bvh as bvh_module
 from raytracer.accel.bvh import COUNT_BITS, build_bvh
+from raytracer.accel.ploc import build_ploc
 from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, TAGS, WIDTH, widen
 
 
@@ -41,7 +42,8 @@ def held_by(record, is_block):
 @pytest.mark.parametrize("name", MESHES)
 def test_everything_is_there_once_and_in_its_box(name):
     corners = MESHES[name].astype(np.float32)
-    everything_is_there_once_and_in_its_box(widen(build_bvh(corners), corners), corners)
+    for build in (build_bvh, build_ploc):
+        everything_is_there_once_and_in_its_box(widen(build(corners), corners), corners)
 
 
 def everything_is_there_once_and_in_its_box(wide, corners):

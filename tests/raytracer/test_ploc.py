@@ -1,0 +1,104 @@
+"""The hierarchy from the bottom up: as good as that from the top down, as deep as it may be, and with the same hits."""
+
+import numpy as np
+import pytest
+from effort import calls
+from test_bvh import cost, random_triangles
+
+import raytracer.accel.ploc as ploc
+from raytracer import Intersector, Mesh, Scene, render
+from raytracer.accel.bvh import build_bvh
+from raytracer.accel.ploc import build_ploc, morton_order
+from raytracer.accel.wide import widen
+from raytracer.meshes.shapes import knot, sphere
+
+
+def depth_of(bvh):
+    """Return the number of levels below the root."""
+    first, past = bvh.links[0].T
+    depth = np.zeros(len(first), int)
+    for node in np.flatnonzero(first >= 0):  # parents come before their children
+        depth[[first[node], past[first[node]]]] = depth[node] + 1
+    return depth.max()
+
+
+def points(places):
+    """Triangles (N, 3, 3) without extent at places along a line."""
+    return np.repeat(np.outer(places, [1, 0, 0])[:, None], 3, axis=1)
+
+
+def test_morton_order_goes_through_octants_one_after_the_other():
+    places = np.array([[x, y, z] for x in (0.2, 1.8) for y in (0.2, 1.8) for z in (0.2, 1.8)], np.float32)
+    assert morton_order(places).tolist() == [0, 4, 2, 6, 1, 5, 3, 7]
+    assert morton_order(np.repeat(places[:1], 5, axis=0)).tolist() == [0, 1, 2, 3, 4]
+    near = np.random.default_rng(3).uniform(0, 2, (5000, 3)).astype(np.float32)
+    step = np.linalg.norm(np.diff(near[morton_order(near)], axis=0), axis=1)
+    assert step.mean() < 0.15 * np.linalg.norm(np.diff(near, axis=0), axis=1).mean()
+
+
+@pytest.mark.parametrize("corners", [sphere(rings=32, segments=64).corners, random_triangles(3000, 0.05, 7)])
+def test_rays_visit_hardly_more_nodes_than_from_the_top_down(corners):
+    assert sum(cost(build_ploc(corners))) < 1.1 * sum(cost(build_bvh(corners)))
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        np.full((5000, 3, 3), 7.0),
+        points(np.cumsum(np.arange(5000.0))),  # each is nearer to the one before it
+        points(2.0 ** np.linspace(-60, 60, 5000)),
+        np.repeat(random_triangles(50, 0.1, 4), 100, axis=0),
+    ],
+)
+def test_levels_are_few_whatever_the_triangles(corners):
+    bvh = build_ploc(corners)
+    assert depth_of(bvh) < 4 * np.log2(len(corners))
+    assert widen(bvh, corners).depth <= depth_of(bvh)  # levels that the walk has a stack for
+
+
+def test_equal_boxes_are_joined_in_pairs():
+    """Of 2**12 equal triangles each round joins all in pairs, so that all leaves are full and equally deep."""
+    bvh = build_ploc(np.full((4096, 3, 3), 7.0))
+    assert len(bvh.low) == 2 * 4096 // 4 - 1
+    assert depth_of(bvh) == 10
+
+
+@pytest.mark.parametrize("chunk", [64, 1024])
+def test_the_tree_does_not_depend_on_the_chunks(chunk, monkeypatch):
+    corners = np.concatenate([random_triangles(3000, 0.05, 8), np.full((200, 3, 3), 0.5)])
+    whole = build_ploc(corners)
+    monkeypatch.setattr(ploc, "CHUNK", chunk)
+    parts = build_ploc(corners)
+    for table in ("low", "high", "links", "items"):
+        np.testing.assert_array_equal(getattr(whole, table), getattr(parts, table))
+
+
+def test_a_hierarchy_is_built_in_rounds():
+    """Ten times the triangles take more chunks, but no loop over nodes."""
+    few, many = (knot(segments=segments, sides=50).corners for segments in (70, 700))
+    assert calls(lambda: build_ploc(many)) < 3 * calls(lambda: build_ploc(few))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_hits_are_those_of_the_other_tree(backend):
+    corners = np.concatenate([random_triangles(500, 0.1, 2), np.repeat(random_triangles(3, 1, 5), 7, axis=0)])
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))
+    eye, ray = np.random.default_rng(1).normal(size=(2, 300, 3)).astype(np.float32)
+    for leaving in (False, True):
+        one, other = (
+            Intersector(mesh, accel=accel, backend=backend).intersect(eye, ray, leaving=leaving)
+            for accel in ("bvh", "bvh:ploc")
+        )
+        for mine, theirs in zip(one, other, strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    assert (one.triangle >= 0).sum() > 50
+
+
+@pytest.mark.parametrize("integrator", ["whitted", "path"])
+def test_pictures_are_those_of_the_other_tree(integrator):
+    scene = Scene.builtin("spheres")
+    one, other = (
+        render(scene, size=(24, 16), integrator=integrator, accel=accel, samples=1) for accel in ("bvh", "bvh:ploc")
+    )
+    np.testing.assert_array_equal(one.pixels, other.pixels)
+    np.testing.assert_array_equal(one.object_id, other.object_id)
