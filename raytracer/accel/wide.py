@@ -130,14 +130,20 @@ def _shares(tree: _Binary) -> Ints:
         levels.append(np.concatenate([left[nodes], right[nodes]]))
     for level in reversed(levels):
         nodes = level[count[level] > HALF]
+        one, other = cost[:, left[nodes]], cost[:, right[nodes]]
+        own, parts = cost[:, nodes], share[:, nodes]
         for boxes in range(2, WIDTH + 1):
-            parts = [cost[k, left[nodes]] + cost[boxes - k, right[nodes]] for k in range(1, boxes)]
-            cost[boxes, nodes] = np.min(parts, axis=0)
-            share[boxes, nodes] = np.argmin(parts, axis=0) + 1
-        cost[1, nodes] += cost[WIDTH, nodes]
-        whole = cost[1, nodes] < cost[:, nodes]
-        cost[:, nodes] = np.where(whole, cost[1, nodes], cost[:, nodes])
-        share[:, nodes] = np.where(whole, 0, share[:, nodes])
+            least = one[1] + other[boxes - 1]
+            part = np.ones(len(nodes), np.int64)
+            for k in range(2, boxes):
+                both = one[k] + other[boxes - k]
+                np.copyto(part, k, where=both < least)
+                np.minimum(least, both, out=least)
+            own[boxes], parts[boxes] = least, part
+        own[1] += own[WIDTH]
+        whole = own[1] < own
+        cost[:, nodes] = np.where(whole, own[1], own)
+        share[:, nodes] = np.where(whole, 0, parts)
     return share
 
 
@@ -180,12 +186,12 @@ def _blocks(bvh: Bvh, corners: NDArray[np.floating], start: Ints, count: Ints) -
     place = start[:, None] + np.arange(HALF)
     there = np.arange(HALF) < count[:, None]
     item = np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
-    blocks = np.empty((len(start), LEVEL + 1, HALF), np.uint32)
     places = np.asarray(corners, np.float64)
     normals = normals_of(places)
-    planes = np.concatenate([normals, levels_of(places, normals)[:, None]], axis=1)
-    for rows, held in ((slice(NUMBERS), np.reshape(corners, (-1, 9))), (slice(NORMALS, LEVEL + 1), planes)):
-        kept = held.astype(np.float32)[np.maximum(item, 0)].transpose(0, 2, 1)
-        blocks[:, rows].view(np.float32)[:] = np.where(there[:, None], kept, 0)
-    blocks[:, NUMBERS].view(np.int32)[:] = item
-    return blocks
+    # A row for each triangle, and the last one, which is that of -1, for one that is not there.
+    held = np.zeros((len(places) + 1, LEVEL + 1), np.uint32)
+    floats = held[:-1].view(np.float32)
+    floats[:, :NUMBERS] = np.reshape(corners, (-1, 9))
+    floats[:, NORMALS:LEVEL], floats[:, LEVEL] = normals, levels_of(places, normals)
+    held[:-1, NUMBERS], held[-1, NUMBERS] = np.arange(len(places)), 0xFFFFFFFF
+    return held[item].transpose(0, 2, 1)

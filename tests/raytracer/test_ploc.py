@@ -57,7 +57,7 @@ def test_levels_are_few_whatever_the_triangles(corners):
 
 
 def test_equal_boxes_are_joined_in_pairs():
-    """Of 2**12 equal triangles each round joins all in pairs, so that all leaves are full and equally deep."""
+    """Each round joins all of 2**12 equal triangles in pairs, so that all leaves are full and equally deep."""
     bvh = build_ploc(np.full((4096, 3, 3), 7.0))
     assert len(bvh.low) == 2 * 4096 // 4 - 1
     assert depth_of(bvh) == 10
