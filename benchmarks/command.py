@@ -22,6 +22,7 @@ from typing import Any
 from benchmarks import (
     alike,
     animation,
+    builders,
     chaining,
     cubes,
     equal_error,
@@ -77,6 +78,7 @@ STUDIES = (
         "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
         "glass": equal_error.glass,
         "glass-rays": glass_rays.glass_rays,
+        "builders": lambda mesh, quick: builders.builders(quick),
         "chaining": chaining.chaining,
         "early": chaining.early,
     }

@@ -18,7 +18,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks import features, peers, rays
-from benchmarks.studies import Table, rounds_of
+from benchmarks.studies import Table, rounds_of, spread
 from benchmarks.work import TARGETS
 from raytracer import Intersector, Mesh, PointLight, Scene
 
@@ -43,22 +43,17 @@ def glass_rays(body: Mesh, quick: bool) -> Table:
     taken = np.array(rounds_of(runs, turns, time.process_time)).reshape(len(sets), len(makers), turns)
     counts = [len(eye) for (eye, _), _ in sets.values()]
     rows = [
-        [name, f"{count:,}", *(_spread(1e9 * times / count, 0) for times in of_set)]
+        [name, f"{count:,}", *(spread(1e9 * times / count, 0) for times in of_set)]
         for name, count, of_set in zip(sets, counts, taken, strict=True)
     ]
     eye, light, glass = taken
     more = (counts[0] + counts[2]) / (counts[0] + counts[1])
-    rows.append(["picture with glass / plain", f"{more:.2f}", *(_spread(r, 1) for r in (eye + glass) / (eye + light))])
+    rows.append(["picture with glass / plain", f"{more:.2f}", *(spread(r, 1) for r in (eye + glass) / (eye + light))])
     note = (
         f"{body.name}, {len(body):,} triangles, on a floor: the rays of the pictures of `glass`, the closest hit, "
         f"nanoseconds of a core for a ray (CPU time): medians of {turns} rounds, with the first and the third quartile."
     )
     return Table("glass-rays", note, ["rays", "number", *makers], rows)
-
-
-def _spread(values: np.ndarray, digits: int) -> str:
-    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
-    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
 def joined(scene: Scene) -> Mesh:

@@ -45,6 +45,12 @@ class Table:
         return "\n".join([f"### {self.name}", "", self.note, "", *text, ""])
 
 
+def spread(values: Any, digits: int) -> str:
+    """Return the median of measured values as text, with the first and the third quartile."""
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
 def backend() -> str:
     """OpenCL where there is a device, else numpy."""
     return "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
