@@ -19,7 +19,7 @@ from shpy.testing.certify import __main__ as maker, command, functions, pictures
 from shpy.testing.certify.findings import Check, Finding, Section, Target
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
-from shpy.testing.certify.report import left_line, section_line, verdict, verdict_lines
+from shpy.testing.certify.report import grouped, left_line, section_line, verdict, verdict_lines
 from shpy.testing.certify.sections import Ran, run_section
 from shpy.testing.conformance.catalogue import all_cases
 
@@ -297,3 +297,9 @@ def test_any_beginning_of_the_conformance_list_holds_every_kind() -> None:
     cases = all_cases()
     first = sections.mixed(cases)[:64]
     assert {cases.index(case) * 8 // len(cases) for case in first} == set(range(8))
+
+
+def test_refusals_that_name_other_functions_alone_are_one_reason() -> None:
+    reasons = ["tan needs binary64", "GLSL has none", "pow needs binary64", "tan needs binary64"]
+    together = "tan, pow needs binary64"
+    assert grouped(reasons) == [together, "GLSL has none", together, together]

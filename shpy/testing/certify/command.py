@@ -178,5 +178,7 @@ def _conclude(found: dict[Target, list[Ran]], path: Path) -> int:
     if left:
         print(f"SAME BITS: {said}. {left:,} checks did not fit into their time; the lines above tell how to run them.")
     else:
-        print(f"SAME BITS: {said}. Nothing is left to do.")
+        refused = sum(f.verdict == "refused" for rans in found.values() for ran in rans for f in ran.findings.values())
+        rest = f"{refused:,} checks were refused, as told above." if refused else "Nothing is left to do."
+        print(f"SAME BITS: {said}. {rest}")
     return 0

@@ -89,11 +89,20 @@ def difference_lines(ran: Ran) -> list[str]:
         said += [f"    {name}: {first}", *(f"      {line}" for line in rest)]
     for verdict, spoken in (("absent", "not checked"), ("refused", "refused with an error, never run wrong")):
         found = [f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail]
-        reasons = Counter(found).most_common()
+        reasons = Counter(grouped(found)).most_common()
         listed = [reason if count == len(found) else f"{reason} ({count})" for reason, count in reasons[:SHOWN]]
         more = [f"{len(reasons) - SHOWN} other reasons"] if len(reasons) > SHOWN else []
         said += [f"    {spoken}: {', '.join(listed + more)}"] if reasons else []
     return said
+
+
+def grouped(reasons: Sequence[str]) -> list[str]:
+    """Return the reasons; those that differ in their first word alone, a function's name, get all these words."""
+    words: dict[str, dict[str, None]] = {}
+    for reason in reasons:
+        first, _, rest = reason.partition(" ")
+        words.setdefault(rest, {})[first] = None
+    return [f"{', '.join(words[rest])} {rest}" for rest in (reason.partition(" ")[2] for reason in reasons)]
 
 
 def verdict(rans: Sequence[Ran]) -> str:
