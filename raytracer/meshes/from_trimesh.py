@@ -30,6 +30,9 @@ _GREY = (102, 102, 102)
 """The colour of trimesh for what has none."""
 
 
+_NO_FACES = np.zeros((0, 3), np.int64)
+
+
 def mesh_of(part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
     """Convert a trimesh.Trimesh to a Mesh, of its own material unless another is given.
 
@@ -61,6 +64,44 @@ def parts_of(thing: Any, notices: Notices) -> Iterator[Instance]:
         if key not in made:
             made[key] = _mesh(geometry, None, key, pictures, notices)
         yield Instance(made[key], matrix, str(node))
+
+
+def join_strips(scene: Any) -> None:
+    """Give a trimesh.Scene of a PLY file the triangles of its `tristrips`, which trimesh takes for points alone."""
+    import trimesh
+
+    for key, part in list(scene.geometry.items()):
+        raw = part.metadata.get("_ply_raw", {})
+        if "tristrips" not in raw or hasattr(part, "faces"):
+            continue
+        (rows,) = raw["tristrips"]["data"].values()
+        faces = np.concatenate([_strip(np.asarray(row).reshape(-1)) for row in rows])
+        if faces.size and not 0 <= faces.min() <= faces.max() < len(part.vertices):
+            raise SceneError(f"a strip names vertex {faces.max()}, and there are {len(part.vertices)}")
+        held = raw["vertex"]["data"]
+        normals = [held[name].reshape(-1) for name in ("nx", "ny", "nz") if name in held]
+        scene.geometry[key] = trimesh.Trimesh(
+            part.vertices,
+            faces,
+            vertex_normals=np.stack(normals, axis=1) if len(normals) == 3 else None,
+            vertex_colors=part.colors if len(part.colors) else None,
+            process=False,
+        )
+
+
+def _strip(order: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the triangles (F, 3) of vertices in strips, between which a negative number stands.
+
+    Each vertex after two others makes a triangle with them; of every second one in a strip two corners change places,
+    so that all face one way.
+    """
+    order = order.astype(np.int64)
+    ends = np.flatnonzero(order < 0)
+    place = np.arange(len(order))
+    first = np.concatenate([[0], ends + 1])[np.searchsorted(ends, place)]  # where the strip of each place begins
+    last = place[2:][(place[2:] - first[2:] >= 2) & (order[2:] >= 0)]
+    odd = (last - first[last]) % 2
+    return np.stack([order[last - 2], order[last - 1 + odd], order[last - odd]], axis=1) if last.size else _NO_FACES
 
 
 def _name(part: Any) -> str:

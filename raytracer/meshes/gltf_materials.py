@@ -1,8 +1,8 @@
 """The materials of a glTF document: factors, pictures, emission, alpha, and what is clear.
 
 Stage: scene description. Section numbers are those of glTF 2.0; the extensions KHR_materials_emissive_strength, _ior,
-_transmission and _volume are read as well. `appearance` says what becomes of a material; what has no counterpart is
-counted in `Notices`.
+_transmission, _volume and KHR_texture_transform are read as well. `appearance` says what becomes of a material; what
+has no counterpart is counted in `Notices`.
 
     materials = GltfMaterials(document, notices)
     material = materials.get(0, has_uv=True)
@@ -13,7 +13,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from io import BytesIO
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from raytracer.appearance.materials import Material, Triple
 from raytracer.appearance.textures import Filter, Wrap
@@ -43,8 +46,17 @@ class GltfMaterials:
 
     def uv_set(self, number: Any) -> int:
         """Return the number of the uv coordinates that the pictures of a material are read at."""
+        return _place(self._first(number)).uv_set
+
+    def placed(self, number: Any, uv: NDArray[Any]) -> NDArray[Any]:
+        """Return uv coordinates (N, 2) where KHR_texture_transform moves those of a material's pictures."""
+        place = _place(self._first(number))
+        return uv if place.is_plain else uv @ place.turn.T + place.offset
+
+    def _first(self, number: Any) -> dict[str, Any]:
+        """Return the first texture of a material; {} where it has none."""
         used = {} if number is None else self._textures(self.document.one("materials", number))
-        return int(next(iter(used.values()), {}).get("texCoord", 0))
+        return next(iter(used.values()), {})
 
     def uses_alpha(self, number: Any) -> bool:
         """Return whether a material has a mode in which alpha counts."""
@@ -54,8 +66,8 @@ class GltfMaterials:
         """Return the material of this number for a mesh, without pictures where the mesh has no uv coordinates."""
         entry = self.document.one("materials", number)
         used = self._textures(entry)
-        places = self.uv_set(number)
-        elsewhere = [name for name, texture in used.items() if texture.get("texCoord", 0) != places]
+        place = _place(self._first(number))
+        elsewhere = [name for name, texture in used.items() if _place(texture) != place]
         if elsewhere:
             self.notices.ignore("second uv coordinates of materials")
         if used and not has_uv:
@@ -146,6 +158,35 @@ class GltfMaterials:
         filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
         wrap = _WRAPS.get(across, "repeat")
         return self.pictures.get(source, str(name), contents, wrap=wrap, filter=filter, alpha=alpha)
+
+
+class _Place(NamedTuple):
+    """Where the uv coordinates of a texture come from, and how they are moved: scaled, rotated, then by an offset."""
+
+    uv_set: int
+    offset: tuple[float, ...] = (0.0, 0.0)
+    angle: float = 0.0
+    scale: tuple[float, ...] = (1.0, 1.0)
+
+    @property
+    def is_plain(self) -> bool:
+        """Return whether the coordinates stay as they are."""
+        return self[1:] == _Place(0)[1:]
+
+    @property
+    def turn(self) -> NDArray[np.float64]:
+        """The matrix (2, 2) that scales, then rotates counter-clockwise as the picture is seen, where v runs down."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return np.array([[cos, sin], [-sin, cos]]) * self.scale
+
+
+def _place(texture: dict[str, Any]) -> _Place:
+    """Return the place of a textureInfo, of which KHR_texture_transform may name another set of coordinates."""
+    uv_set, given = texture.get("texCoord", 0), texture.get("extensions", {}).get("KHR_texture_transform", {})
+    offset, scale = (
+        tuple(_numbers(given.get(key, default), 2)) for key, default in (("offset", (0, 0)), ("scale", (1, 1)))
+    )
+    return _Place(int(given.get("texCoord", uv_set)), offset, float(given.get("rotation", 0)), scale)
 
 
 def _ior(entry: dict[str, Any]) -> float:

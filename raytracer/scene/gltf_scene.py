@@ -32,6 +32,7 @@ from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 Matrix = NDArray[np.float64]
 _LIGHTS: Final = "KHR_lights_punctual"
 _PLACED: Final = {"matrix", "translation", "rotation", "scale"}
+_INSTANCING: Final = "EXT_mesh_gpu_instancing"
 _LISTS: Final = {"animations": "animations", "skins": "skins"}
 
 
@@ -66,11 +67,25 @@ class GltfScene:
                 continue
             mesh = self.document.one("meshes", node.entry["mesh"])
             name = str(node.entry.get("name") or mesh.get("name") or self.name)
+            places = self._places(node)
             for k, part in enumerate(self._parts(node.entry["mesh"], mesh)):
-                self._placed += len(part)
+                self._placed += len(part) * len(places)
                 check_triangles(self._placed)
-                found.append(Instance(part, node.matrix, f"{name}_{k}" if k else name))
+                called = f"{name}_{k}" if k else name
+                found += [Instance(part, node.matrix @ place, called) for place in places]
         return found
+
+    def _places(self, node: Node) -> list[Matrix]:
+        """Return the matrices (4, 4) of a node's mesh: several with EXT_mesh_gpu_instancing, else the identity."""
+        given = node.entry.get("extensions", {}).get(_INSTANCING, {}).get("attributes", {})
+        kinds = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+        rows = {key: self.document.array(given[name]) for name, key in kinds.items() if name in given}
+        if not rows:
+            return [np.eye(4)]
+        if len({len(values) for values in rows.values()}) > 1:
+            raise SceneError(f"the attributes of {_INSTANCING} are of several lengths")
+        check_triangles(len(next(iter(rows.values()))))  # each instance has a triangle, and takes more than that
+        return [_local(dict(zip(rows, row, strict=True))) for row in zip(*rows.values(), strict=True)]
 
     def camera(self, low: Matrix, high: Matrix) -> Camera | None:
         """Return the first perspective camera, aimed as far away as the middle of the box from `low` to `high`."""
@@ -161,7 +176,7 @@ class GltfScene:
             None if colors is None else colors[:, :3],
             self._material(look, uv is not None, colors is not None),
             self.name,
-            None if uv is None else uv * (1, -1) + (0, 1),  # v runs down in glTF, up here
+            None if uv is None else self.materials.placed(look, uv) * (1, -1) + (0, 1),  # v runs down in glTF, up here
         )
 
     def _material(self, number: Any, has_uv: bool, has_colors: bool) -> Material:

@@ -26,7 +26,7 @@ from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.contents import READABLE, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
-from raytracer.meshes.from_trimesh import parts_of, texture_file
+from raytracer.meshes.from_trimesh import join_strips, parts_of, texture_file
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import LOADERS, Mesh, joined
@@ -240,6 +240,7 @@ def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool)
     scene: Any = trimesh.load(
         BytesIO(READABLE[kind](data)), file_type=kind[1:], process=False, force="scene", skip_materials=True
     )
+    join_strips(scene)
     found = [replace(mesh, name=path.stem) for mesh in _placed(list(parts_of(scene, notices)))]
     header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
     name = texture_file(text_of(header))

@@ -7,7 +7,7 @@ import pytest
 from effort import calls
 from oracle import closest
 
-from raytracer import Intersector, Renderer, Scene
+from raytracer import Intersector, Mesh, Renderer, Scene, SceneError
 from raytracer.accel.bounds import FAR
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.grid import build_grid
@@ -107,3 +107,46 @@ def test_a_million_hits_through_cubes_are_those_of_the_hierarchy(scene):
         found = Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions)
         for ours, theirs in zip(found, exact, strict=True):
             np.testing.assert_array_equal(ours, theirs)
+
+
+STRIPS = """ply
+format ascii 1.0
+element vertex 5
+property float x
+property float y
+property float z
+element tristrips {count}
+property list int int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+1 1 0
+2 0 0
+{strips}
+"""
+
+
+@pytest.mark.parametrize(
+    ("count", "strips"),
+    [
+        (1, "9 0 1 2 3 -1 1 4 3 -1"),
+        (1, "8 0 1 2 3 -1 1 4 3"),
+        (2, "4 0 1 2 3\n3 1 4 3"),
+        (1, "10 0 1 2 3 -1 0 -1 1 4 3"),
+    ],
+)
+def test_strips_of_a_ply_file(tmp_path, count, strips):
+    """All triangles face z; a strip begins after a negative number."""
+    path = tmp_path / "strips.ply"
+    path.write_text(STRIPS.format(count=count, strips=strips))
+    mesh = Mesh.load(path)
+    sides = np.diff(mesh.corners, axis=1)
+    np.testing.assert_allclose(np.cross(sides[:, 0], sides[:, 1]), [[0, 0, 1]] * 3)
+
+
+def test_a_strip_that_names_a_vertex_that_is_not_there(tmp_path):
+    path = tmp_path / "strips.ply"
+    path.write_text(STRIPS.format(count=1, strips="3 0 1 7"))
+    with pytest.raises(SceneError, match="a strip names vertex 7, and there are 5"):
+        Mesh.load(path)
