@@ -80,14 +80,14 @@ def scene_of(options: argparse.Namespace) -> Scene:
     sky = () if options.environment is None else (_sky(options.environment),)
     if options.scene in SCENES:
         scene = Scene.builtin(options.scene)
-        scene = dataclasses.replace(scene, lights=[*(scene.placed_lights if sky else scene.lights), *sky])
+        assert scene.camera is not None  # a scene makes one
+        lights = [*(scene.placed_lights if sky else scene.lights), *sky]
+        scene = dataclasses.replace(scene, lights=lights, camera=_turned(scene.camera, options))
     else:
         up = _AXES["y"] if options.up is None else options.up
-        scene = find_scene(options.scene, up=up, floor=not options.no_floor, lights=sky)
-    if options.background is not None:
-        scene = dataclasses.replace(scene, background=options.background)
-    assert scene.camera is not None  # a scene makes one
-    return dataclasses.replace(scene, camera=_turned(scene.camera, options))
+        asked = {"camera": lambda camera: _turned(camera, options), "floor": not options.no_floor, "lights": sky}
+        scene = find_scene(options.scene, up=up, **asked)
+    return scene if options.background is None else dataclasses.replace(scene, background=options.background)
 
 
 def find_scene(name: str, **framing: Any) -> Scene:

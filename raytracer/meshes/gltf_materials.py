@@ -49,7 +49,7 @@ class GltfMaterials:
         return _place(self._first(number)).uv_set
 
     def placed(self, number: Any, uv: NDArray[Any]) -> NDArray[Any]:
-        """Return uv coordinates (N, 2) where KHR_texture_transform moves those of a material's pictures."""
+        """Move uv coordinates (N, 2) to where KHR_texture_transform puts those of a material's pictures."""
         place = _place(self._first(number))
         return uv if place.is_plain else uv @ place.turn.T + place.offset
 
@@ -161,7 +161,7 @@ class GltfMaterials:
 
 
 class _Place(NamedTuple):
-    """Where the uv coordinates of a texture come from, and how they are moved: scaled, rotated, then by an offset."""
+    """The set of uv coordinates that a texture takes, and their transform: a scale, a rotation, then an offset."""
 
     uv_set: int
     offset: tuple[float, ...] = (0.0, 0.0)

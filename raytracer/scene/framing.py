@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,12 @@ FILLED: Final = 0.88
 """The share of the picture's shorter side that meshes span: a ball then covers 0.61 of a square picture."""
 NEAREST: Final = 0.1
 """The least distance from the camera to meshes, in radii: what lies along the line of sight has no width."""
+_ENCLOSED: Final = 0.8
+"""The share of 26 ways from a camera that end on meshes which enclose it: a room may have windows and a door."""
+_PART: Final = 0.5
+"""The place of a light inside, as a share of the free way."""
+_AT_ONCE: Final = 1 << 16
+"""Triangles that are compared with the ways at once."""
 _LARGEST = 1e33
 """Radius of a mesh that can be framed: its floor is 400 times as large."""
 
@@ -70,6 +77,46 @@ def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Li
         PointLight(_triple(turn @ (middle + radius * np.array((-3, 5, 4)))), (0.85, 0.82, 0.76)),
         PointLight(_triple(turn @ (middle + radius * np.array((5, 3, 2.5)))), (0.30, 0.34, 0.42)),
     )
+
+
+def lights_for(name: str, meshes: Sequence[Mesh], camera: Camera, turn: Matrix) -> tuple[Light, Light]:
+    """Return two lights for meshes that come without: around them, or inside where they enclose the camera.
+
+    They enclose it where most ways from it, up, down and to all sides, end on a triangle, and so does the way ahead.
+    The lights inside stand above the camera and before it, at parts of the free ways there, so that no wall is between.
+    """
+    low, high = bounds_of(meshes, turn)
+    eye = np.asarray(camera.position, dtype=np.float64)
+    place = eye @ turn
+    if not ((low < place) & (place < high)).all():
+        return key_and_fill(name, low, high, turn)
+    _, _, ahead = camera.axes
+    around = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+    ways = np.concatenate([[turn[:, 1], ahead], around / np.linalg.norm(around, axis=1, keepdims=True)])
+    free = free_ways(meshes, eye, ways)
+    if not np.isfinite(free[:2]).all() or np.isfinite(free[2:]).mean() < _ENCLOSED:
+        return key_and_fill(name, low, high, turn)
+    above, before = (eye + _PART * free[k] * ways[k] for k in range(2))
+    return PointLight(_triple(above), (0.85, 0.82, 0.76)), PointLight(_triple(before), (0.30, 0.34, 0.42))
+
+
+def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
+    """Return how far unit vectors (N, 3) lead from a point to the first triangle, (N,); infinity where to none.
+
+    A way meets a triangle with the corners a, b and c about the eye where it is on one side of the three planes through
+    the eye and an edge, whose normals are a x b, b x c and c x a.
+    """
+    found = np.full(len(ways), np.inf)
+    for mesh in meshes:
+        for first in range(0, len(mesh), _AT_ONCE):
+            a, b, c = np.moveaxis(mesh.corners[first : first + _AT_ONCE] - eye, 1, 0)
+            sides = np.stack([np.cross(p, q) @ ways.T for p, q in ((a, b), (b, c), (c, a))])
+            normals = np.cross(b - a, c - a)
+            with np.errstate(all="ignore"):
+                t = np.einsum("ij,ij->i", normals, a)[:, None] / (normals @ ways.T)
+                hit = ((sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)) & (t > 0)
+            found = np.minimum(found, np.where(hit, t, np.inf).min(axis=0))
+    return found
 
 
 def ground(low: Matrix, high: Matrix, turn: Matrix) -> Mesh:

@@ -28,7 +28,7 @@ from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
 from raytracer.scene.camera import Camera
-from raytracer.scene.framing import bounds_of, fitted, ground, key_and_fill, upright
+from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import load_contents
 
@@ -116,12 +116,14 @@ class Scene:
         up: Triple = (0, 1, 0),
         floor: bool = True,
         lights: Sequence[Light] = (),
+        camera: Camera | Callable[[Camera], Camera] | None = None,
     ) -> Scene:
         """Put one mesh or several on a mirroring floor under two lights, with a camera that sees all of them.
 
         The floor is the last mesh of the scene; without `floor` there is none. `up` is the direction in the meshes'
-        coordinates from the floor to them. `lights` take the place of the two. Raises SceneError for meshes without
-        triangles, for too large ones, and for an `up` that is no direction.
+        coordinates from the floor to them. `lights` take the place of the two. `camera` is another camera, or a
+        function of the one that there would be; where meshes enclose it, the two lights are inside. Raises SceneError
+        for meshes without triangles, for too large ones, and for an `up` that is no direction.
         """
         given = placed(meshes)
         name = name or next((mesh.name for mesh in given), "scene")
@@ -129,9 +131,10 @@ class Scene:
             raise SceneError(f"{name}: a mesh without triangles cannot be framed")
         turn = upright(up)
         low, high = bounds_of(given, turn)
-        shining = lights or key_and_fill(name, low, high, turn)
+        eye = _camera(camera, fitted(given, turn))
+        shining = lights or lights_for(name, given, eye, turn)
         under = [ground(low, high, turn)] if floor else []
-        return cls((*given, *under), shining, fitted(given, turn), name=name)
+        return cls((*given, *under), shining, eye, name=name)
 
     @classmethod
     def load(
@@ -141,21 +144,23 @@ class Scene:
         up: Triple = (0, 1, 0),
         floor: bool = True,
         lights: Sequence[Light] = (),
+        camera: Camera | Callable[[Camera], Camera] | None = None,
     ) -> Scene:
         """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
         A file with a camera or lights is shown as it says; two lights are added if it has none, and a camera that sees
-        everything. Other files are framed: `up` and `floor` are those of `framed`. `lights` are added to those of the
-        file, and take the place of the two. docs/raytracer-files.md lists what is read; what a file holds
+        everything. Other files are framed: `up`, `floor` and `camera` are those of `framed`. `lights` are added to
+        those of the file, and take the place of the two. docs/raytracer-files.md lists what is read; what a file holds
         beyond that, and pictures that are not there, are an sh.ShpyWarning each. Raises FileNotFoundError, and
         SceneError for a file that cannot be read or holds no triangles.
         """
         found, name = load_contents(path), Path(path).stem
         if found.camera is None and not found.lights:
-            return cls.framed(found.meshes, name, up=up, floor=floor, lights=lights)
+            return cls.framed(found.meshes, name, up=up, floor=floor, lights=lights, camera=camera)
         turn = upright(up)
-        shining = (*found.lights, *lights) or key_and_fill(name, *bounds_of(found.meshes, turn), turn)
-        return cls(found.meshes, shining, found.camera or fitted(found.meshes, turn), name=name)
+        eye = _camera(camera, found.camera or fitted(found.meshes, turn))
+        shining = (*found.lights, *lights) or lights_for(name, found.meshes, eye, turn)
+        return cls(found.meshes, shining, eye, name=name)
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
@@ -166,6 +171,13 @@ class Scene:
         if name not in BUILTIN:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(BUILTIN)}")
         return BUILTIN[name]()
+
+
+def _camera(given: Camera | Callable[[Camera], Camera] | None, found: Camera) -> Camera:
+    """Return the camera that is given, or what the given function makes of the one that was found."""
+    if given is None or isinstance(given, Camera):
+        return given or found
+    return given(found)
 
 
 def placed(things: Any) -> tuple[Mesh, ...]:

@@ -8,7 +8,7 @@ from raytracer import Instance, Scene, SceneError, cli, render, viewing
 from raytracer.image import Image
 from raytracer.meshes.shapes import box, knot, sphere
 from raytracer.scene.camera import Camera
-from raytracer.scene.framing import FILLED, fitted, upright
+from raytracer.scene.framing import FILLED, fitted, free_ways, upright
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
 SHAPES = {
@@ -64,6 +64,31 @@ def test_a_mesh_whose_up_is_z_gives_the_picture_of_the_one_that_stands():
     )
     assert (one.object_id == other.object_id).mean() > 0.995
     assert np.abs(one.pixels - other.pixels).mean() < 0.01
+
+
+@pytest.mark.parametrize("inward", [True, False])
+def test_the_lights_of_a_room_are_inside(inward):
+    """Whichever way its walls face. Ambient light alone would leave 0.12 of the colour."""
+    room = box((4, 3, 6), inward=inward).moved((0, 50, 0))
+    scene = Scene.framed(room, camera=Camera((1.5, 50, 2.5), (0, 50, -3), fov=80), floor=False)
+    image = render(scene, (40, 40), backend="numpy", bounces=0)
+    assert (image.object_id == 0).all()
+    assert np.median(image.pixels) > 0.3
+    dark = render(Scene(room, Scene.framed(room).lights, scene.camera), (40, 40), backend="numpy", bounces=0)
+    assert np.median(dark.pixels) < 0.11
+
+
+def test_the_lights_of_a_place_under_the_sky_are_outside():
+    walls = [box((0.1, 3, 6)).moved((x, 0, 0)) for x in (-2, 2)]
+    street = [*walls, box((4, 0.1, 6)).moved((0, -1.5, 0))]
+    scene = Scene.framed(street, camera=Camera((0, 0, 2.5), (0, 0, -3)))
+    assert scene.lights == Scene.framed(street).lights
+
+
+def test_free_ways():
+    ways = np.array([(1, 0, 0), (0, -1, 0), (0.6, 0, 0.8)])
+    np.testing.assert_allclose(free_ways([box((4, 2, 20))], np.array([1.0, 0, 0]), ways), [1, 1, 1 / 0.6])
+    assert np.isinf(free_ways([box().moved((-5, 0, 0))], np.zeros(3), ways)).all()
 
 
 def test_what_has_no_size_has_a_camera():

@@ -1,0 +1,88 @@
+"""Test extensions of glTF: instances of one node, and transforms of textures."""
+
+import numpy as np
+import pytest
+from gltf_files import CORNERS, HALVES, SQUARE, File
+
+import shpy as sh
+from raytracer import Camera, Scene, SceneError, render
+
+INSTANCING = "EXT_mesh_gpu_instancing"
+
+
+def test_instances_of_one_node(tmp_path):
+    """Each is moved in the node's coordinates: by scale, rotation and translation, in this order."""
+    file = File()
+    half = np.sqrt(0.5)
+    attributes = {
+        "TRANSLATION": file.array([[0, 0, 0], [5, 0, 0]]),
+        "ROTATION": file.array([[0, 0, 0, 1], [0, 0, half, half]]),
+        "SCALE": file.array([[1, 1, 1], [2, 1, 1]]),
+    }
+    mesh = file.mesh(file.square(), name="leaf")
+    file.node(mesh=mesh, translation=[0, 0, 3], extensions={INSTANCING: {"attributes": attributes}})
+    file.tree["extensionsUsed"] = file.tree["extensionsRequired"] = [INSTANCING]
+    one, other, _ = Scene.load(file.save(tmp_path / "leaves.glb")).meshes
+    assert one.name == other.name == "leaf"
+    np.testing.assert_allclose(one.vertices, SQUARE + (0, 0, 3))
+    expected = SQUARE[:, [1, 0, 2]] * (-1, 2, 1) + (5, 0, 3)  # x to y, y to -x
+    np.testing.assert_allclose(other.vertices, expected, atol=1e-6)
+
+
+def test_instances_of_several_lengths(tmp_path):
+    file = File()
+    attributes = {"TRANSLATION": file.array(np.zeros((2, 3))), "SCALE": file.array(np.ones((3, 3)))}
+    file.node(mesh=file.mesh(file.square()), extensions={INSTANCING: {"attributes": attributes}})
+    with pytest.raises(SceneError, match="several lengths"):
+        Scene.load(file.save(tmp_path / "leaves.glb"))
+
+
+def moved_square(tmp_path, **transform):
+    """The uv coordinates of the square's triangles (2, 3, 2) with v downward, where a texture has a transform."""
+    file = File()
+    texture = {"index": file.picture(np.full((2, 2, 3), 200)), "extensions": {"KHR_texture_transform": transform}}
+    look = {"baseColorTexture": texture, "metallicFactor": 0}
+    other = {"TEXCOORD_1": file.array(CORNERS[::-1])}
+    primitive = file.square(material=file.material(pbrMetallicRoughness=look), attributes=other)
+    file.node(mesh=file.mesh(primitive))
+    file.tree["extensionsUsed"] = ["KHR_texture_transform"]
+    return Scene.load(file.save(tmp_path / "moved.glb")).meshes[0].uv * (1, -1) + (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("transform", "expected"),
+    [
+        ({}, CORNERS),
+        ({"offset": [0.5, 0.25]}, CORNERS + (0.5, 0.25)),
+        ({"scale": [2, 3]}, CORNERS * (2, 3)),
+        ({"rotation": np.pi / 2}, CORNERS[:, ::-1] * (1, -1)),  # (1, 0) to (0, -1), which is upward
+        ({"rotation": np.pi / 2, "scale": [2, 1], "offset": [0, 1]}, CORNERS[:, ::-1] * (1, -2) + (0, 1)),
+        ({"texCoord": 1}, CORNERS[::-1]),
+    ],
+)
+def test_transforms_of_textures(transform, expected, tmp_path):
+    np.testing.assert_allclose(moved_square(tmp_path, **transform), expected[np.reshape(HALVES, (2, 3))], atol=1e-6)
+
+
+@pytest.mark.parametrize(("quarters", "color"), [(0, [0, 1, 0]), (1, [0, 0, 1])])
+def test_a_picture_whose_coordinates_are_rotated(tmp_path, quarters, color):
+    """About the middle: the right half is green; after a quarter it is the picture's upper half, which is blue."""
+    file = File()
+    pixels = [[[0, 0, 255], [0, 0, 255]], [[255, 0, 0], [0, 255, 0]]] if quarters else [[[255, 0, 0], [0, 255, 0]]] * 2
+    move = {"rotation": quarters * np.pi / 2, "offset": [0, quarters]}
+    texture = {"index": file.picture(pixels, magFilter=9728), "extensions": {"KHR_texture_transform": move}}
+    look = {"baseColorTexture": texture, "metallicFactor": 0}
+    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
+    meshes = Scene.load(file.save(tmp_path / "turned.glb")).meshes
+    image = render(Scene(meshes, (), Camera((0, 0, 4), fov=45), ambient=1.0), (16, 16), backend="numpy", bounces=0)
+    assert image.pixels[7, 10].tolist() == color
+
+
+def test_textures_of_one_material_that_are_moved_apart(tmp_path):
+    file = File()
+    texture = file.picture(np.full((2, 2, 3), 200))
+    apart = {"index": texture, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
+    look = {"baseColorTexture": {"index": texture}}
+    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, emissiveTexture=apart))))
+    with pytest.warns(sh.ShpyWarning, match=r"second uv coordinates of materials \(1\)"):
+        Scene.load(file.save(tmp_path / "apart.glb"))
