@@ -29,11 +29,20 @@ SHARPEST = 1000.0
 """The largest exponent of a highlight: a roughness of about 0.15."""
 
 
+_SOFT = (0.05, 0.95)
+"""The alpha between which a pixel is neither there nor not."""
+_EDGES = 0.1
+"""The share of such pixels up to which they are edges."""
+_FAINTEST = 32
+"""One part of so many is the least alpha that is seen."""
+
+
 class Alpha(NamedTuple):
-    """The share of a surface that is there, and the picture that cuts the rest out."""
+    """The share of a surface that is there, the picture that cuts the rest out, and a picture of the clear share."""
 
     opacity: float = 1.0
     cutout: Texture | None = None
+    clear: Texture | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,8 @@ class MetallicRoughness:
 
     `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; the red channel of
     `transmission_picture` multiplies `transmission`. `absorption` is None for thin walls, which have no inside.
-    `emission` may exceed 1; `opacity` is the share of the surface that is there, and `cutout` where it is.
+    `emission` may exceed 1; `opacity` is the share of the surface that is there, and `cutout` where it is;
+    `clear`, in place of `opacity`, is a picture of the share that is not there.
     """
 
     color: Triple = WHITE
@@ -58,6 +68,7 @@ class MetallicRoughness:
     absorption: Triple | None = None
     opacity: float = 1.0
     cutout: Texture | None = None
+    clear: Texture | None = None
 
     @property
     def f0(self) -> float:
@@ -92,6 +103,8 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
         return replace(found, ior=look.ior or 1.0, absorption=look.absorption)
     if look.transmission:
         return replace(found, ior=1.0)
+    if look.clear is not None:
+        return replace(found, transmission=look.clear, ior=1.0)
     return found if look.opacity == 1 else replace(found, transmission=1 - look.opacity, ior=1.0)
 
 
@@ -152,15 +165,21 @@ def _lobe(
 def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
     """Return the meaning of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
 
-    The picture of a material that blends cuts out at 0.5, so that its shadows are as the surface is.
+    A picture that blends makes clear what its alpha says, and cuts out what is less than 1/32 there, through which rays
+    pass at no cost. Where alpha is soft at the edges of shapes alone, which is to hide the steps of pixels, it cuts out
+    at 0.5: leaves on leaves would need a ray for each.
     """
     if mode == "MASK":
         if picture is None:
             return Alpha(1.0 if factor >= cutoff else 0.0)
         return Alpha(cutout=picture.cutout(factor * CUTOFF / cutoff) if cutoff > 0 else None)
-    if picture is not None and picture.is_partly_clear():
-        notices.ignore("partial transparency of pictures")
-    return Alpha(min(max(factor, 0.0), 1.0), None if picture is None else picture.cutout(1.0))
+    opacity = min(max(factor, 0.0), 1.0)
+    if picture is None or not picture.is_partly_clear():
+        return Alpha(opacity, None if picture is None else picture.cutout(1.0))
+    if picture.share_between(*_SOFT) <= _EDGES:
+        notices.ignore("partial transparency at the edges of pictures")
+        return Alpha(opacity, picture.cutout(1.0))
+    return Alpha(1.0, picture.cutout(CUTOFF * _FAINTEST), picture.clear(opacity))
 
 
 _MTL_READ = {

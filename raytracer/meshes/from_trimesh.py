@@ -170,8 +170,8 @@ def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
         found = replace(found, emission=(r, g, b), emission_picture=_picture(given.emissiveTexture, pictures))
     if given.alphaMode in ("MASK", "BLEND"):
         cutoff = 0.5 if given.alphaCutoff is None else given.alphaCutoff
-        opacity, cutout = alpha_of(given.alphaMode, opacity, cutoff, _picture(image, pictures, alpha=True), notices)
-        found = replace(found, opacity=opacity, cutout=cutout)
+        alpha = alpha_of(given.alphaMode, opacity, cutoff, _picture(image, pictures, alpha=True), notices)
+        found = replace(found, **alpha._asdict())
     return metallic_roughness(found)
 
 

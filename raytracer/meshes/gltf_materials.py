@@ -103,12 +103,11 @@ class GltfMaterials:
             emission_picture=self._picture(used.get("emission")),
             ior=_ior(entry),
         )
-        opacity, cutout = self._alpha(entry, color[3], used.get("color"))
-        found = replace(found, opacity=opacity, cutout=cutout)
+        found = replace(found, **self._alpha(entry, color[3], used.get("color"))._asdict())
         return metallic_roughness(self._clear(found, entry, used.get("transmission")))
 
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
-        """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear by the factor alone."""
+        """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear."""
         mode, cutoff = entry.get("alphaMode", "OPAQUE"), float(entry.get("alphaCutoff", 0.5))
         if mode not in _ALPHA_MODES:
             return Alpha()
@@ -120,7 +119,7 @@ class GltfMaterials:
         factor = float(_extension(entry, "transmission").get("transmissionFactor", 0))
         if factor <= 0:
             return found
-        if found.opacity < 1:
+        if found.opacity < 1 or found.clear is not None:
             self.notices.ignore("alpha of clear materials")
         if found.roughness > _SHARP:
             self.notices.ignore("blur of clear materials")
@@ -131,7 +130,12 @@ class GltfMaterials:
         if float(volume.get("thicknessFactor", 0)) > 0:
             absorption = _absorption(volume)
         return replace(
-            found, transmission=factor, transmission_picture=self._picture(used), absorption=absorption, opacity=1.0
+            found,
+            transmission=factor,
+            transmission_picture=self._picture(used),
+            absorption=absorption,
+            opacity=1.0,
+            clear=None,
         )
 
     def _picture(self, used: dict[str, Any] | None, *, alpha: bool = False) -> Picture | None:

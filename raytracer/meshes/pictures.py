@@ -88,6 +88,21 @@ class Picture:
         """Return whether a pixel is neither 0 nor 1."""
         return not np.isin(self.pixels, (0, 255 if self.pixels.dtype == np.uint8 else 1)).all()
 
+    def share_between(self, low: float, high: float) -> float:
+        """Return the share of the numbers in [0, 1] that lie between two others."""
+        step = max(1, int((self.pixels.size / (1 << 20)) ** 0.5))
+        numbers = channel(self.pixels[::step, ::step], 0)
+        return float(np.mean((low < numbers) & (numbers < high)))
+
+    def clear(self, factor: float) -> Texture:
+        """Return the Texture of 1 - factor * alpha, where this is a picture of alpha."""
+
+        def texture() -> Texture:
+            return self.texture(1 - np.float32(factor) * channel(self.fitting(1), 0), srgb=False)
+
+        found: Texture = self.made(("clear", factor), texture)
+        return found
+
     def mean(self) -> NDArray[np.float64]:
         """Return the mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
         step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))

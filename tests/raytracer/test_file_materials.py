@@ -171,16 +171,27 @@ def test_masks_of_gltf_cut_out(tmp_path):
 
 
 def test_blended_materials_of_gltf(tmp_path):
-    """A constant alpha blends; a picture of it cuts out, and that is said where it is neither 0 nor 1."""
+    """A constant alpha blends, and so does a picture of it, times the factor; what is 0 or 1 cuts out."""
     look = {"baseColorFactor": [1, 0, 0, 0.25], "roughnessFactor": 1}
     blended = gltf(tmp_path, alphaMode="BLEND", pbrMetallicRoughness=dict(look))
     np.testing.assert_allclose(before_green(blended), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)
+    for factor in (1, 0.5):
+        file = File()
+        base = file.picture([[[255, 255, 255, 204], [255, 255, 255, 51], [0, 0, 0, 2], [0, 0, 0, 0]]], magFilter=9728)
+        look = {"baseColorTexture": {"index": base}, "baseColorFactor": [1, 0, 0, factor]}
+        colors = before_green(gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look))[4, [0, 2, 4, 7]]
+        for color, alpha in zip(colors, (0.8 * factor, 0.2 * factor, 0, 0), strict=True):
+            np.testing.assert_allclose(color, [alpha, 1 - alpha, 0], atol=1e-6)
     look = {"baseColorTexture": {"index": 0}}
-    file = with_picture(((255, 0, 0, 255), (255, 0, 0, 100)))
-    soft = gltf(
-        tmp_path, "partial transparency of pictures (1)", file=file, alphaMode="BLEND", pbrMetallicRoughness=look
-    )
-    np.testing.assert_allclose(soft.cutout.image[0, :, 0], [1, 100 / 255])
+    pixels = np.full((1, 20, 4), 255)
+    pixels[:, 10:, 3] = 0
+    pixels[:, 10, 3] = 100  # an edge that is soft
+    leaf = File()
+    leaf.picture(pixels)
+    ignored = "partial transparency at the edges of pictures (1)"
+    soft = gltf(tmp_path, ignored, file=leaf, alphaMode="BLEND", pbrMetallicRoughness=look)
+    assert soft.cutout.image[0, 9:12, 0].tolist() == pytest.approx([1, 100 / 255, 0])
+    assert soft.transmission == 0
     file = with_picture(((255, 0, 0, 255), (255, 0, 0, 0)))
     assert gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look).transmission == 0
 
