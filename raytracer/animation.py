@@ -101,7 +101,7 @@ def _into_folder(drawn: _Drawing, folder: Path, frames: int, resume: bool) -> It
         raise SceneError(f"{folder} is a file: name a folder, or a .gif, .webp or .mp4 file")
     folder.mkdir(exist_ok=True)
     paths = [folder / f"{number:0{digits}}.png" for number in range(frames)]
-    writer(paths[0])
+    writer(paths[0], drawn.size)
 
     def run() -> Iterator[int]:
         for number, path in enumerate(paths):

@@ -71,6 +71,8 @@ def _show(message: Warning | str, *_: Any, **__: Any) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="raytracer", description="A ray tracer written once in shpy.")
+    version = sh.packages.installed(sh.packages.DISTRIBUTION) or "not installed"
+    parser.add_argument("--version", action="version", version=f"raytracer of shpy {version}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser(
         "render",
@@ -88,22 +90,9 @@ def _parser() -> argparse.ArgumentParser:
         "--bounces", type=sh.command.whole(0), default=3, help="how often the reference's rays may be mirrored (3)"
     )
     command.set_defaults(run=_tradeoff)
-    command = commands.add_parser("study", help="repeat the measurements of a paper, as tables of Markdown and plots")
-    command.add_argument(
-        "paper",
-        choices=["christen", "layered"],
-        help="christen: Ray Tracing on GPU, 2005, the staged tracer; layered: layered depth cubes, 2007",
+    _add_study_arguments(
+        commands.add_parser("study", help="repeat the measurements of a paper, as tables of Markdown and plots")
     )
-    command.add_argument("-o", "--output", type=Path, help="draw the plots there; JSON and CSV go beside it")
-    command.add_argument(
-        "--backend", action="append", help="a backend to measure, several times for several (all; layered: opencl)"
-    )
-    command.add_argument("--minutes", type=_error, default=9.0, help="after how long no measurement begins (9)")
-    command.add_argument("--cpu", action="store_true", help="count CPU time, where the machine does other things too")
-    command.add_argument("--mesh", action="append", default=[], help="layered: a mesh file to measure too")
-    command.add_argument("--size", type=_size, help="layered: WIDTHxHEIGHT of the pictures in pixels (1280x1024)")
-    command.add_argument("--quick", action="store_true", help="layered: small models and pictures; does it work?")
-    command.set_defaults(run=_study)
     command = commands.add_parser("gallery", help="render every built-in scene into a folder")
     command.add_argument("folder", help="where the PNG files go")
     command.add_argument("--size", type=_size, default=SIZE, help="WIDTHxHEIGHT in pixels (640x480)")
@@ -119,6 +108,24 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
     command.set_defaults(run=_doctor)
     return parser
+
+
+def _add_study_arguments(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "paper",
+        choices=["christen", "layered"],
+        help="christen: Ray Tracing on GPU, 2005, the staged tracer; layered: layered depth cubes, 2007",
+    )
+    command.add_argument("-o", "--output", type=Path, help="draw the plots there; JSON and CSV go beside it")
+    command.add_argument(
+        "--backend", action="append", help="a backend to measure, several times for several (all; layered: opencl)"
+    )
+    command.add_argument("--minutes", type=_error, default=9.0, help="after how long no measurement begins (9)")
+    command.add_argument("--cpu", action="store_true", help="count CPU time, where the machine does other things too")
+    command.add_argument("--mesh", action="append", default=[], help="layered: a mesh file to measure too")
+    command.add_argument("--size", type=_size, help="layered: WIDTHxHEIGHT of the pictures in pixels (1280x1024)")
+    command.add_argument("--quick", action="store_true", help="layered: small models and pictures; does it work?")
+    command.set_defaults(run=_study)
 
 
 def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
@@ -137,7 +144,7 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
 
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
-    command.add_argument("-o", "--output", type=Path, help="a .png, .exr or .npy file; by default SCENE.png")
+    command.add_argument("-o", "--output", type=Path, help="a .png, .jpg, .webp, .exr or .npy file (SCENE.png)")
     command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.add_argument(
@@ -209,7 +216,7 @@ def _size(text: str) -> tuple[int, int]:
 
 def _render(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.png")
-    writer(output)  # complains now about a path that cannot be written later
+    writer(output, options.size)  # complains now about a path that cannot be written later
     width, height = options.size
     check_fits(width, height, SAVING[output.suffix.lower()])
     said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}

@@ -41,7 +41,7 @@ def gallery(
         raise SceneError(f"there is no folder {folder}: make it first")
     for name in SCENES:
         path = Path(folder) / f"{name}.png"
-        writer(path)
+        writer(path, size)
         wanted: integrator.Integrator
         if name in _PATHS:
             shape, wanted = (min(size), min(size)), integrator.Path(samples=samples or _PATHS[name], math=math)

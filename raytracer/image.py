@@ -1,4 +1,4 @@
-"""A picture and its layers, and writing it: PNG for the eye, EXR and NPY for numbers.
+"""A picture and its layers, and writing it: PNG, JPEG and WebP for the eye, EXR and NPY for numbers.
 
 Stage: picture. `render` gives an `Image`; `save` chooses the format by the path's ending, writes to a temporary name
 beside it and renames, so that an interrupted run leaves no broken file.
@@ -88,8 +88,22 @@ class Image:
             found[top : top + rows] = np.rint(encoded(self.pixels[top : top + rows]) * 255)
         return found
 
+    def srgb8(self) -> NDArray[np.uint8]:
+        """Return the pixels as sRGB bytes (H, W, 3), clipped to [0, 1] (IEC 61966-2-1): `srgb`, as a method."""
+        return self.srgb
+
+    def to_pil(self) -> Any:
+        """Return a `PIL.Image.Image` of the mode RGB in sRGB. Raises SceneError where Pillow is missing."""
+        return _pillow().fromarray(self.srgb)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return the pixels, (H, W, 3) linear RGB, for `np.asarray(image)`."""
+        return np.array(self.pixels, dtype, copy=copy)
+
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write as `.png` (sRGB), `.exr` or `.npy` (linear, all layers); return the path.
+        """Write as `.png`, `.jpg` or `.webp` (sRGB), `.exr` or `.npy` (linear, all layers); return the path.
+
+        JPEG has the quality 95 and a colour for each pixel, WebP loses nothing.
 
         The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays; a second array
         after it holds `samples` and `origin`, which are attributes of the EXR file's header.
@@ -97,7 +111,8 @@ class Image:
         FileNotFoundError where the folder does not exist.
         """
         path = Path(path)
-        write = writer(path)
+        height, width = self.depth.shape
+        write = writer(path, (width, height))
         with sh.files.replacing(path) as temporary:
             write(self, str(temporary))
         return path
@@ -128,15 +143,21 @@ class Image:
 
     def _repr_png_(self) -> bytes:
         buffer = io.BytesIO()
-        _pillow().fromarray(self.srgb).save(buffer, "PNG")
+        self.to_pil().save(buffer, "PNG")
         return buffer.getvalue()
 
 
-def writer(path: Path) -> Callable[[Image, str], None]:
-    """Return the function that writes to this path, before anything is rendered; raise as `Image.save` does."""
+def writer(path: Path, size: tuple[int, int]) -> Callable[[Image, str], None]:
+    """Return the function that writes pictures of this (width, height) to a path, before anything is rendered.
+
+    Raises as `Image.save` does.
+    """
     ending = path.suffix.lower()
     if ending not in _WRITERS:
         raise SceneError(f"{path}: pictures are written as {', '.join(_WRITERS)}, not as {path.suffix or 'this'}")
+    most = _LONGEST.get(ending)
+    if most is not None and max(size) > most:
+        raise SceneError(f"{path}: {ending[1:]} holds at most {most:,} pixels a side, not {max(size):,}: .png")
     if ending in _PACKAGES:
         _PACKAGES[ending]()
     sh.files.check_writable(path)
@@ -147,7 +168,7 @@ def _pillow() -> Any:
     try:
         from PIL import Image as pillow
     except ImportError as error:
-        raise SceneError(f"writing PNG needs Pillow: {sh.packages.install('pillow')}") from error
+        raise SceneError(f"writing PNG, JPEG and WebP needs Pillow: {sh.packages.install('pillow')}") from error
     return pillow
 
 
@@ -160,7 +181,15 @@ def _openexr() -> Any:
 
 
 def _write_png(image: Image, name: str) -> None:
-    _pillow().fromarray(image.srgb).save(name, "PNG", optimize=True)
+    image.to_pil().save(name, "PNG", optimize=True)
+
+
+def _write_jpeg(image: Image, name: str) -> None:
+    image.to_pil().save(name, "JPEG", quality=95, subsampling=0)
+
+
+def _write_webp(image: Image, name: str) -> None:
+    image.to_pil().save(name, "WEBP", lossless=True)
 
 
 def _write_exr(image: Image, name: str) -> None:
@@ -216,7 +245,15 @@ def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
 
 _READERS: dict[str, Callable[[Path], tuple[dict[str, Array], int, str]]] = {".exr": _read_exr, ".npy": _read_npy}
 READING = tuple(_READERS)
-_WRITERS: dict[str, Callable[[Image, str], None]] = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}
-SAVING: Mapping[str, int] = {".png": 10, ".exr": 56, ".npy": 36}
+_EYE: dict[str, Callable[[Image, str], None]] = {
+    ".png": _write_png,
+    ".jpg": _write_jpeg,
+    ".jpeg": _write_jpeg,
+    ".webp": _write_webp,
+}
+_LONGEST = {".jpg": 65_500, ".jpeg": 65_500, ".webp": 16_383}
+"""The longest side of a picture in pixels."""
+_WRITERS = _EYE | {".exr": _write_exr, ".npy": _write_npy}
+SAVING: Mapping[str, int] = {**dict.fromkeys(_EYE, 10), ".exr": 56, ".npy": 36}
 """Bytes of a pixel that saving needs besides the layers: the file's own copies of them."""
-_PACKAGES: dict[str, Callable[[], Any]] = {".png": _pillow, ".exr": _openexr}
+_PACKAGES: dict[str, Callable[[], Any]] = {**dict.fromkeys(_EYE, _pillow), ".exr": _openexr}

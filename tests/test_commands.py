@@ -307,7 +307,7 @@ ACCURACY = ["shpy", "accuracy", "a.py:f"]
 OUTPUTS = [
     (RENDER, "a.png", use_folder, "a.png is a folder"),
     (RENDER, "a.png", use_no_folder, "there is no folder"),
-    (RENDER, "a.png", use_without("PIL"), f"writing PNG needs Pillow: {install('pillow')}"),
+    (RENDER, "a.png", use_without("PIL"), f"writing PNG, JPEG and WebP needs Pillow: {install('pillow')}"),
     (RENDER, "a.exr", use_without("OpenEXR"), f"writing EXR needs OpenEXR: {install('OpenEXR')}"),
     (TRADE, "a.png", use_folder, "a.png is a folder"),
     (TRADE, "a.png", use_without("matplotlib.figure"), f"plots need matplotlib: {install('matplotlib')}"),

@@ -99,7 +99,7 @@ def test_numpy_and_lark_are_enough(tmp_path):
     assert done.returncode == 0, done.stderr
     backends, error = done.stdout.splitlines()
     assert backends == "[('numpy', True, True), ('opencl', False, True), ('glsl', False, True)]"
-    assert error == f"writing PNG needs Pillow: {shpy.packages.install('pillow')}"
+    assert error == f"writing PNG, JPEG and WebP needs Pillow: {shpy.packages.install('pillow')}"
     assert (tmp_path / "boxes.npy").exists()
     assert not (tmp_path / "boxes.png").exists()
 

@@ -2,9 +2,10 @@ import os
 
 import numpy as np
 import pytest
+from PIL import Image as pillow
 
 from raytracer import Image, SceneError
-from raytracer.image import Stats
+from raytracer.image import Stats, writer
 
 STATS = Stats("numpy", 0.0, 0.0, 0.0, 0.0, 6, 1)
 
@@ -62,7 +63,7 @@ def test_an_interrupted_write_leaves_the_old_file_alone(image, tmp_path, monkeyp
 
 
 def test_wrong_paths_are_named(image, tmp_path):
-    with pytest.raises(SceneError, match=r"\.png, \.exr, \.npy, not as \.gif"):
+    with pytest.raises(SceneError, match=r"\.png, \.jpg, \.jpeg, \.webp, \.exr, \.npy, not as \.gif"):
         image.save(tmp_path / "a.gif")
     with pytest.raises(FileNotFoundError, match="no folder"):
         image.save(tmp_path / "gone" / "a.png")
@@ -71,3 +72,27 @@ def test_wrong_paths_are_named(image, tmp_path):
 
 def test_it_shows_itself_in_a_notebook(image):
     assert image._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("ending", ["jpg", "jpeg", "webp"])
+def test_other_pictures_for_the_eye(image, tmp_path, ending):
+    path = image.save(tmp_path / f"picture.{ending}")
+    with pillow.open(path) as found:
+        pixels = np.asarray(found.convert("RGB"))
+    off = np.abs(pixels.astype(int) - image.srgb)
+    assert off.max() <= (0 if ending == "webp" else 12)
+
+
+def test_it_is_an_array_and_a_picture_of_pillow(image):
+    assert np.asarray(image) is image.pixels or np.shares_memory(np.asarray(image), image.pixels)
+    np.testing.assert_array_equal(np.asarray(image, np.float64), image.pixels)
+    copied = np.array(image)
+    copied[0] = 9
+    assert image.pixels[0].max() < 9
+    np.testing.assert_array_equal(np.asarray(image.to_pil()), image.srgb8())
+
+
+@pytest.mark.parametrize(("ending", "side"), [(".webp", 16_384), (".jpg", 65_501)])
+def test_sizes_that_a_format_cannot_hold_are_refused_before_anything_is_rendered(tmp_path, ending, side):
+    with pytest.raises(SceneError, match=f"{ending[1:]} holds at most .* pixels a side, not {side:,}: .png"):
+        writer(tmp_path / f"a{ending}", (4, side))
