@@ -30,7 +30,7 @@ _MOST_ZEROS = 1 << 26
 """Bytes of all accessors without a buffer, whose numbers are zeros."""
 _TRANSLATED = (
     *("KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_webp", "EXT_mesh_gpu_instancing"),
-    "KHR_texture_transform",
+    *("KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"),
     *("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_volume"),
 )
 _HARMLESS = ("KHR_materials_", "KHR_animation_", "KHR_xmp", "MSFT_", "KHR_node_")

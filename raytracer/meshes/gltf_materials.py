@@ -11,6 +11,7 @@ has no counterpart is counted in `Notices`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
 from typing import Any, Final, NamedTuple
@@ -24,10 +25,12 @@ from raytracer.errors import SceneError
 from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.gltf import Document
-from raytracer.meshes.pictures import Picture, Pictures
+from raytracer.meshes.pictures import Picture, Pictures, channel
+from raytracer.meshes.specular_glossiness import converted, is_metal
 
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST: Final = 9728
+_GLOSSY: Final = "pbrSpecularGlossiness"
 _MAPS: Final = {"normalTexture": "normal maps", "occlusionTexture": "occlusion maps"}
 _ALPHA_MODES: Final = ("MASK", "BLEND")
 _SHARP: Final = 0.2
@@ -82,6 +85,8 @@ class GltfMaterials:
         """Return the textures of a material by our names for them."""
         look, clear = entry.get("pbrMetallicRoughness", {}), _extension(entry, "transmission")
         found = {"color": look.get("baseColorTexture"), "roughness": look.get("metallicRoughnessTexture")}
+        if gloss := _extension(entry, _GLOSSY):
+            found = {"color": gloss.get("diffuseTexture"), "gloss": gloss.get("specularGlossinessTexture")}
         found |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
         return {name: texture for name, texture in found.items() if texture}
 
@@ -103,8 +108,30 @@ class GltfMaterials:
             emission_picture=self._picture(used.get("emission")),
             ior=_ior(entry),
         )
+        if gloss := _extension(entry, _GLOSSY):
+            color = _numbers(gloss.get("diffuseFactor", (1, 1, 1, 1)), 4)
+            found = self._glossy(found, gloss, color[:3], used.get("gloss"))
         found = replace(found, **self._alpha(entry, color[3], used.get("color"))._asdict())
         return metallic_roughness(self._clear(found, entry, used.get("transmission")))
+
+    def _glossy(
+        self, found: MetallicRoughness, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
+    ) -> MetallicRoughness:
+        """Return a material with what KHR_materials_pbrSpecularGlossiness says, and of its second picture the mean."""
+        specular = np.asarray(_numbers(gloss.get("specularFactor", (1, 1, 1)), 3))
+        glossiness = float(gloss.get("glossinessFactor", 1))
+        picture, mask = self._picture(used), self._picture(used, alpha=True)
+        if picture is not None:
+            self.notices.ignore("detail of pictures of glossiness")
+            specular = specular * picture.mean()
+        if mask is not None:
+            glossiness *= float(channel(mask.pixels, 0).mean())
+        seen = found.color_picture
+        color, metallic, roughness = converted(
+            diffuse, specular.tolist(), glossiness, None if seen is None else seen.mean()
+        )
+        seen = None if is_metal(metallic) else seen
+        return replace(found, color=color, metallic=metallic, roughness=roughness, color_picture=seen)
 
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
         """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear."""

@@ -5,7 +5,7 @@ import pytest
 from gltf_files import CORNERS, HALVES, SQUARE, File
 
 import shpy as sh
-from raytracer import Camera, Scene, SceneError, render
+from raytracer import Camera, Scene, SceneError, Texture, render
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 
@@ -86,3 +86,57 @@ def test_textures_of_one_material_that_are_moved_apart(tmp_path):
     file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, emissiveTexture=apart))))
     with pytest.warns(sh.ShpyWarning, match=r"second uv coordinates of materials \(1\)"):
         Scene.load(file.save(tmp_path / "apart.glb"))
+
+
+GLOSSY = "KHR_materials_pbrSpecularGlossiness"
+
+
+def glossy(tmp_path, *pictures, **gloss):
+    """The material of a file with these factors and pictures."""
+    file = File()
+    for name, pixels in zip(("diffuseTexture", "specularGlossinessTexture"), pictures, strict=False):
+        gloss[name] = {"index": file.picture(pixels)}
+    file.node(mesh=file.mesh(file.square(material=file.material(extensions={GLOSSY: gloss}))))
+    file.tree["extensionsUsed"] = file.tree["extensionsRequired"] = [GLOSSY]
+    return Scene.load(file.save(tmp_path / "glossy.glb")).meshes[0].material
+
+
+def plain(tmp_path, **look):
+    file = File()
+    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
+    return Scene.load(file.save(tmp_path / "plain.glb")).meshes[0].material
+
+
+@pytest.mark.parametrize(
+    ("gloss", "look"),
+    [
+        (
+            {"diffuseFactor": [0.5, 0.25, 0.125, 1], "specularFactor": [0.04] * 3, "glossinessFactor": 0.25},
+            {"baseColorFactor": [0.5, 0.25, 0.125, 1], "metallicFactor": 0, "roughnessFactor": 0.75},
+        ),
+        (
+            {"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.5, 0.25], "glossinessFactor": 0.75},
+            {"baseColorFactor": [1, 0.5, 0.25, 1], "metallicFactor": 1, "roughnessFactor": 0.25},
+        ),
+    ],
+)
+def test_specular_and_glossiness(gloss, look, tmp_path):
+    """Compare with metallic-roughness where both models are known: for no metal and for all metal."""
+    one, other = glossy(tmp_path, **gloss), plain(tmp_path, **look)
+    np.testing.assert_allclose(one.color, other.color, atol=1e-5)
+    for name in ("specular", "shininess", "reflectivity"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), abs=1e-4), name
+
+
+def test_pictures_of_specular_and_glossiness(tmp_path):
+    """The picture of the colour stays; of the other the mean is taken, its alpha for the glossiness."""
+    wood = np.full((2, 2, 3), (188, 92, 20))
+    with pytest.warns(sh.ShpyWarning, match=r"detail of pictures of glossiness \(1\)"):
+        found = glossy(tmp_path, wood, np.full((2, 2, 4), (56, 56, 56, 51)), glossinessFactor=0.5)
+    assert isinstance(found.color, Texture)
+    rough = plain(tmp_path, metallicFactor=0, roughnessFactor=1 - 0.5 * 0.2)
+    assert found.shininess == pytest.approx(rough.shininess)
+    assert found.specular == pytest.approx(rough.specular, rel=0.1)
+    with pytest.warns(sh.ShpyWarning, match="glossiness"):
+        metal = glossy(tmp_path, np.zeros((2, 2, 3)), np.full((2, 2, 4), (255, 188, 99, 255)))
+    assert metal.color == pytest.approx((1, 0.5028865, 0.1247718), abs=1e-4)
