@@ -9,8 +9,8 @@ from the bottom up. When that has made the hierarchy too costly, it is built ane
 
 >>> corners = np.arange(18.0).reshape(2, 3, 3)
 >>> forest = Forest(corners, [(1, 2)])
->>> forest.bvh.items.tolist(), forest.bvh.low[0].round(3).tolist()
-([1, 0], [0.0, 1.0, 2.0])
+>>> forest.bvh.items.tolist(), (forest.bvh.high[0] - forest.bvh.low[0]).round(3).tolist()
+([1, 0], [15.0, 15.0, 15.0])
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ sampled at once, so that there are no cracks between patches. The z axis of the 
 
 Source: F. Crow, "The Origins of the Teapot", IEEE Computer Graphics and Applications 7 (1), 1987.
 
->>> len(teapot(divisions=4)), teapot(divisions=4).vertices[:, 1].max()
+>>> len(teapot(divisions=4)), float(teapot(divisions=4).vertices[:, 1].max())
 (992, 3.15)
 """
 
