@@ -22,7 +22,7 @@ Triple = tuple[float, float, float]
 
 NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmission")
 """The coefficients that are one number."""
-PICTURED: Final = ("color", *NUMBERS, "emission", "cutout")
+PICTURED: Final = ("color", *NUMBERS, "emission", "cutout", "normal_map")
 """The fields of a `Material` that may be a `Texture`."""
 CUTOFF: Final = 0.5
 """The threshold of a `cutout`: below it there is no surface."""
@@ -48,6 +48,10 @@ class Material:
     Each number but `ior` and `absorption` may be a `Texture`, which is read at the mesh's uv coordinates. `cutout` is
     None or a Texture: there is no surface where its number is below 0.5, and rays of all kinds go on to what lies
     behind, as through the gaps between leaves. `Texture("leaf.png", alpha=True)` reads a picture's alpha.
+
+    `normal_map` is None or a Texture of normals that turn the surface's own, as in glTF: (0.5, 0.5, 1) leaves it, red
+    above 0.5 turns it to where u grows, and green to where v grows. The picture's numbers are not to be decoded:
+    `Texture("bricks.png", srgb=False)`. Where the uv coordinates of a triangle have no area the normal stays.
 
     `surface` is a function from a `Hit` to a `Surface`, recorded into the tracer and run once for each hit: what it
     leaves open is as the material says. It may also be an `sh.Program` whose inputs have names of a Hit and whose
@@ -76,6 +80,7 @@ class Material:
     surface: Callable[..., Any] | None = None
     shade: Callable[..., Any] | None = None
     cutout: Texture | None = None
+    normal_map: Texture | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.color, Texture) and (isinstance(self.color, str) or np.shape(self.color) != (3,)):
@@ -113,6 +118,8 @@ class Material:
                 f"a material's cutout is a Texture or None, not {self.cutout!r}; a surface that is clear all over has "
                 "transmission=..., ior=1"
             )
+        if not isinstance(self.normal_map, Texture | None):
+            raise SceneError(f"a material's normal_map is a Texture or None, not {self.normal_map!r}")
 
     @property
     def textures(self) -> dict[str, Texture]:

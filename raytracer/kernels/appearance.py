@@ -76,10 +76,11 @@ class Appearance:
         """Return True if there are textures or programs."""
         return bool(self.surfaces or self.shades or self.textured)
 
-    def describe(self, material: Any, hit: Hit, given: dict[str, Any]) -> None:
+    def describe(self, material: Any, hit: Hit, given: dict[str, Any], tilted: Callable[[Any], Any]) -> None:
         """Store what textures and programs say of a point into the variables of these names.
 
         They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
+        `tilted` gives the normal for a colour of a normal map.
         """
         for k, name in enumerate(self.textured):
             if name == "cutout":  # the walk has applied it
@@ -87,7 +88,9 @@ class Appearance:
             picture = self.pictures_of[material, k]
             with SH_IF(picture >= 0):
                 color = self.atlas.sample(picture, hit.uv)
-                if name == "color":
+                if name == "normal_map":
+                    given["normal"][:] = tilted(color)
+                elif name == "color":
                     given[name] *= color
                 else:
                     given[name][:] = color if name == "emission" else color.r

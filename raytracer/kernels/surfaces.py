@@ -30,6 +30,9 @@ PLANE_ROUNDINGS = 12
 way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""
 
 
+FLAT = 1 / 250
+"""The slope up to which a normal map leaves the normal as it is: 8 bits say 0 by 127 or 128 of 255, which is 1/255."""
+
 FAINT = 2.0**-64
 """A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
 
@@ -230,12 +233,33 @@ class SurfaceTables:
         given |= {"reflectivity": reflectivity, "normal": surface.normal, "emission": emission}
         if self.clear:
             given |= {"transmission": surface.transmission, "ior": surface.ior}
-        self.appearance.describe(number, seen, given)
+        self.appearance.describe(number, seen, given, lambda color: self.tilted(hit, surface.normal, side, color))
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
         if self.appearance.shades:
             surface.reflectivity[:] = reflectivity
             surface.shade[:] = self.appearance.shade_of(number)
         return reflectivity
+
+    def tilted(self, hit: RayHit, normal: Any, side: Any, color: Any) -> Any:
+        """Return a unit normal on the viewer's side, turned by a colour of a normal map.
+
+        The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
+        to both, on the side where v grows, as MikkTSpace has them, but of each triangle by itself. Seen from behind,
+        what stands out in front goes in.
+        """
+        a, b, c = (corner.xyz for corner in self.triangles[hit.id])
+        start, to_b, to_c = rows_of(self.uvs, hit)
+        to_b, to_c = to_b - start, to_c - start
+        area = to_b.x * to_c.y - to_c.x * to_b.y
+        hand = sh.cond(area > 0, 1.0, -1.0)
+        along = sh.Vector3f(hand * ((b - a) * to_c.y - (c - a) * to_b.y))
+        outward = side * sh.Vector3f(normal)
+        tangent = sh.normalize(along - outward * sh.dot(along, outward))
+        bitangent = hand * sh.cross(outward, tangent)
+        slope = 2 * color - 1
+        turned = sh.normalize(slope.r * tangent + slope.g * bitangent + slope.b * outward)
+        flat = (sh.max(abs(slope.r), abs(slope.g)) <= FLAT) | (area == 0)
+        return sh.cond(flat, normal, sh.Normal3f(side * turned))
 
     def world(self, point: Any) -> Any:
         """Return a point in the scene's coordinates."""

@@ -69,6 +69,7 @@ class MetallicRoughness:
     opacity: float = 1.0
     cutout: Texture | None = None
     clear: Texture | None = None
+    normal_map: Texture | None = None
 
     @property
     def f0(self) -> float:
@@ -97,6 +98,7 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
     mean = np.asarray(look.color) * (1 if look.color_picture is None else look.color_picture.mean())
     numbers = _numbers(look, float(mean.min()))
     found = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
+    found = replace(found, normal_map=look.normal_map)
     if any(look.emission):
         found = replace(found, emission=_color(look.emission, look.emission_picture))
     if look.transmission and look.absorption is not None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.materials import Material, Triple
-from raytracer.appearance.textures import Filter, Wrap
+from raytracer.appearance.textures import Filter, Texture, Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
 from raytracer.meshes.folder import Notices
@@ -31,7 +31,6 @@ from raytracer.meshes.specular_glossiness import converted, is_metal
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST: Final = 9728
 _GLOSSY: Final = "pbrSpecularGlossiness"
-_MAPS: Final = {"normalTexture": "normal maps", "occlusionTexture": "occlusion maps"}
 _ALPHA_MODES: Final = ("MASK", "BLEND")
 _SHARP: Final = 0.2
 """The roughness from which one sees that a clear material blurs what is behind it."""
@@ -88,14 +87,14 @@ class GltfMaterials:
         if gloss := _extension(entry, _GLOSSY):
             found = {"color": gloss.get("diffuseTexture"), "gloss": gloss.get("specularGlossinessTexture")}
         found |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
+        found["normals"] = entry.get("normalTexture")
         return {name: texture for name, texture in found.items() if texture}
 
     def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> Material:
         """Make a material with these textures (section 3.9)."""
         look = entry.get("pbrMetallicRoughness", {})
         color = _numbers(look.get("baseColorFactor", (1, 1, 1, 1)), 4)
-        for key, what in _MAPS.items():
-            self.notices.ignore(what, int(key in entry))
+        self.notices.ignore("occlusion maps", int("occlusionTexture" in entry))
         strength = float(_extension(entry, "emissive_strength").get("emissiveStrength", 1))
         r, g, b = (strength * x for x in _numbers(entry.get("emissiveFactor", (0, 0, 0)), 3))
         found = MetallicRoughness(
@@ -107,12 +106,18 @@ class GltfMaterials:
             emission=(r, g, b),
             emission_picture=self._picture(used.get("emission")),
             ior=_ior(entry),
+            normal_map=self._normals(used.get("normals")),
         )
         if gloss := _extension(entry, _GLOSSY):
             color = _numbers(gloss.get("diffuseFactor", (1, 1, 1, 1)), 4)
             found = self._glossy(found, gloss, color[:3], used.get("gloss"))
         found = replace(found, **self._alpha(entry, color[3], used.get("color"))._asdict())
         return metallic_roughness(self._clear(found, entry, used.get("transmission")))
+
+    def _normals(self, used: dict[str, Any] | None) -> Texture | None:
+        """Return the picture of normals (section 3.9.3)."""
+        picture = self._picture(used)
+        return None if picture is None or used is None else picture.normals(float(used.get("scale", 1)))
 
     def _glossy(
         self, found: MetallicRoughness, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None

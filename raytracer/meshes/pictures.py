@@ -103,6 +103,19 @@ class Picture:
         found: Texture = self.made(("clear", factor), texture)
         return found
 
+    def normals(self, scale: float) -> Texture:
+        """Return the Texture of a material's `normal_map`, whose slopes are multiplied by a factor."""
+
+        def texture() -> Texture:
+            pixels = self.fitting(1)
+            x, y, z = (2 * channel(pixels, k) - 1 for k in range(3))
+            part = max(abs(scale), 1.0)  # the colours of a picture end at 0 and 1
+            slopes = [x * (scale / part), y * (scale / part), z / part]
+            return self.texture((np.stack(slopes, axis=2).astype(np.float32) + 1) / 2, srgb=False)
+
+        found: Texture = self.made(("normals", scale), texture)
+        return found
+
     def mean(self) -> NDArray[np.float64]:
         """Return the mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
         step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))

@@ -126,7 +126,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_sheen"]
     expected = (
         "animations (1), scenes after the first (1), KHR_materials_sheen (1), morph targets (2), "
-        "pictures of meshes without uv coordinates (1), normal maps (1), occlusion maps (1), "
+        "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
         "alpha of clear materials (1), blur of clear materials (1), tints of clear materials (1), "
         "points and lines (1), orthographic cameras (1), "
         "cones of spot lights, which shine all round (1), lights of the type area (1)"
