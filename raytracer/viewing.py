@@ -50,7 +50,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--background", type=_color, metavar="COLOR", help="what is seen where nothing is: #RRGGBB, or linear R,G,B"
     )
-    group.add_argument("--exposure", type=_stops, metavar="EV", help="pictures for the eye: brighter by 2 to this power; -1 is half")
+    group.add_argument(
+        "--exposure", type=_stops, metavar="EV", help="pictures for the eye: brighter by 2 to this power; -1 is half"
+    )
     group.add_argument("--environment", type=Path, metavar="FILE", help="path: a 360 degree picture that lights all")
 
 

@@ -1,6 +1,6 @@
 """The lowest versions that pyproject.toml allows can be installed together, and run.
 
-The slow test makes an environment of them, for which pip needs a package index.
+A test makes an environment of them, for which pip needs a package index.
 """
 
 import os
@@ -9,8 +9,6 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -54,7 +52,6 @@ print(np.__version__)
 """
 
 
-@pytest.mark.slow
 def test_the_lowest_versions_work_together(tmp_path):
     subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
     python = tmp_path / "bin/python"

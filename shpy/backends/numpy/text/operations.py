@@ -45,7 +45,9 @@ _NUMPY: Final = {"abs": "abs"} | {
 }
 """The function of numpy that is the table's meaning of an operation."""
 _MEANING: Final = {
-    row.name: row.function.__name__ for row in OPS.values() if getattr(row.function, "__module__", "") == meaning.__name__
+    row.name: row.function.__name__
+    for row in OPS.values()
+    if getattr(row.function, "__module__", "") == meaning.__name__
 }
 """The function of `shpy.ir.meaning` that is."""
 MEANINGS: Final = frozenset(_MEANING.values()) | {"convert"}
