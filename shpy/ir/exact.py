@@ -100,13 +100,19 @@ def _reliable(name: str) -> Callable[..., Array]:
     return each
 
 
-def _exact(name: str, f: Callable[..., Array]) -> Callable[..., Array]:
-    """Return the function that rounds the exact values of f once."""
+def _exact(name: str, f: Callable[..., Array], *, decides: bool = False) -> Callable[..., Array]:
+    """Return the function that rounds the exact values of f once.
+
+    `decides`: f rounded is right for all hard cases on every processor, so it is for all numbers.
+    """
 
     @wraps(f)
     def rounded(x: Array) -> Array:
         if x.dtype != np.float32:
             return np.asarray(f(np.asarray(x, np.float64))).astype(x.dtype)
+        if decides:
+            wide: Any = np.asarray(x, np.float64)
+            return np.asarray(f(wide, out=wide)).astype(np.float32)
         result, high = _around(_reliable(name), x)
         undecided = result != high
         if undecided.any():
@@ -126,4 +132,4 @@ sin, cos, tan = _exact("sin", np.sin), _exact("cos", np.cos), _exact("tan", np.t
 asin, acos, atan = _exact("asin", np.arcsin), _exact("acos", np.arccos), _exact("atan", np.arctan)
 sinh, cosh, tanh = _exact("sinh", np.sinh), _exact("cosh", np.cosh), _exact("tanh", np.tanh)
 asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), _exact("atanh", np.arctanh)
-rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out))
+rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out), decides=True)
