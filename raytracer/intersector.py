@@ -135,14 +135,12 @@ class Intersector:
             self._corners, origin, scale = to_kernel(corners, precision)
             self._frame = Frame(origin, scale, precision)
             self._rows = triangle_rows(self._corners)
-            structure: Structure
             if isinstance(accel, LayeredCube):
-                structure = accel
+                self._structure = accel
             elif layered:
-                structure = cube_of(accel, mesh_or_scene, backend)
+                self._structure = cube_of(accel, mesh_or_scene, backend)
             else:
-                structure = build(accel, self._corners, precision)
-            self._structure, self._walk = structure, walk_with(structure, self._rows, self._target, None)
+                self._structure = build(accel, self._corners, precision)
 
     def move(self, transform: ArrayLike | None) -> None:
         """Place the mesh where `transform` takes it from where it was made; None for there. Nothing is built anew.
@@ -354,6 +352,12 @@ class Intersector:
             side[0] / self._frame.scale + self._frame.origin for side in (self._structure.low, self._structure.high)
         )
         return not alike(rays.eye, rays.ray, low, high)
+
+    @cached_property
+    def _walk(self) -> Walk:
+        """The walk for rays that do not start from a triangle; built on first use, as a ray that walks alone reads other tables."""
+        assert self._structure is not None
+        return walk_with(self._structure, self._rows, self._target, None)
 
     @cached_property
     def _tree(self) -> Bvh:

@@ -36,10 +36,11 @@ class BvhIntersector(Walk):
 
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
-        self.triangles = Triangles(triangles)
+        levels = Triangles.levels_in(triangles)
+        self.triangles = Triangles(triangles, levels=levels)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
-        self.leaves = Triangles(leaves, "leaves", self.items)
+        self.leaves = Triangles(leaves, "leaves", self.items, levels[bvh.items])
         self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes")
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")

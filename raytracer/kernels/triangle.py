@@ -150,12 +150,19 @@ class Sight:
 class Triangles:
     """Triangles as tables: `rows` (see `triangle_rows`), and `levels`, how far each one's plane is from 0.
 
-    `numbers` is the table of the numbers by which they are known, if not their places.
+    `numbers` is the table of the numbers by which they are known, if not their places. `levels` are computed from
+    `rows` if they are not given.
     """
 
-    def __init__(self, rows: NDArray[Any], name: str = "triangles", numbers: Any = None) -> None:
+    def __init__(
+        self,
+        rows: NDArray[Any],
+        name: str = "triangles",
+        numbers: Any = None,
+        levels: NDArray[np.float64] | None = None,
+    ) -> None:
         self.rows = sh.Table(rows, sh.Attrib4f, name)
-        self.levels = sh.Table(self.levels_in(rows), sh.Attrib1f, f"levels_of_{name}")
+        self.levels = sh.Table(self.levels_in(rows) if levels is None else levels, sh.Attrib1f, f"levels_of_{name}")
         self.numbers = numbers
 
     @staticmethod
