@@ -355,7 +355,7 @@ class Intersector:
 
     @cached_property
     def _walk(self) -> Walk:
-        """The walk for rays that do not start from a triangle; built on first use, as a ray that walks alone reads other tables."""
+        """The walk for rays that do not start from a triangle, built on first use: lone rays do not need it."""
         assert self._structure is not None
         return walk_with(self._structure, self._rows, self._target, None)
 
