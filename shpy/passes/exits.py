@@ -42,7 +42,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import limited_loops, test_length, variables_of, walk
+from shpy.ir.traverse import limited_loops, loops, test_length, variables_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
 from shpy.passes.size import callee_of
@@ -61,7 +61,7 @@ class Ending:
     """A module whose exits are explicit.
 
     With `status` its entry's last output says how an element ended. `loops` are the lines of the limited loops:
-    FIRST_LOOP + k is the k-th. With `flagged` each loop tells whether it finished, and a printer has to keep the
+    FIRST_LOOP + k is the k-th. Where no loop is limited, they are those of all loops if the device may stop one. With `flagged` each loop tells whether it finished, and a printer has to keep the
     target's compiler from concluding that it always does.
     """
 
@@ -83,7 +83,8 @@ def make_exits_explicit(
     plan = _Plan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags, by_value)
     functions = tuple(_Ending(f, plan).run() if f.name in plan.ending else f for f in module.functions)
     has_status = module.entry.name in plan.ending
-    return Ending(replace(module, functions=functions), has_status, tuple(loop.loc for loop in limited), flags)
+    told = limited or (loops(module) if flags else ())
+    return Ending(replace(module, functions=functions), has_status, tuple(loop.loc for loop in told), flags)
 
 
 def few_turns(module: Module) -> bool:

@@ -190,11 +190,16 @@ def known(spelling: Body, n: int) -> Body:
 
 
 def right_or_told(program: sh.Program, n: np.ndarray, limit: int | None, *, stops: bool) -> None:
-    """Run on GLSL: every element is right, or LoopLimitExceeded is raised where the device stops."""
+    """Run on GLSL over an array and a stream: all is right, or LoopLimitExceeded is raised where the device stops."""
     kernel = program.compile("glsl", loop_limit=limit)
+    stream = sh.Stream(n, sh.Attrib1i, backend="glsl")
     if not (stops and llvmpipe()):
         assert kernel(n).tolist() == n.tolist()
+        assert kernel(stream).numpy().tolist() == n.tolist()
         return
+    with pytest.raises(sh.LoopLimitExceeded, match="the device stopped") as error:
+        kernel(stream)
+    assert error.value.loc is not None
     with pytest.raises(sh.LoopLimitExceeded, match="the device stopped") as error:
         kernel(n)
     result = error.value.result

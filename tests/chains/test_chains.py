@@ -321,3 +321,23 @@ def test_loops_nest(backend):
     assert result.counts == {"inner": 15, "outer": 5}
     # Rounds of the outer loop: one that sets n, four of three steps and one that finds nothing, and a last one.
     assert result.executions == {"inner": 1 + 4 * 4 + 1, "outer": 6}
+
+
+@pytest.mark.parametrize("turns", [60_000, 70_000])
+def test_a_loop_of_known_length_is_whole_or_the_chain_tells_of_it(turns):
+    """llvmpipe stops the loops of an element after 65,535 iterations in all, without a word."""
+
+    @sh.program
+    def count(n: sh.Attrib1i):
+        c = sh.Attrib1i(0)
+        with sh.SH_FOR(0, turns) as i:
+            c += 1 + 0 * (i + n)
+        return {"n": c}
+
+    try:
+        ended = sh.repeat(count, 2).run(n=np.arange(3, dtype=np.int32), backend="glsl")
+    except sh.LoopLimitExceeded as error:
+        assert turns > 65_535
+        assert "the device stopped a loop of 3 elements" in str(error)
+    else:
+        assert ended.streams["n"].numpy().tolist() == [turns] * 3
