@@ -61,8 +61,9 @@ class Ending:
     """A module whose exits are explicit.
 
     With `status` its entry's last output says how an element ended. `loops` are the lines of the limited loops:
-    FIRST_LOOP + k is the k-th. Where no loop is limited, they are those of all loops if the device may stop one. With `flagged` each loop tells whether it finished, and a printer has to keep the
-    target's compiler from concluding that it always does.
+    FIRST_LOOP + k is the k-th. Where no loop is limited, they are those of all loops if the device may stop one.
+    With `flagged` each loop tells whether it finished, and a printer has to keep the target's compiler from concluding
+    that it always does.
     """
 
     module: Module

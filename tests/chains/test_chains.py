@@ -334,10 +334,9 @@ def test_a_loop_of_known_length_is_whole_or_the_chain_tells_of_it(turns):
             c += 1 + 0 * (i + n)
         return {"n": c}
 
-    try:
-        ended = sh.repeat(count, 2).run(n=np.arange(3, dtype=np.int32), backend="glsl")
-    except sh.LoopLimitExceeded as error:
-        assert turns > 65_535
-        assert "the device stopped a loop of 3 elements" in str(error)
+    chain, n = sh.repeat(count, 2), np.arange(3, dtype=np.int32)
+    if turns > 65_535 and "llvmpipe" in repr(count.compile("glsl")):
+        with pytest.raises(sh.LoopLimitExceeded, match="the device stopped a loop of 3 elements"):
+            chain.run(n=n, backend="glsl")
     else:
-        assert ended.streams["n"].numpy().tolist() == [turns] * 3
+        assert chain.run(n=n, backend="glsl").streams["n"].numpy().tolist() == [turns] * 3
