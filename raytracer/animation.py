@@ -34,6 +34,8 @@ from raytracer.scene.scene import Scene
 Make = Callable[[float], Scene]
 
 VIDEOS: Final = (".gif", ".webp", ".mp4")
+FPS: Final = 24.0
+"""Frames of a second, where nobody asks for others."""
 
 
 def animate(
@@ -41,7 +43,7 @@ def animate(
     output: str | PathLike[str],
     frames: int,
     *,
-    fps: float = 24.0,
+    fps: float = FPS,
     size: tuple[int, int] = (512, 512),
     integrator: Given = "whitted",
     backend: str | None = None,
@@ -59,8 +61,7 @@ def animate(
     path, size = Path(output), checked_size(size)
     if not (isinstance(frames, int) and frames > 0):
         raise SceneError(f"an animation has one frame or more, not {frames}")
-    if not 0 < fps <= 1000:
-        raise SceneError(f"an animation has more than 0 and at most 1000 frames a second, not {fps}")
+    _check_pace(fps)
     if path.suffix.lower() not in VIDEOS and path.suffix:
         raise SceneError(
             f"{path}: animations are written as {', '.join(VIDEOS)} or into a folder, not as {path.suffix}"
@@ -74,6 +75,11 @@ def animate(
     if path.suffix.lower() == ".mp4":
         return _as_mp4(drawn, path, frames, _ffmpeg(path, size))
     return _as_picture(drawn, path, frames)
+
+
+def _check_pace(fps: float) -> None:
+    if not 0 < fps <= 1000:
+        raise SceneError(f"an animation has more than 0 and at most 1000 frames a second, not {fps}")
 
 
 class _Drawing:
@@ -173,6 +179,17 @@ def _as_mp4(drawn: _Drawing, path: Path, frames: int, ffmpeg: str) -> Iterator[i
         if process.returncode:
             raise SceneError(f"{path}: ffmpeg failed: {said or process.returncode}")
     yield frames
+
+
+def spread(seconds: float, frames: int | None, fps: float | None) -> tuple[int, float]:
+    """Return how many frames show so many seconds, and the frames of a second; one that is None suits the other.
+
+    Raises SceneError where a second has 0 frames, or more than 1000.
+    """
+    if fps is None:
+        fps = frames / seconds if frames and seconds > 0 else FPS
+    _check_pace(fps)
+    return frames or max(1, round(seconds * fps)), fps
 
 
 def made_by(path: Path) -> Make:

@@ -22,7 +22,7 @@ from typing import Any
 import shpy as sh
 from raytracer import viewing
 from raytracer.accel.choice import check
-from raytracer.animation import ANIMATIONS, animate, made_by
+from raytracer.animation import ANIMATIONS, FPS, Make, animate, made_by, spread
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
@@ -32,6 +32,8 @@ from raytracer.layered.cube import is_layered
 from raytracer.memory import check_fits
 from raytracer.meshes.folder import shown
 from raytracer.rendering import render
+from raytracer.scene.animated_file import AnimatedFile
+from raytracer.scene.loading import FORMATS
 from raytracer.scene.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.studies.report import new_figure
@@ -129,10 +131,18 @@ def _add_study_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
-    command.add_argument("scene", help="a Python file that defines scene(time) -> Scene, or `animated`")
+    command.add_argument(
+        "scene",
+        help="a Python file that defines scene(time) -> Scene, a GLB or glTF file with animations, or `animated`",
+    )
+    command.add_argument("--clip", metavar="NAME", help="which animation of a GLB or glTF file (the first one)")
     command.add_argument("-o", "--output", type=Path, help="a .gif, .webp or .mp4 file, or a folder (SCENE.gif)")
-    command.add_argument("--frames", type=_positive, default=48, help="how many (48)")
-    command.add_argument("--fps", type=_error, default=24.0, help="frames of a second; frame k is at k / fps (24)")
+    command.add_argument("--frames", type=_positive, help="how many (48; of a GLB or glTF file, its whole animation)")
+    command.add_argument(
+        "--fps",
+        type=_error,
+        help="frames of a second; frame k is at k / fps (24, or as --frames spread over the file's)",
+    )
     command.add_argument("--size", type=_size, default=(320, 240), help="WIDTHxHEIGHT in pixels (320x240)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
     command.add_argument("--integrator", choices=["whitted", "path"], default="whitted", help="as of render (whitted)")
@@ -329,17 +339,30 @@ def _gallery(options: argparse.Namespace) -> int:
 
 
 def _animate(options: argparse.Namespace) -> int:
-    make = ANIMATIONS.get(options.scene) or made_by(Path(options.scene))
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
     given = {name: value for name in ("bounces", "samples") if (value := getattr(options, name)) is not None}
-    asked = {name: getattr(options, name) for name in ("fps", "size", "integrator", "backend", "resume")}
-    steps = animate(make, output, options.frames, **asked, **given)
-    with progress_bar(f"{options.scene}, {options.frames:,} frames") as progress:
+    asked = {name: getattr(options, name) for name in ("size", "integrator", "backend", "resume")}
+    make, frames, fps = _moving(options)
+    steps = animate(make, output, frames, fps=fps, **asked, **given)
+    with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
         for done in steps:
-            progress(done, options.frames)
+            progress(done, frames)
     width, height = options.size
-    print(f"{output}: {options.frames:,} frames, {width} x {height}, {options.fps:g} a second")
+    print(f"{output}: {frames:,} frames, {width} x {height}, {fps:g} a second")
     return 0
+
+
+def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
+    """Return the scenes that are animated, the number of frames, and how many of them a second has."""
+    path = Path(options.scene)
+    if path.suffix.lower() in FORMATS:
+        file = AnimatedFile(path, options.clip)
+        frames, fps = spread(file.seconds, options.frames, options.fps)
+        return file.make(frames, fps), frames, fps
+    if options.clip is not None:
+        raise SceneError("--clip is for GLB and glTF files, whose animations have names: leave it out")
+    fps = FPS if options.fps is None else options.fps
+    return ANIMATIONS.get(options.scene) or made_by(path), options.frames or 48, fps
 
 
 def _summary(image: Image) -> str:

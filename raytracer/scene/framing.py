@@ -137,12 +137,7 @@ def fitted(meshes: Sequence[Mesh], turn: Matrix) -> Camera:
     """
     low, high = bounds_of(meshes, turn)
     middle, radius = (low + high) / 2, radius_of(low, high)
-    forward = -np.asarray(TOWARD) / np.linalg.norm(TOWARD)
-    right = np.cross(forward, (0, 1, 0))
-    right /= np.linalg.norm(right)
-    sides = (right, np.cross(right, forward))
-    reach = FILLED * math.tan(math.radians(FOV) / 2)
-    normals = np.stack([*(reach * forward + sign * side for side in sides for sign in (1, -1)), forward], axis=1)
+    forward, sides, reach, normals = _sight()
     least = np.full(5, np.inf)
     for mesh in meshes:
         if len(mesh):
@@ -157,6 +152,29 @@ def fitted(meshes: Sequence[Mesh], turn: Matrix) -> Camera:
     return Camera(
         _triple(turn @ (middle + radius * eye)), _triple(turn @ (middle + radius * target)), _triple(turn[:, 1]), FOV
     )
+
+
+def _sight() -> tuple[Matrix, tuple[Matrix, Matrix], float, Matrix]:
+    """Return the line of sight, the directions right and up, the tangent, and the normals (3, 5); see `fitted`."""
+    forward = -np.asarray(TOWARD) / np.linalg.norm(TOWARD)
+    right = np.cross(forward, (0, 1, 0))
+    right /= np.linalg.norm(right)
+    sides = (right, np.cross(right, forward))
+    reach = FILLED * math.tan(math.radians(FOV) / 2)
+    normals = np.stack([*(reach * forward + sign * side for side in sides for sign in (1, -1)), forward], axis=1)
+    return forward, sides, reach, normals
+
+
+def outermost(meshes: Sequence[Mesh]) -> Matrix:
+    """Return the corners (N, 3) of meshes that decide their box and their camera, where y is up."""
+    *_, normals = _sight()
+    directions = np.concatenate([np.eye(3), -np.eye(3), normals], axis=1)
+    found = [np.zeros((0, 3))]
+    for mesh in meshes:
+        if len(mesh):
+            corners = mesh.corners.reshape(-1, 3)
+            found.append(corners[(corners @ directions).argmin(axis=0)])
+    return np.concatenate(found)
 
 
 def _triple(values: Matrix) -> Triple:

@@ -9,9 +9,11 @@ that is counted in `Notices`.
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -33,7 +35,8 @@ Matrix = NDArray[np.float64]
 _LIGHTS: Final = "KHR_lights_punctual"
 _PLACED: Final = {"matrix", "translation", "rotation", "scale"}
 _INSTANCING: Final = "EXT_mesh_gpu_instancing"
-_LISTS: Final = {"animations": "animations", "skins": "skins"}
+Pose = Mapping[int, Mapping[str, Any]]
+"""The entries of nodes that an animation replaces, by the numbers of the nodes."""
 
 
 class Node(NamedTuple):
@@ -44,20 +47,31 @@ class Node(NamedTuple):
 
 
 class GltfScene:
-    """The default scene of a document; parts without a name are called `name`."""
+    """The default scene of a document; parts without a name are called `name`.
 
-    def __init__(self, document: Document, name: str, notices: Notices, *, materials: bool = True) -> None:
+    Animations count as ignored unless it is `animated`: `posed` then gives the scene at a time.
+    """
+
+    def __init__(
+        self, document: Document, name: str, notices: Notices, *, materials: bool = True, animated: bool = False
+    ) -> None:
         self.document, self.name, self.notices = document, name, notices
         self.nodes = list(_nodes(document))
         self.materials = GltfMaterials(document, notices)
         self.reads_materials = materials
         self._meshes: dict[int, list[Mesh]] = {}
         self._built = self._placed = 0
-        for key, what in _LISTS.items():
-            notices.ignore(what, len(document.all(key)))
+        for key in ("skins",) if animated else ("animations", "skins"):
+            notices.ignore(key, len(document.all(key)))
         notices.ignore("scenes after the first", len(document.all("scenes")) - 1)
         for extension in document.unread if materials else ():
             notices.ignore(extension)
+
+    def posed(self, pose: Pose) -> GltfScene:
+        """Return the scene with other places of its nodes; it shares the meshes, which are made once."""
+        found = copy.copy(self)
+        found.nodes, found._placed = list(_nodes(self.document, pose)), 0
+        return found
 
     def instances(self) -> list[Instance]:
         """Return the parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
@@ -193,8 +207,8 @@ def _without_bytes(primitive: dict[str, Any]) -> str:
     return f"positions are in {shown(', '.join(sorted(extensions)))}, which is not read: export it without"
 
 
-def _nodes(document: Document) -> Iterator[Node]:
-    """Return the nodes of the default scene, parents first, in the file's order (section 3.5)."""
+def _nodes(document: Document, pose: Pose = MappingProxyType({})) -> Iterator[Node]:
+    """Return the nodes of the default scene in a pose, parents first, in the file's order (section 3.5)."""
     entries, scenes = document.all("nodes"), document.all("scenes")
     if scenes:
         roots = document.one("scenes", document.tree.get("scene", 0)).get("nodes", [])
@@ -208,7 +222,7 @@ def _nodes(document: Document) -> Iterator[Node]:
     waiting = [(root, np.eye(4)) for root in reversed(roots)]
     while waiting:
         number, outer = waiting.pop()
-        entry = document.one("nodes", number)
+        entry = {**document.one("nodes", number), **pose.get(number, {})}
         if number in seen:
             raise SceneError(f"node {number} has more than one parent")
         seen.add(number)

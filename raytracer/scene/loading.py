@@ -10,7 +10,8 @@ wrong with it.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from io import BytesIO
 from os import PathLike
@@ -102,23 +103,34 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         except ImportError as error:
             needed = sh.packages.install("trimesh")
             raise SceneError(f"reading {kind[1:].upper()} needs trimesh: {needed}") from error
-    try:
-        data = path.read_bytes()  # a file that cannot be opened is an OSError
-    except MemoryError as error:
-        size = path.stat().st_size / 2**30
-        raise SceneError(f"{path}: {size:.1f} GiB are more than the memory holds") from error
-    try:
-        with np.errstate(all="ignore"):
-            contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)
-            contents = replace(contents, meshes=_smoothed([mesh for mesh in contents.meshes if len(mesh)]))
-        # A reader's faults have no common type: whatever it raises, the file is what the user can mend.
-    except Exception as error:
-        reason = shown(_reason(error), _LONGEST)
-        raise SceneError(f"{path}: not a readable {kind[1:].upper()} file ({reason})") from error
+    data = bytes_of(path)
+    with reading(path):
+        contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)
+        contents = replace(contents, meshes=smoothed([mesh for mesh in contents.meshes if len(mesh)]))
     if not contents.meshes:
         raise SceneError(f"{path}: the file holds no triangles")
     notices.ignore("meshes without area, which cannot be seen", sum(not mesh.has_area for mesh in contents.meshes))
     return contents
+
+
+def bytes_of(path: Path) -> bytes:
+    """Return what a file holds; SceneError where that exceeds the memory, OSError where it cannot be opened."""
+    try:
+        return path.read_bytes()
+    except MemoryError as error:
+        size = path.stat().st_size / 2**30
+        raise SceneError(f"{path}: {size:.1f} GiB are more than the memory holds") from error
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Make one SceneError of whatever the reader of a file raises, as its faults have no common type."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except Exception as error:
+        reason = shown(_reason(error), _LONGEST)
+        raise SceneError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error
 
 
 def _reason(error: Exception) -> str:
@@ -130,7 +142,7 @@ def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def _smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
+def smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
     """Give those without normals some: together, as materials may divide one smooth surface."""
     bare = [mesh for mesh in meshes if mesh.normals is None]
     if not bare:

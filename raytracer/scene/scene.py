@@ -30,7 +30,7 @@ from raytracer.meshes.mesh import Mesh
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
-from raytracer.scene.loading import load_contents
+from raytracer.scene.loading import Contents, load_contents
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 _NAMED = 20
@@ -154,13 +154,7 @@ class Scene:
         beyond that, and pictures that are not there, are an sh.ShpyWarning each. Raises FileNotFoundError, and
         SceneError for a file that cannot be read or holds no triangles.
         """
-        found, name = load_contents(path), Path(path).stem
-        if found.camera is None and not found.lights:
-            return cls.framed(found.meshes, name, up=up, floor=floor, lights=lights, camera=camera)
-        turn = upright(up)
-        eye = _camera(camera, found.camera or fitted(found.meshes, turn))
-        shining = (*found.lights, *lights) or lights_for(name, found.meshes, eye, turn)
-        return cls(found.meshes, shining, eye, name=name)
+        return furnished(load_contents(path), Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
@@ -171,6 +165,24 @@ class Scene:
         if name not in BUILTIN:
             raise SceneError(f"there is no scene {name!r}; the known ones are {', '.join(BUILTIN)}")
         return BUILTIN[name]()
+
+
+def furnished(
+    found: Contents,
+    name: str,
+    *,
+    up: Triple = (0, 1, 0),
+    floor: bool = True,
+    lights: Sequence[Light] = (),
+    camera: Camera | Callable[[Camera], Camera] | None = None,
+) -> Scene:
+    """Return the scene of a file's contents, with what they lack; see `Scene.load`."""
+    if found.camera is None and not found.lights:
+        return Scene.framed(found.meshes, name, up=up, floor=floor, lights=lights, camera=camera)
+    turn = upright(up)
+    eye = _camera(camera, found.camera or fitted(found.meshes, turn))
+    shining = (*found.lights, *lights) or lights_for(name, found.meshes, eye, turn)
+    return Scene(found.meshes, shining, eye, name=name)
 
 
 def _camera(given: Camera | Callable[[Camera], Camera] | None, found: Camera) -> Camera:
