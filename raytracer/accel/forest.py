@@ -16,6 +16,7 @@ from the bottom up. When that has made the hierarchy too costly, it is built ane
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -114,27 +115,29 @@ class _Object:
         """Take a hierarchy that was built for the object alone."""
         self.count = len(built.low)
         _put(self.bvh, built, self.root, self.item, END)
-        self.order = built.items
         self.bvh.items[self.item : self.item + len(built.items)] = built.items + self.first
         first, past = built.links[0].T.astype(np.int64)
         inner = first >= 0
         self.leaves = np.flatnonzero(~inner)
         code = -1 - first[self.leaves]
-        self.starts = code >> COUNT_BITS
+        starts, counts = code >> COUNT_BITS, code & ((1 << COUNT_BITS) - 1)
+        # The first triangle of each leaf, the second, and so on; of a leaf with fewer, the last one again.
+        self.members = [built.items[starts + np.minimum(k, counts - 1)] for k in range(int(counts.max()))]
         self.levels = _levels(np.where(inner, first, -1), np.where(inner, past[np.maximum(first, 0)], -1))
         self.weights = np.full(self.count, DESCENT)
-        self.weights[self.leaves] = code & ((1 << COUNT_BITS) - 1)
+        self.weights[self.leaves] = counts
         self.ends = [np.flatnonzero(links[:, 1] == END) + self.root for links in built.links]
         self.next: list[int | None] = [None] * 8
         self.built_cost = self.cost()
 
     def refit(self, corners: Corners, dtype: np.dtype[Any]) -> None:
         """Fit the boxes to new corners (n, 3, 3)."""
-        lows, highs = boxes_of(corners[self.order], dtype)
+        lows, highs = boxes_of(corners, dtype)
         span = slice(self.root, self.root + self.count)
         low, high = self.bvh.low[span], self.bvh.high[span]
-        low[self.leaves] = np.minimum.reduceat(lows, self.starts)
-        high[self.leaves] = np.maximum.reduceat(highs, self.starts)
+        # Member by member of all leaves: several times as fast as `reduceat`, which goes number by number.
+        low[self.leaves] = reduce(np.minimum, (lows[members] for members in self.members))
+        high[self.leaves] = reduce(np.maximum, (highs[members] for members in self.members))
         for nodes, left, right in self.levels:
             low[nodes] = np.minimum(low[left], low[right])
             high[nodes] = np.maximum(high[left], high[right])

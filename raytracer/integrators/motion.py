@@ -5,7 +5,6 @@ Stage: render. A `Renderer` asks for what has changed before each picture.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -48,12 +47,9 @@ class Motion:
             places = ", ".join(map(str, [number, *others]))
             raise SceneError(f"there are {len(others) + 1} meshes {name!r}: deform one of them by its number, {places}")
         mesh = self._given[number]
-        places_ = np.asarray(vertices, dtype=np.float64)
-        if places_.shape != mesh.vertices.shape:
-            raise SceneError(f"{mesh.name}: other vertices are {mesh.vertices.shape}, as before, not {places_.shape}")
         if normals is not None and mesh.normals is None:
             raise SceneError(f"{mesh.name}: the mesh is flat, and has no normals: deform it without normals")
-        found = dataclasses.replace(mesh, vertices=places_, normals=normals)
+        found = mesh.with_vertices(vertices, normals)
         if normals is None and mesh.normals is not None:
             found = found.smoothed()
         transform = self._transforms.get(number)
@@ -99,8 +95,11 @@ class Motion:
 
     def _box(self, number: int) -> Any:
         if number not in self._bounds:
-            corners = self.meshes[number].corners
-            self._bounds[number] = np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+            mesh = self.meshes[number]
+            used = np.zeros(len(mesh.vertices), bool)
+            used[mesh.faces] = True
+            by_axis = mesh.vertices[used].T.copy()  # min and max of contiguous numbers are ten times as fast
+            self._bounds[number] = np.stack([by_axis.min(axis=1), by_axis.max(axis=1)])
         return self._bounds[number]
 
 

@@ -52,13 +52,17 @@ class BvhIntersector(Walk):
         self.vote = sh.any_lane if together else sh.Attrib1b
 
     def renew(self, forest: Forest, triangles: Any, ranges: Sequence[tuple[int, int]]) -> None:
-        """Update the parts of the tables that changed, of `forest.bvh` and of the triangles in `ranges`."""
+        """Update the parts of the tables that changed, of `forest.bvh` and of the triangles in `ranges`.
+
+        The ranges are those of the objects that `forest.change` was given, in the same order.
+        """
         bvh, nodes = forest.bvh, len(forest.bvh.low)
-        for first, past in ranges:
-            self.triangles.renew(triangles[3 * first : 3 * past], first)
-        for first, past in forest.stale_items:
-            self.items.update(bvh.items[first:past], start=first)
-            self.leaves.renew(np.reshape(triangles, (-1, 3, 4))[bvh.items[first:past]].reshape(-1, 4), first)
+        for (first, past), (item, end) in zip(ranges, forest.stale_items, strict=True):
+            rows, items = triangles[3 * first : 3 * past], bvh.items[item:end]
+            levels, order = Triangles.levels_in(rows), items - first
+            self.triangles.renew(rows, levels, first)
+            self.items.update(items, start=item)
+            self.leaves.renew(np.reshape(rows, (-1, 3, 4))[order].reshape(-1, 4), levels[order], item)
         for first, past in forest.stale_boxes:
             self.boxes.update(box_rows(bvh.low[first:past], bvh.high[first:past]), start=2 * first)
         for octant, first, past in forest.stale_links:

@@ -171,10 +171,10 @@ class Triangles:
         parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
         return levels_of(parts[..., :3], parts[..., 3])
 
-    def renew(self, rows: NDArray[Any], first: int) -> None:
-        """Replace the triangles from the place `first` on."""
+    def renew(self, rows: NDArray[Any], levels: NDArray[np.float64], first: int) -> None:
+        """Replace the triangles from the place `first` on; `levels` are those in `rows`."""
         self.rows.update(rows, start=3 * first)
-        self.levels.update(self.levels_in(rows), start=first)
+        self.levels.update(levels, start=first)
 
     def __getitem__(self, k: Any) -> list[Any]:
         """Return the three rows of triangle `k`."""

@@ -9,6 +9,7 @@ Stage: scene description. `layout` takes its `corners`, `face_normals`, `normals
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raytracer.accel.planes import normals_of, unit
+from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.errors import SceneError
 
@@ -59,11 +60,7 @@ class Mesh:
     uv: Any = None
 
     def __post_init__(self) -> None:
-        vertices = self._array("vertices", self.vertices).reshape(-1, 3)
-        farthest = float(np.abs(vertices).max(initial=0))
-        if farthest > FARTHEST:
-            reach = f"within {FARTHEST:g} of 0, not at {farthest:.3g}"
-            raise SceneError(f"{self.name}: vertices lie {reach}; scale the mesh")
+        vertices = self._places(self.vertices)
         faces = np.asarray(self.faces)
         if faces.size == 0:
             faces = np.zeros((0, 3), dtype=np.int64)
@@ -79,6 +76,30 @@ class Mesh:
                 object.__setattr__(self, what, self._at_corners(what, getattr(self, what), size))
         if self.normals is not None:
             object.__setattr__(self, "normals", self._of_unit_length(self.normals))
+
+    def with_vertices(self, vertices: ArrayLike, normals: ArrayLike | None) -> Mesh:
+        """Return the mesh with other vertices (V, 3), as many as before, and other normals, as those of a `Mesh`.
+
+        Only these are checked; faces, colors and uv are the same arrays. Raises SceneError as `Mesh` does.
+        """
+        places = np.asarray(vertices, dtype=np.float64)
+        if places.shape != self.vertices.shape:
+            raise SceneError(f"{self.name}: other vertices are {self.vertices.shape}, as before, not {places.shape}")
+        found = copy.copy(self)
+        object.__setattr__(found, "vertices", self._places(places))
+        object.__setattr__(found, "normals", None)
+        if normals is not None:
+            object.__setattr__(found, "normals", found._of_unit_length(self._at_corners("normals", normals, 3)))
+        return found
+
+    def _places(self, values: ArrayLike) -> Floats:
+        """Return vertices (V, 3), checked."""
+        vertices = self._array("vertices", values).reshape(-1, 3)
+        farthest = float(np.abs(vertices).max(initial=0))
+        if farthest > FARTHEST:
+            reach = f"within {FARTHEST:g} of 0, not at {farthest:.3g}"
+            raise SceneError(f"{self.name}: vertices lie {reach}; scale the mesh")
+        return vertices
 
     def _array(self, what: str, values: ArrayLike, size: int = 3) -> Floats:
         array = np.asarray(values, dtype=np.float64)
@@ -101,7 +122,7 @@ class Mesh:
 
         What has length 1 already, but for rounding to binary32, stays as it is.
         """
-        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        length = lengths_of(normals)[..., None]
         right = np.abs(length - 1) <= 1e-6
         if right.all():
             return normals
@@ -159,11 +180,16 @@ class Mesh:
         mirrors = bool(np.linalg.det(turn) < 0)
         with np.errstate(over="ignore", invalid="ignore"):  # Mesh refuses numbers that are not finite
             vertices = self.vertices @ turn.T + matrix[:3, 3]
-        normals = None if self.normals is None else self.normals @ _cofactors(turn, mirrors)
-        order = slice(None, None, -1 if mirrors else 1)
-        normals, colors, uv = (None if at is None else at[:, order] for at in (normals, self.colors, self.uv))
-        faces = self.faces[:, order]
-        return dataclasses.replace(self, vertices=vertices, faces=faces, normals=normals, colors=colors, uv=uv)
+        placed, normals = self._turned_over() if mirrors else self, None
+        if placed.normals is not None:
+            # One product of (3F, 3) takes a tenth of the time of F products of (3, 3).
+            normals = (placed.normals.reshape(-1, 3) @ _cofactors(turn, mirrors)).reshape(-1, 3, 3)
+        return placed.with_vertices(vertices, normals)
+
+    def _turned_over(self) -> Mesh:
+        """Return the mesh with the corners of each triangle in the opposite order."""
+        at = {name: getattr(self, name) for name in ("faces", "normals", "colors", "uv")}
+        return dataclasses.replace(self, **{name: a if a is None else a[:, ::-1] for name, a in at.items()})
 
     def smoothed(self, below: float = SMOOTH_BELOW) -> Mesh:
         """Give each corner a normal: the mean of the faces that meet there at less than `below` degrees.
