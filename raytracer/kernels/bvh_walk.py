@@ -131,7 +131,9 @@ class BvhIntersector(Walk):
 
 def box_rows(low: Any, high: Any) -> Any:
     """Return rows (2M, 4) of the lower and the upper corner of M boxes, and a component of padding."""
-    return np.pad(np.stack([low, high], axis=1).reshape(-1, 3), ((0, 0), (0, 1)))
+    rows = np.zeros((len(low), 2, 4), low.dtype)
+    rows[:, 0, :3], rows[:, 1, :3] = low, high
+    return rows.reshape(-1, 4)
 
 
 class BoxTest:

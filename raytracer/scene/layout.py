@@ -120,9 +120,9 @@ class Layout:
             rows = slice(3 * first, 3 * past)
             self.triangles[rows] = triangle_rows(corners)
             if self.normals is not None:
-                self.normals[rows] = _corner_rows([_corner_normals(mesh)])
+                self.normals[rows, :3] = _corner_normals(mesh).reshape(-1, 3)
             if self.colors is not None:
-                self.colors[rows] = _corner_rows([_corner_colors(mesh, self.materials)])
+                self.colors[rows, :3] = _corner_colors(mesh, self.materials).reshape(-1, 3)
             if self.uvs is not None:
                 self.uvs[rows] = _uvs([mesh])
             self.forest.change(list(moving).index(number), corners)

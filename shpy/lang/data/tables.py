@@ -86,6 +86,11 @@ class Table:
         return TableType(type_ if is_compound(type_) else element_class(type_), rank)
 
     def _checked(self, array: Any) -> NDArray[Any]:
+        data = self._fitting(array)
+        return data.copy() if np.may_share_memory(data, array) else data
+
+    def _fitting(self, array: Any) -> NDArray[Any]:
+        """Return an array for the element type; it may share the memory of the one that is given."""
         what = f"the Table {self.name}" if self.name else "a Table"
         data = as_base(array, self.type.base, what)
         n = self.type.size
@@ -104,7 +109,7 @@ class Table:
             )
         if data.size == 0:
             raise ShpyTypeError(f"{what} cannot be empty", loc=here(), cure="one element that stands for none")
-        return data.copy() if np.may_share_memory(data, array) else data
+        return data
 
     @property
     def shape(self) -> tuple[Any, ...]:
@@ -133,7 +138,7 @@ class Table:
         return data
 
     def _checked_part(self, array: Any, start: int) -> NDArray[Any]:
-        data = self._checked(array)
+        data = self._fitting(array)  # `_change` copies it
         if data.shape[1:] != self._array.shape[1:]:
             raise ShpyTypeError(
                 f"a part of the Table {self.name or ''} is {('n', *self._array.shape[1:])}, not {data.shape}",
