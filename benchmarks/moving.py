@@ -1,0 +1,104 @@
+"""Frames of scenes in which an object moves or is deformed, in times of the frame in which nothing has changed.
+
+    print(moving(quick=False).markdown())
+
+Scenes: a ring that turns over a hilly field of a million triangles, a ring that waves on a floor, and the built-in
+scene `boxes`, of which one box turns. A frame with a change includes the new tables of the object.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.studies import PAUSE, Table, backend, spread
+from raytracer import Camera, Mesh, PointLight, Renderer, Scene
+from raytracer.meshes.shapes import floor, torus
+
+HEAD = ("scene", "triangles", "moving", "unchanged ms", "changed ms", "of which tables ms", "ratio", "ratio, same walk")
+Change = Callable[[Renderer, int], None]
+
+
+def moving(quick: bool) -> Table:
+    """Return the milliseconds of frames with a change and without one, and their ratios, round by round."""
+    size, turns = ((32, 32), 2) if quick else ((512, 512), 15)
+    rows = [_row(name, scene, number, change, size, turns) for name, (scene, number, change) in cases(quick).items()]
+    note = (
+        f"{size[0]} x {size[1]} pixels on {backend()}: medians of {turns} rounds, with the first and the third "
+        f"quartile. Ratios are to the unchanged frame in the same round, of a renderer that nothing moves in, and "
+        f"(same walk) of the one in which the object has moved before."
+    )
+    return Table("moving", note, HEAD, rows)
+
+
+def cases(quick: bool) -> dict[str, tuple[Scene, int, Change]]:
+    """Return the scenes, the number of the object that changes, and what changes it for a frame."""
+    segments, across = (12, 20) if quick else (264, 707)
+    ring = dataclasses.replace(torus(1.0, 0.4, segments=segments, sides=segments // 2), name="ring")
+    lights, camera = [PointLight((3, 6, 4), (0.8, 0.7, 0.6))], Camera((0, 3, 6), (0, -0.3, 0), fov=45)
+    at, normals = ring.vertices, ring.normals
+
+    def wave(renderer: Renderer, frame: int) -> None:
+        renderer.deform(0, at + 0.1 * np.sin(3 * at[:, [1, 2, 0]] + 0.3 * frame), normals)
+
+    over = Scene([ring, field(across)], lights, camera)
+    on = Scene([ring, floor(10).moved((0, -1, 0))], lights, camera)
+    return {
+        "turning ring over a field": (over, 0, lambda renderer, frame: renderer.move(0, turned(10 * frame))),
+        "waving ring on a floor": (on, 0, wave),
+        "turning box of three": (Scene.builtin("boxes"), 2, lambda renderer, k: renderer.move(2, turned(5 * k))),
+    }
+
+
+def field(across: int) -> Mesh:
+    """Return hills of 2 * across**2 triangles."""
+    x, z = np.meshgrid(*[np.linspace(-6, 6, across + 1)] * 2, indexing="ij")
+    vertices = np.stack([x, 0.2 * np.sin(5 * x) * np.cos(4 * z) - 1.2, z], axis=-1).reshape(-1, 3)
+    a = (np.arange(across)[:, None] * (across + 1) + np.arange(across)).ravel()
+    b, c, d = a + 1, a + across + 1, a + across + 2
+    return Mesh(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)]), name="field")
+
+
+def turned(degrees: float) -> np.ndarray:
+    """Return the matrix (4, 4) that turns about the y axis."""
+    angle, matrix = np.radians(degrees), np.eye(4)
+    matrix[0, 0] = matrix[2, 2] = np.cos(angle)
+    matrix[0, 2], matrix[2, 0] = np.sin(angle), -np.sin(angle)
+    return matrix
+
+
+def _row(name: str, scene: Scene, number: int, change: Change, size: tuple[int, int], turns: int) -> list[str]:
+    still, changed = Renderer(scene, backend=backend()), Renderer(scene, backend=backend())
+    still.render(size)
+    for frame in range(2):  # the first change builds the hierarchy of the object
+        change(changed, frame)
+        changed.render(size)
+    builds, found = changed.builds, []
+    for frame in range(turns):
+        time.sleep(PAUSE)
+        unchanged = _milliseconds(lambda: still.render(size))
+        tables = _milliseconds(lambda frame=frame: _prepare(changed, change, frame + 2))
+        drawn = _milliseconds(lambda: changed.render(size))
+        again = _milliseconds(lambda: changed.render(size))
+        found.append((unchanged, tables + drawn, tables, again))
+    assert changed.builds == builds, "a change has built the whole scene anew"
+    unchanged, whole, tables, again = np.transpose(found)
+    times = [spread(values, 1) for values in (unchanged, whole, tables)]
+    ratios = [spread(whole / unchanged, 2), spread(whole / again, 2)]
+    return [name, f"{scene.triangles:,}", f"{len(scene.meshes[number]):,}", *times, *ratios]
+
+
+def _prepare(renderer: Renderer, change: Change, frame: int) -> None:
+    """Change the object and bring the tables up to date, which a frame would do otherwise."""
+    change(renderer, frame)
+    renderer._follow_motion()
+
+
+def _milliseconds(run: Callable[[], Any]) -> float:
+    started = time.perf_counter()
+    run()
+    return 1e3 * (time.perf_counter() - started)
