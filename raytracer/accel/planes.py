@@ -16,9 +16,12 @@ Floats = NDArray[np.float64]
 
 def normals_of(corners: Floats) -> Floats:
     """Return the unit normals (N, 3) of triangles (N, 3, 3), by the right-hand rule; zero for one without area."""
-    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    # Numbers of one component lie side by side meanwhile, which halves the time.
+    a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0)).transpose(0, 2, 1)
     # Each edge by itself, so that the product of tiny ones does not vanish.
-    return unit(np.cross(scaled(one), scaled(other)))
+    (ax, ay, az), (bx, by, bz) = scaled(b - a).T, scaled(c - a).T
+    across = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    return np.ascontiguousarray(unit(across.T))
 
 
 def levels_of(corners: Floats, normals: Floats) -> Floats:
