@@ -135,12 +135,13 @@ class _Object:
         lows, highs = boxes_of(corners, dtype)
         span = slice(self.root, self.root + self.count)
         low, high = self.bvh.low[span], self.bvh.high[span]
-        # Member by member of all leaves: several times as fast as `reduceat`, which goes number by number.
-        low[self.leaves] = reduce(np.minimum, (lows[members] for members in self.members))
-        high[self.leaves] = reduce(np.maximum, (highs[members] for members in self.members))
+        # Member by member of all leaves: several times as fast as `reduceat`, which goes number by number. `take` is
+        # several times as fast as an index.
+        low[self.leaves] = reduce(np.minimum, (lows.take(members, axis=0) for members in self.members))
+        high[self.leaves] = reduce(np.maximum, (highs.take(members, axis=0) for members in self.members))
         for nodes, left, right in self.levels:
-            low[nodes] = np.minimum(low[left], low[right])
-            high[nodes] = np.maximum(high[left], high[right])
+            low[nodes] = np.minimum(low.take(left, axis=0), low.take(right, axis=0))
+            high[nodes] = np.maximum(high.take(left, axis=0), high.take(right, axis=0))
 
     def cost(self) -> float:
         """Return the expected cost of a ray that meets the root, by the surface area heuristic."""

@@ -62,7 +62,7 @@ class BvhIntersector(Walk):
             levels, order = Triangles.levels_in(rows), items - first
             self.triangles.renew(rows, levels, first)
             self.items.update(items, start=item)
-            self.leaves.renew(np.reshape(rows, (-1, 3, 4))[order].reshape(-1, 4), levels[order], item)
+            self.leaves.renew(np.reshape(rows, (-1, 12)).take(order, axis=0).reshape(-1, 4), levels[order], item)
         for first, past in forest.stale_boxes:
             self.boxes.update(box_rows(bvh.low[first:past], bvh.high[first:past]), start=2 * first)
         for octant, first, past in forest.stale_links:

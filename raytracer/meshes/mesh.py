@@ -142,7 +142,7 @@ class Mesh:
     @property
     def corners(self) -> Floats:
         """The corners of the triangles, (F, 3, 3)."""
-        return np.asarray(self.vertices[self.faces])
+        return np.asarray(self.vertices.take(self.faces, axis=0))  # several times as fast as an index
 
     @property
     def face_normals(self) -> Floats:
@@ -190,7 +190,8 @@ class Mesh:
     def _turned_over(self) -> Mesh:
         """Return the mesh with the corners of each triangle in the opposite order."""
         at = {name: getattr(self, name) for name in ("faces", "normals", "colors", "uv")}
-        return dataclasses.replace(self, **{name: a if a is None else a[:, ::-1] for name, a in at.items()})
+        other: dict[str, Any] = {name: a if a is None else a[:, ::-1] for name, a in at.items()}
+        return dataclasses.replace(self, **other)
 
     def smoothed(self, below: float = SMOOTH_BELOW) -> Mesh:
         """Give each corner a normal: the mean of the faces that meet there at less than `below` degrees.
