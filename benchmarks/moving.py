@@ -84,6 +84,7 @@ def _row(name: str, scene: Scene, number: int, change: Change, size: tuple[int, 
     builds, found = changed.builds, []
     for frame in range(turns):
         time.sleep(PAUSE)
+        still.render(size)  # it wakes the threads
         unchanged = _milliseconds(lambda: still.render(size))
         tables = _milliseconds(lambda frame=frame: _prepare(changed, change, frame + 2))
         drawn = _milliseconds(lambda: changed.render(size))
