@@ -203,6 +203,10 @@ class Repeated(Expected):
         return self.once.recorded
 
     @property
+    def watch(self) -> DenormalWatch:  # type: ignore[override]
+        return self.once.watch
+
+    @property
     def options(self) -> Options:
         return self.once.options
 
