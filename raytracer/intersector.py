@@ -141,6 +141,8 @@ class Intersector:
                 self._structure = cube_of(accel, mesh_or_scene, backend)
             else:
                 self._structure = build(accel, self._corners, precision)
+            if isinstance(self._structure, LayeredCube):
+                self._structure.check_triangles(self._rows)
 
     def move(self, transform: ArrayLike | None) -> None:
         """Place the mesh where `transform` takes it from where it was made; None for there. Nothing is built anew.
