@@ -23,7 +23,7 @@ from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, Bounds, Bvh, Floats, 
 REACH = 8
 """Neighbours on either side among which a cluster looks for its partner."""
 PROGRESS = 8
-"""In a round one of so many clusters is joined at least, or all neighbours are: so rounds and levels are few."""
+"""A round that joins fewer than one cluster in this many joins all pairs of neighbours, which bounds the rounds."""
 CLUSTER = 16
 """Triangles of a cluster, on average, from which on nodes are cut from the top down."""
 CHUNK = 8192

@@ -34,7 +34,7 @@ _SOFT = (0.05, 0.95)
 _EDGES = 0.1
 """The share of such pixels up to which they are edges."""
 _FAINTEST = 32
-"""One part of so many is the least alpha that is seen."""
+"""An alpha below 1 / _FAINTEST is taken for 0."""
 
 
 class Alpha(NamedTuple):

@@ -307,7 +307,7 @@ class Executable(Protocol):
 
     @property
     def loops(self) -> tuple[Loc | None, ...]:
-        """The k-th limited loop's line: status FIRST_LOOP + k names it."""
+        """The lines of the limited loops, of which status FIRST_LOOP + k names the k-th; see `passes.exits.Ending`."""
 
     @property
     def writes_all(self) -> bool:

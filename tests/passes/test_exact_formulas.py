@@ -1,8 +1,12 @@
 """The formulas in binary64 give the exact value rounded, with and without fused operations."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from shpy.ir.exact import EVEN, ODD, hard_cases
 from shpy.ir.types import Base, vec
 from shpy.passes import exact
 from shpy.passes.terms import define
@@ -76,3 +80,13 @@ def test_a_quotient_between_two_denormal_numbers_is_rounded_down():
         np.float32([2] * 4),
     )
     assert (found == tiny * np.float32([0, 1, 2, 3])).all()
+
+
+def test_the_page_has_the_numbers_of_hard_cases_and_exceptions() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "numerics.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| ([\d,]+) \| (\d+) \| 0 \|$", text, re.M)
+    told = {name: (cases, wrong) for name, cases, wrong in rows}
+    assert told.keys() == set(UNARY)
+    for name, (cases, wrong) in told.items():
+        listed = len(exact.EXCEPTIONS.get(name, ())) * (1 + (name in ODD | EVEN))
+        assert (cases, wrong) == (f"{len(hard_cases(name)[0]):,}", str(listed)), name

@@ -5,8 +5,8 @@ like the operation's. Its result is a binary64, or a binary32 where the formula 
 edge cases are cheaper to select afterwards. `rounded` adds what is common to all: the one rounding, and `EXCEPTIONS`.
 
 The relative error of a formula is near 2**-47. So only inputs whose exact value lies that close to the middle between
-two binary32 numbers can be misrounded: none to five of all inputs of a function. `EXCEPTIONS` lists them with their
-results. An odd function's are listed for positive inputs only.
+two binary32 numbers can be misrounded: none to six of all inputs of a function. `EXCEPTIONS` lists them; those of odd
+and even functions for positive inputs only.
 
     sinh = rounded("sinh")                 # lower makes sinh_strict of it
     z.mul_add(p, c)                        # one fma where the device is quick at that, else z * p + c
@@ -29,7 +29,8 @@ from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
 from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
 from shpy.passes.exact.parts import Rare
-from shpy.passes.terms import Term, replaced, where
+from shpy.passes.rounding import with_exceptions
+from shpy.passes.terms import Term, replaced
 
 __all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
 
@@ -65,34 +66,22 @@ EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
 def rounded(name: str) -> Callable[..., Term]:
     """Return the meaning of a strict function: the formula's result as a binary32, corrected at the exceptions."""
     formula = FUNCTIONS[name]
+    inputs = np.array([float.fromhex(text) for text in EXCEPTIONS.get(name, ())], np.float32)
+    exceptions = list(zip(inputs.tolist(), ELEMENTARY[name](inputs).tolist(), strict=True)) if len(inputs) else []
 
     def meaning(*given: Term) -> Term:
-        found = formula(*given)
-        cases = _exceptions(name, given[0])
+        x, found = given[0], formula(*given)
         if isinstance(found, Rare):
             result, conditions, made = found.result, [found.when], found.made
         else:
             result = found if found.type.base is Base.F else found.based(Base.F)
-            if len(cases) < 2:
-                return where(cases[0][0], cases[0][1], result) if cases else result
+            if len(exceptions) < 2:
+                return with_exceptions(name, x, result, exceptions)
             conditions, made = [], lambda: result
-
-        def corrected() -> list[Term]:
-            return [reduce(lambda known, case: where(case[0], case[1], known), cases, made())]
-
-        rare = reduce(operator.or_, [*conditions, *(case for case, _ in cases)]).named("rare")
-        return replaced(rare, {"result": result}, corrected)[0]
+        size = abs(x) if name in ODD | EVEN else x
+        conditions += [size.equals(exception) for exception, _ in exceptions]
+        rare = reduce(operator.or_, conditions).named("rare")
+        return replaced(rare, {"result": result}, lambda: [with_exceptions(name, x, made(), exceptions)])[0]
 
     meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
     return meaning
-
-
-def _exceptions(name: str, x: Term) -> list[tuple[Term, float]]:
-    """Return the conditions under which x is an exception, and the results."""
-    inputs = np.array([float.fromhex(text) for text in EXCEPTIONS.get(name, ())], np.float32)
-    if not len(inputs):
-        return []
-    if name in ODD:
-        inputs = np.concatenate([inputs, -inputs])
-    x = abs(x) if name in EVEN else x
-    return [(x.equals(a.item()), v.item()) for a, v in zip(inputs, ELEMENTARY[name](inputs), strict=True)]

@@ -52,6 +52,7 @@ _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
 """What depends on the tile, of the arguments of a text."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
+# numpy has no function for rsqrt.
 TARGET: Final = Target(
     "numpy", native=frozenset(OPS) - {"rsqrt"}, bounded=frozenset({"sin", "cos", "tan"}), vector=True
 )
