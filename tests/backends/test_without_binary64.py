@@ -38,13 +38,18 @@ TINY = 2.0**-126
 
 @pytest.fixture
 def without_binary64(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Takes binary64 from the devices of OpenCL and OpenGL; kernels that were compiled so are forgotten."""
+    """Takes binary64 from the devices of OpenCL and OpenGL; kernels of before are forgotten, and those compiled so."""
     context = open_context(0)
     monkeypatch.setitem(machine_of(None).__dict__, "binary64", frozenset())
     monkeypatch.setattr(context, "limits", replace(context.limits, doubles=False))
-    kernels._executables.clear()
+    _forget()
     yield
+    _forget()
+
+
+def _forget() -> None:
     kernels._executables.clear()
+    function.cache_clear()
 
 
 def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
