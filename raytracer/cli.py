@@ -145,9 +145,10 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--size", type=_size, default=(320, 240), help="WIDTHxHEIGHT in pixels (320x240)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
-    command.add_argument("--integrator", choices=["whitted", "path"], default="whitted", help="as of render (whitted)")
+    command.add_argument("--integrator", choices=integrator.INTEGRATORS, default="whitted", help="as of render")
     command.add_argument("--bounces", type=_whole, help="as of render")
     command.add_argument("--samples", type=_positive, help="as of render")
+    _add_math(command)
     command.add_argument("--resume", action="store_true", help="keep the frames that the folder has")
     command.set_defaults(run=_animate)
 
@@ -340,7 +341,7 @@ def _gallery(options: argparse.Namespace) -> int:
 
 def _animate(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
-    given = {name: value for name in ("bounces", "samples") if (value := getattr(options, name)) is not None}
+    given = {name: value for name in ("bounces", "samples", "math") if (value := getattr(options, name)) is not None}
     asked = {name: getattr(options, name) for name in ("size", "integrator", "backend", "resume")}
     make, frames, fps = _moving(options)
     steps = animate(make, output, frames, fps=fps, **asked, **given)

@@ -74,17 +74,25 @@ def test_it_shows_itself_in_a_notebook(image):
     assert image._repr_png_().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("ending", ["jpg", "jpeg", "webp"])
-def test_other_pictures_for_the_eye(image, tmp_path, ending):
-    path = image.save(tmp_path / f"picture.{ending}")
-    with pillow.open(path) as found:
-        pixels = np.asarray(found.convert("RGB"))
-    off = np.abs(pixels.astype(int) - image.srgb)
-    assert off.max() <= (0 if ending == "webp" else 12)
+def test_webp_loses_nothing(image, tmp_path):
+    with pillow.open(image.save(tmp_path / "picture.webp")) as found:
+        np.testing.assert_array_equal(np.asarray(found.convert("RGB")), image.srgb)
+
+
+@pytest.mark.parametrize("ending", ["jpg", "jpeg"])
+def test_jpeg_keeps_colours_better_than_by_default(image, tmp_path, ending):
+    """By default each four pixels share a colour, which noise shows."""
+
+    def off(path):
+        with pillow.open(path) as found:
+            return np.abs(np.asarray(found).astype(int) - image.srgb).max()
+
+    image.to_pil().save(tmp_path / "default.jpg")
+    assert off(image.save(tmp_path / f"picture.{ending}")) < off(tmp_path / "default.jpg") / 4
 
 
 def test_it_is_an_array_and_a_picture_of_pillow(image):
-    assert np.asarray(image) is image.pixels or np.shares_memory(np.asarray(image), image.pixels)
+    assert np.shares_memory(np.asarray(image), image.pixels)
     np.testing.assert_array_equal(np.asarray(image, np.float64), image.pixels)
     copied = np.array(image)
     copied[0] = 9
