@@ -118,15 +118,26 @@ def functions(mesh: Mesh, quick: bool) -> Table:
     available = [b.name for b in sh.backends() if b.available and b.name != "glsl"]
     stride, count = (65_521, 1 << 16) if quick else (1_021, 1 << 19)
     rows = []
+    shares: dict[str, list[list[float]]] = {backend: [] for backend in available}
     for name in sorted(TRANSCENDENTALS):
         strict, _ = greatest_error(name, stride, "strict")
         portable, at = greatest_error(name, stride, "portable")
         row = [f"`{name}`", f"{strict:.2f}", f"{portable:.2f}", at]
-        row += [f"{taken:.2f}" for backend in available for taken in times(name, backend, count)]
-        rows.append(row)
+        taken = {backend: times(name, backend, count) for backend in available}
+        for backend, found in taken.items():
+            shares[backend].append([t / found[MODES.index("portable")] for t in found])
+        rows.append(row + [f"{t:.2f}" for found in taken.values() for t in found])
+    means = [f"{mean:.2f}" for found in shares.values() for mean in geometric_means(found)]
+    rows.append(["of portable", "", "", "", *means])
     head = ["function", "strict error", "portable error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
-    note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call."
+    note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call. "
+    note += "The last row has the geometric means of the times in multiples of those in portable mode."
     return Table("What functions cost in each mode", note, head, rows)
+
+
+def geometric_means(rows: list[list[float]]) -> list[float]:
+    """Return the geometric mean of each column."""
+    return [float(mean) for mean in np.exp(np.log(np.maximum(rows, 1e-3)).mean(axis=0))]
 
 
 KERNELS = (mandelbrot, nbody, polynomial, shader, spheres, blur)
@@ -151,13 +162,15 @@ def modes(mesh: Mesh, quick: bool) -> Table:
     """Return a row for each kernel: how many times relaxed mode's time the other modes take."""
     available = [b.name for b in sh.backends() if b.available]
     others = [mode for mode in MODES if mode != "relaxed"]
-    rows = []
+    rows, ratios = [], []
     for work in (module.WORK for module in KERNELS):
-        row = [work.name]
+        row: list[float] = []
         for target in available:
             size = work.quick if quick or target != "opencl" else work.size
             taken = dict(zip(MODES, of_kernel(work, target, size), strict=True))
-            row += [f"{taken[mode] / taken['relaxed']:.2f}" for mode in others]
-        rows.append(row)
+            row += [taken[mode] / taken["relaxed"] for mode in others]
+        ratios.append(row)
+        rows.append([work.name, *(f"{ratio:.2f}" for ratio in row)])
+    rows.append(["geometric mean", *(f"{mean:.2f}" for mean in geometric_means(ratios))])
     note = "Core time in multiples of that in relaxed mode."
     return Table("What modes cost", note, ["kernel", *(f"{b} {mode}" for b in available for mode in others)], rows)
