@@ -21,9 +21,9 @@ def lowest() -> dict[str, str]:
     """The lower bound of each package that users install."""
     wanted = [
         *PROJECT["dependencies"],
-        *(r for name in ("opencl", "glsl", "raytracer", "accuracy") for r in EXTRAS[name]),
+        *(r for name in ("opencl", "glsl", "raytracer", "accuracy", "cluster") for r in EXTRAS[name]),
     ]
-    return dict(re.fullmatch(r"([\w-]+)>=([\d.]+)", requirement).groups() for requirement in wanted)
+    return dict(re.fullmatch(r"([\w-]+(?:\[array\])?)>=([\d.]+)", requirement).groups() for requirement in wanted)
 
 
 def test_what_refuses_numpy_2_is_not_allowed():
