@@ -1,0 +1,163 @@
+"""Pictures of programs: inputs that are filled by name, and outputs that are shown as pixels.
+
+Stage: above programs, below whatever shows or writes pictures. A picture has rows from top to bottom and columns from
+left to right; coordinates of a program are (x, y), where y goes down, as in a `Texture2D`.
+
+    | input        | type       | value                                                             |
+    |--------------|------------|-------------------------------------------------------------------|
+    | `uv`         | TexCoord2f | the pixel's middle, from (0, 0) at the top left to (1, 1)         |
+    | `pixel`      | Attrib2i   | (column, row); the middle of the pixel is pixel + 0.5             |
+    | `resolution` | Attrib2f   | (width, height) in pixels                                         |
+    | `time`       | Attrib1f   | seconds since the start                                           |
+    | `frame`      | Attrib1i   | the number of the frame, from 0                                   |
+    | `mouse`      | Attrib4f   | x, y of the last drag and of its press; the press is < 0 after it |
+
+Other types of the same size are filled with the same numbers, and an Attrib2f `mouse` with the first two.
+
+    moment = Moment(size=(640, 360), time=1.5)
+    pixels(program.compile("opencl")(**filled(program.inputs, moment), shape=moment.shape))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.lang.values.value import Value
+
+SIZES: Final[dict[str, tuple[int, ...]]] = {
+    "uv": (2,),
+    "pixel": (2,),
+    "resolution": (2,),
+    "time": (1,),
+    "frame": (1,),
+    "mouse": (2, 4),
+}
+"""The names that are filled, and how many components each may have."""
+MOVING: Final = frozenset({"time", "frame"})
+"""The names whose values differ from frame to frame without anybody's doing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """One frame of a picture: its size (width, height) in pixels, its time in seconds, its number, the mouse."""
+
+    size: tuple[int, int]
+    time: float = 0.0
+    frame: int = 0
+    mouse: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The shape of a run over the pixels: (height, width)."""
+        return self.size[1], self.size[0]
+
+    def value(self, name: str, count: int) -> Any:
+        """Return the host value of an input of this name with `count` components."""
+        match name:
+            case "uv":
+                return _uv(self.size)
+            case "pixel":
+                return _pixel(self.size)
+            case "resolution":
+                return self.size
+            case "time":
+                return self.time
+            case "frame":
+                return self.frame
+            case _:
+                return self.mouse[:count]
+
+
+def is_filled(name: str, type_: Any) -> bool:
+    """Return whether an input of this name and type is filled."""
+    numeric = isinstance(type_, type) and issubclass(type_, Value) and not type_.type.is_bool
+    return numeric and type_.type.size in SIZES.get(name, ())
+
+
+def filled(inputs: Mapping[str, Any], moment: Moment, *, given: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the values of the inputs that have a filled name, except those that are `given` in another way.
+
+    `inputs` are types by name, as `Program.inputs` has them. Inputs of other names are left out.
+    """
+    left = set(given)
+    return {
+        name: _as(type_, moment.value(name, type_.type.size))
+        for name, type_ in inputs.items()
+        if name not in left and is_filled(name, type_)
+    }
+
+
+def _as(type_: Any, value: Any) -> Any:
+    """Return the numbers in a form that an input of this type takes."""
+    if type_.type.is_float or isinstance(value, int):
+        return value
+    return np.asarray(value).astype(np.int32)
+
+
+@lru_cache(maxsize=4)
+def _uv(size: tuple[int, int]) -> NDArray[np.float32]:
+    return _fixed((_pixel(size) + 0.5) / size, np.float32)
+
+
+@lru_cache(maxsize=4)
+def _pixel(size: tuple[int, int]) -> NDArray[np.int32]:
+    row, column = np.indices((size[1], size[0]), np.int32)
+    return _fixed(np.stack([column, row], axis=-1), np.int32)
+
+
+def _fixed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
+    made = np.ascontiguousarray(array, dtype)
+    made.flags.writeable = False  # runs share it
+    return made
+
+
+def pixels(output: Any, *, encode: bool = False) -> NDArray[np.uint8]:
+    """Return (height, width, 4) bytes, red, green, blue and alpha, of an output of a run over the pixels.
+
+    One component is a grey, two are red and green, three a colour, and a fourth is its alpha. Numbers go from 0 to 1,
+    beyond that they are clipped; NaN is 0. With `encode` they are linear light, which becomes sRGB.
+    Raises ShpyTypeError for what has another shape.
+    """
+    array = np.asarray(output)
+    if array.ndim == 2:
+        array = array[..., None]
+    if array.ndim != 3 or not 1 <= array.shape[2] <= 4 or array.dtype.kind not in "fiub":
+        raise ShpyTypeError(
+            f"a picture has the shape (height, width) or (height, width, 1 to 4), not {np.shape(output)}",
+            cure="one output of one to four components, such as sh.Color3f",
+        )
+    count = array.shape[2]
+    made = np.empty((*array.shape[:2], 4), np.uint8)
+    made[..., 3] = 255
+    color = array[..., : min(count, 3)]
+    levels = _levels(srgb(color) if encode else color)
+    made[..., : min(count, 3)] = levels
+    if count == 1:
+        made[..., 1:3] = levels
+    elif count == 2:
+        made[..., 2] = 0
+    elif count == 4:
+        made[..., 3] = _levels(array[..., 3])
+    return made
+
+
+def _levels(numbers: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the byte of each number from 0 to 1; NaN, which fmax leaves out, gives 0."""
+    scaled = np.fmax(numbers, 0, dtype=np.float32) if numbers.dtype.kind == "f" else numbers.astype(np.float32)
+    np.clip(scaled, 0, 1, out=scaled)
+    scaled *= 255
+    scaled += 0.5
+    return scaled.astype(np.uint8)
+
+
+def srgb(linear: NDArray[Any]) -> NDArray[np.float32]:
+    """Return linear light from 0 to 1 as sRGB has it (IEC 61966-2-1); what lies beyond is clipped, NaN is 0."""
+    light = np.clip(np.fmax(np.asarray(linear, np.float32), 0), 0, 1)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
