@@ -348,7 +348,7 @@ def recorded_from(module: Module) -> Recorded:
     numbered = all(name.isdigit() for name in outputs)
     parts: list[_Part] = [(None if numbered else name, part) for name, part in outputs.items()]
     params = {
-        p.name: Param(_class_named(p.kind, p.type.base, p.type.size), decode(p.type, p.value), name=p.name)
+        p.name: Param.declared(_class_named(p.kind, p.type.base, p.type.size), decode(p.type, p.value), p.name, p.about)
         for p in module.params
     }
     return Recorded(module, inputs, _join(parts), params, {})

@@ -10,13 +10,14 @@ region and those nested in it; besides, `continuing` and `until` see the values 
 no `Continue` of that loop can skip them. Anything else leaves a region through a variable only.
 Every variable is zero at the function's start; loading one is the op `load`.
 Exits (Break, Continue, Return, Discard) are last in their region. Locations and names of values and variables do not
-count for equality; names of ports, params, tables and functions do.
+count for equality, nor does the metadata of params; names of ports, params, tables and functions do.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from shpy.ir.metadata import NOTHING, About
 from shpy.ir.types import Type
 
 MAX_REGION_DEPTH = 64
@@ -205,12 +206,13 @@ class Port:
 
 @dataclass(frozen=True, slots=True)
 class Param:
-    """A uniform, with its initial value in the form of a `const`."""
+    """A uniform, with its initial value in the form of a `const`, and what it says to viewers."""
 
     name: str
     kind: str
     type: Type
     value: tuple[int, ...]
+    about: About = field(default=NOTHING, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

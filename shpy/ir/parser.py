@@ -28,6 +28,7 @@ from lark.visitors import Transformer_NonRecursive, v_args
 
 from shpy.errors import ParseError, shorten
 from shpy.ir.constants import encode
+from shpy.ir.metadata import About
 from shpy.ir.nodes import (
     Break,
     Call,
@@ -50,7 +51,7 @@ from shpy.ir.nodes import (
     Variable,
 )
 from shpy.ir.text import LETTERS, unquote
-from shpy.ir.types import Type, type_named
+from shpy.ir.types import Base, Type, type_named, vec
 
 _SPOKEN = {
     "WORD": "a name",
@@ -221,8 +222,28 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
     def output(self, name: str, kind: str) -> tuple[str, Port]:
         return "output", Port(name, kind)
 
-    def param(self, name: str, kind: str, type: Type, constant: list[Token]) -> Param:
-        return Param(name, kind, type, self.components(type, constant))
+    def param(self, name: str, kind: str, type: Type, constant: list[Token], *about: Any) -> Param:
+        bounds, step, title, description = about
+        ends = None if bounds is None else self.bounds(bounds)
+        texts = (None if text is None else self.text(text) for text in (title, description))
+        return Param(
+            name,
+            kind,
+            type,
+            self.components(type, constant),
+            About(ends, None if step is None else self.bound(step), *texts),
+        )
+
+    def bounds(self, constant: list[Token]) -> tuple[float, float]:
+        if len(constant) != 2:
+            self.fail(constant[0], f"a range has two ends, found {len(constant)} numbers")
+        low, high = map(self.bound, constant)
+        return low, high
+
+    def bound(self, token: Token) -> float:
+        if token.lstrip("-").isdigit():
+            return int(token)
+        return self.number(vec(Base.D), token)
 
     def extent(self, extent: int | Token) -> int | None:
         return extent if isinstance(extent, int) else None

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from shpy.ir.constants import decode
+from shpy.ir.metadata import About
 from shpy.ir.nodes import (
     Break,
     Call,
@@ -280,7 +281,14 @@ def _number(component: object) -> str:
 
 def _param(param: Param) -> str:
     value = _constant(param.type, param.value)
-    return f"param {quote(param.name)}: {quote(param.kind)} {param.type!r} = {value}"
+    return f"param {quote(param.name)}: {quote(param.kind)} {param.type!r} = {value}{_about(param.about)}"
+
+
+def _about(about: About) -> str:
+    ends = "" if about.range is None else f" range ({', '.join(map(_number, about.range))})"
+    step = "" if about.step is None else f" step {_number(about.step)}"
+    texts = (("title", about.title), ("description", about.description))
+    return ends + step + "".join(f" {word} {_string(text)}" for word, text in texts if text is not None)
 
 
 def _table(table: Table) -> str:

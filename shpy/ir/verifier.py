@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from typing import NoReturn
 
 from shpy.errors import VerifyError, shorten
+from shpy.ir.constants import decode
 from shpy.ir.nodes import (
     EXITS,
     MAX_ARRAY,
@@ -148,6 +149,13 @@ class _Module:
                 check_constant(param.type, param.value)
             except TypeError as error:
                 raise _Finding(str(error), ("param", i)) from None
+            about = param.about
+            fault = about.fault(param.type)
+            outside = None if fault else about.outside(decode(param.type, param.value))
+            if outside is not None and about.range is not None:
+                fault = f"{outside} is outside of the range, {about.range[0]} to {about.range[1]}"
+            if fault:
+                raise _Finding(fault, ("param", i))
             self.scope.params[param.name] = param
 
     def check_tables(self) -> None:

@@ -14,13 +14,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from shpy.ir.metadata import NOTHING
 from shpy.ir.nodes import Let, Module
 from shpy.ir.traverse import walk
 from shpy.passes.known import Known
 
 
 def forget_data(module: Module) -> Module:
-    """Return the module without initial values, and with as much of its tables' shapes as its text depends on."""
+    """Return the module with as much of its tables' shapes as its text depends on.
+
+    Params keep neither value nor metadata.
+    """
     sizes = {table.name: table.size for table in module.tables}
     kept: dict[str, tuple[int, ...]] = {}
     for function in module.functions:
@@ -38,6 +42,6 @@ def forget_data(module: Module) -> Module:
                 low, high = known.span(let.args[0])
                 if 0 <= low and high < size[0]:
                     kept[name] = (max(high + 1, *kept.get(name, (0,))),)
-    params = tuple(replace(p, value=(0,) * len(p.value)) for p in module.params)
+    params = tuple(replace(p, value=(0,) * len(p.value), about=NOTHING) for p in module.params)
     tables = tuple(replace(t, size=kept.get(t.name)) for t in module.tables)
     return replace(module, params=params, tables=tables)

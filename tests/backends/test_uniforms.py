@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
+from shpy.passes.forget import forget_data
 from shpy.testing.arrays import differing
 
 KERNELS = {
@@ -427,8 +428,26 @@ def test_a_value_out_of_range_is_an_error_that_names_the_param():
         f.specialize(color=2.0)
 
 
+def test_metadata_stands_in_the_text_of_a_program_and_compiles_nothing_anew():
+    gain = sh.Param(sh.Attrib1f, 0.5, range=(0, 0.75), step=np.float32(0.25), title="Gain", description='"How"\nloud.')
+
+    @sh.program
+    def louder(x: sh.Attrib1f) -> sh.Attrib1f:
+        return gain * x
+
+    assert 'f = 0x1p-1 range (0, 0x1.8p-1) step 0x1p-2 title "Gain" description "' in str(louder.ir)
+    again = sh.Program.from_ir(sh.parse(str(louder.ir))).params["gain"]
+    assert (again.range, again.step, again.title, again.description) == ((0, 0.75), 0.25, "Gain", '"How"\nloud.')
+    with pytest.raises(sh.ShpyTypeError, match=r"the Param gain: 1.0 is outside of its range, 0 to 0.75"):
+        again.value = 1
+    plain = sh.parse(str(louder.ir).replace('title "Gain"', 'title "Loudness"'))
+    assert plain == louder.ir
+    assert forget_data(plain).params[0].about == forget_data(louder.ir).params[0].about
+
+
 @pytest.mark.parametrize("wrong", [{"range": (1, 0)}, {"range": 1}, {"range": (0, "a")}, {"step": 0}, {"step": "x"},
-                                   {"range": (0, float("nan"))}, {"range": (True, False)}])  # fmt: skip
+                                   {"range": (0, float("nan"))}, {"range": (True, False)}, {"range": (0, 10**400)},
+                                   {"title": 5}, {"description": b"x"}])  # fmt: skip
 def test_metadata_that_is_none(wrong):
     with pytest.raises(sh.ShpyTypeError, match=f"the Param gain: {next(iter(wrong))}="):
         sh.Param(sh.Attrib1f, 0.5, name="gain", **wrong)

@@ -37,7 +37,7 @@ input x: Attrib1f
 input "on top": "Attrib3b[2]"
 output y: Attrib1f
 param sky: Color3f f3 = (0x1p+0, 0x1.8p+1, -0x0p+0)
-param n: Attrib1i i = -3
+param n: Attrib1i i = -3 range (-4, 0x1.8p+1) step 1 title "how \\"many\\"" description ""
 param on: Attrib1b b = true
 table grid: f4[?, ?, ?]
 table tree: u[16]

@@ -4,6 +4,8 @@ import pytest
 
 from shpy.errors import VerifyError
 from shpy.ir import signatures
+from shpy.ir.constants import encode
+from shpy.ir.metadata import About
 from shpy.ir.nodes import Function as Fn, If, Let, Loc, Loop, Module, Param, Port, Store, Table, Value, Variable
 from shpy.ir.ops import STRUCTURAL
 from shpy.ir.parser import parse
@@ -272,6 +274,14 @@ def const(type, attr):
     return whole(f(Let(Value(0, type), "const", (), attr)))
 
 
+HALF = encode(F, [0.5])
+
+
+def told(about, base="f", value=HALF):
+    """A module whose param says something of itself."""
+    return whole(f(), params=(Param("gain", "Attrib1f", vec(base), value, about),))
+
+
 BUILT = [
     (whole(), "a module has at least one function: the last is its entry"),
     (whole(f(name="a"), f(name="a")), "two functions are called a"),
@@ -296,6 +306,11 @@ BUILT = [
     (whole(f(Let(Value(-1, F), "const", (), (0,)))), "ids count from 0"),
     (whole(f(variables=(Variable(0, F, 0),))), "an array has at least one element"),
     (whole(f(outputs=(Variable(0, F, 2),)), outputs=(Y,)), "an output is no array"),
+    # Params
+    (told(About((1, 0))), "range=(1, 0) is no pair of numbers, the lower first"),
+    (told(About((0, 0.25))), "0.5 is outside of the range, 0 to 0.25"),
+    (told(About(step=-1)), "step=-1 is no positive number"),
+    (told(About((0, 1)), "b", (1,)), "a range or step is for numbers and vectors of numbers"),
     # Constants
     (const(F, None), "a constant holds a tuple of whole numbers, not None"),
     (const(F, (0.5,)), "a constant holds a tuple of whole numbers, not (0.5,)"),

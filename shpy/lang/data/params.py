@@ -8,15 +8,14 @@ Stage: record. Used by closure. What operators make of Params outside a program 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from shpy.errors import RecordError, ShpyError, ShpyTypeError
 from shpy.ir.constants import decode, to_array
+from shpy.ir.metadata import NOTHING, About
 from shpy.ir.types import Base
 from shpy.lang.data.hostdata import as_base
 from shpy.lang.recording.emit import DEFERRED, Emitter, Handle
@@ -29,16 +28,6 @@ from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.snapshot import Same
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_arrays, entries_of, layout_of, leaves
 from shpy.lang.values.value import CLASSES, Value
-
-
-@dataclass(frozen=True, slots=True)
-class About:
-    """Metadata of a Param for pages and viewers; `range` also bounds its value."""
-
-    range: tuple[float, float] | None = None
-    step: float | None = None
-    title: str | None = None
-    description: str | None = None
 
 
 class Param:
@@ -67,18 +56,23 @@ class Param:
         """Make an object that is both a Param and a value, matrix or struct of `type_`."""
         known = name if name is not None else assigned_name()
         layout = _layout(type_)
-        about = _checked_about(layout, About(range, step, title, description), _called(known))
+        about = _about(layout, range, step, title, description, _called(known))
         if isinstance(layout, Leaf):
             return _param(layout.cls, value, known, name is not None, about)
         entries = _leaf_entries(layout, value, _called(known))
         parts = [
-            _param(leaf, entry, path, name is not None, About())
+            _param(leaf, entry, path, name is not None, NOTHING)
             for (path, _, leaf), entry in zip(leaves(layout, known or "param"), entries, strict=True)
         ]
         whole = _compound(layout, iter(parts), known or "param", about)
         for part in parts:
             object.__setattr__(part, "_owner", whole)
         return whole
+
+    @classmethod
+    def declared(cls, type_: type[Value], value: Any, name: str, about: About) -> Any:
+        """Make the Param that a verified module declares."""
+        return _param(type_, value, name, True, about)
 
     @property
     def name(self) -> str | None:
@@ -131,31 +125,46 @@ def _layout(type_: Any) -> Layout:
     return layout
 
 
-def _checked_about(layout: Layout, about: About, what: str) -> About:
-    """Return the metadata; ShpyTypeError for a malformed range or step."""
-    if about.range is None and about.step is None:
-        return about
-    if not isinstance(layout, Leaf) or layout.cls.type.is_bool:
-        raise ShpyTypeError(
-            f"{what}: a range or step is for numbers and vectors of numbers",
-            loc=here(),
-            cure="a Param of its own for the number that is bounded",
-        )
-    bounds = about.range
-    if bounds is not None:
-        pair = isinstance(bounds, tuple | list) and len(bounds) == 2 and all(map(_is_number, bounds))
-        if not pair or bounds[0] > bounds[1]:
-            raise ShpyTypeError(
-                f"{what}: range={bounds!r} is no pair of numbers, the lower first", loc=here(), cure="range=(0, 1)"
-            )
-    if about.step is not None and not (_is_number(about.step) and 0 < about.step < math.inf):
-        raise ShpyTypeError(f"{what}: step={about.step!r} is no positive number", loc=here(), cure="step=0.1")
-    return About(None if bounds is None else (bounds[0], bounds[1]), about.step, about.title, about.description)
+def _about(layout: Layout, bounds: Any, step: Any, title: Any, description: Any, what: str) -> About:
+    """Return the metadata; ShpyTypeError where it is malformed."""
+
+    def refuse(said: str, cure: str) -> NoReturn:
+        raise ShpyTypeError(f"{what}: {said}", loc=here(), cure=cure)
+
+    for word, text in (("title", title), ("description", description)):
+        if not (text is None or isinstance(text, str)):
+            refuse(f"{word}={text!r} is no text", f'{word}="Gain"')
+    pair = isinstance(bounds, tuple | list) and len(bounds) == 2 and all(map(_is_number, bounds))
+    if not (bounds is None or pair):
+        refuse(f"range={bounds!r} is no pair of numbers, the lower first", "range=(0, 1)")
+    if not (step is None or _is_number(step)):
+        refuse(f"step={step!r} is no positive number", "step=0.1")
+    made = About(
+        None if bounds is None else (_plain(bounds[0]), _plain(bounds[1])),
+        None if step is None else _plain(step),
+        title,
+        description,
+    )
+    type_ = layout.cls.type if isinstance(layout, Leaf) else None
+    fault = made.fault(type_)
+    if fault:
+        single = type_ is not None and not type_.is_bool
+        cure = "a Param of its own for the number that is bounded"
+        refuse(fault, cure if not single else "step=0.1" if fault.startswith("step") else "range=(0, 1)")
+    return made
+
+
+def _plain(x: Any) -> float:
+    """Return a number as one of Python, as the text of the IR can hold it."""
+    return int(x) if isinstance(x, int | np.integer) and -(2**53) <= int(x) <= 2**53 else float(x)
 
 
 def _is_number(x: Any) -> bool:
     known = coerce.literal(x)
-    return known is not None and known.weak != "bool" and known.components[0] == known.components[0]
+    if known is None or known.weak == "bool":
+        return False
+    number = known.components[0]
+    return bool(number == number and (known.weak == "float" or abs(number) < 2**1000))
 
 
 def _param(type_: type[Value], value: Any, name: str | None, named: bool, about: About) -> Any:
@@ -203,14 +212,14 @@ class _ValueParam(Param):
         """Return the value as a constant; ShpyTypeError, naming the Param, where an input would refuse it as well."""
         cls = CLASSES[self.kind, self.size, self.base]  # type: ignore[attr-defined]
         constant = constant_of(cls, value, _called(self._name))
-        low, high = self._about.range or (None, None)
-        for number in decode(cls.type, constant):
-            if low is not None and high is not None and not low <= number <= high:
-                raise ShpyTypeError(
-                    f"{_called(self._name)}: {number} is outside of its range, {low} to {high}",
-                    loc=here(),
-                    cure="a value in range, or a Param with another range=(low, high)",
-                )
+        number = self._about.outside(decode(cls.type, constant))
+        if number is not None and self._about.range is not None:
+            low, high = self._about.range
+            raise ShpyTypeError(
+                f"{_called(self._name)}: {number} is outside of its range, {low} to {high}",
+                loc=here(),
+                cure="a value in range, or a Param with another range=(low, high)",
+            )
         return constant
 
     def _read(self, emitter: Emitter) -> Handle:
@@ -285,7 +294,7 @@ class _CompoundParam(Param):
             super().__setattr__(name, value)
 
 
-def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = About()) -> Any:
+def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = NOTHING) -> Any:
     """Return the Param of a matrix or struct with these leaves, or the leaf itself."""
     if isinstance(layout, Leaf):
         return next(parts)

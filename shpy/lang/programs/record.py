@@ -18,9 +18,11 @@ from shpy.ieee import in_ieee_arithmetic
 from shpy.ir import nodes
 from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
+from shpy.ir.metadata import NOTHING
 from shpy.ir.nodes import Loc, Module, Port, Store
 from shpy.ir.verifier import verify
 from shpy.lang.data.defaults import check_default
+from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableArgument, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.programs.returns import Returns
@@ -204,7 +206,8 @@ def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.
 
 
 def _declare_param(name: str, param: Any) -> nodes.Param:
-    return nodes.Param(name, type(param).__name__, param.type, encode(param.type, first_value(param)))
+    about = param._about if isinstance(param, Param) else NOTHING  # a dependent uniform has none
+    return nodes.Param(name, type(param).__name__, param.type, encode(param.type, first_value(param)), about)
 
 
 def _declare_table(name: str, table: Table) -> nodes.Table:
