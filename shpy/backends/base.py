@@ -47,7 +47,9 @@ Precision = Literal["f16", "f32", "f64"]
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to compile. `loop_limit` None lets every loop run on; `device` is an index into `Backend.devices()`.
+    """The options of a compilation.
+
+    `loop_limit` None lets every loop run on; `device` is an index into `Backend.devices()`.
 
     `lanes` is how many elements a target that runs packets runs together; the others take only "auto" and 1.
     `math` says how exact functions are: see docs/numerics.md.

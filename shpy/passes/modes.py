@@ -3,7 +3,7 @@
 from typing import Final, Literal, get_args
 
 Math = Literal["strict", "portable", "relaxed", "fast"]
-"""How exact functions are.
+"""The exactness of functions.
 
 The same bits on every target; the same by formulas of binary32 alone; within OpenCL's bounds; or as fast as can be.
 """

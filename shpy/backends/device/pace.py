@@ -1,4 +1,4 @@
-"""How much of a call one dispatch does, so that none takes long: a GPU's watchdog stops what does.
+"""The part of a call that one dispatch does, so that each is short: a GPU's watchdog stops long ones.
 
 Stage: run. Windows resets a device after two seconds, desktop drivers for Linux after five to ten; a dispatch of about
 a tenth of a second is far from either, and lets Ctrl-C be heard. What a kernel's elements cost is not known before they
@@ -20,7 +20,7 @@ __all__ = ["Pace"]
 T = TypeVar("T")
 
 SECONDS: Final = 0.1
-"""What a dispatch should take."""
+"""The time that a dispatch should take."""
 FIRST: Final = 256
 """Elements of a kernel's first dispatch."""
 AGAIN: Final = 1 << 14

@@ -79,7 +79,7 @@ def _scattered(stream: int, bits: int) -> Array:
 
 
 def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
-    """Those of PROBED whose results, for the hard inputs, differ from the exact ones in a bit; and "denormals".
+    """Return the operations of PROBED whose results for the hard inputs are not exact to the bit, and "denormals".
 
     Where a device makes zeros of all products that are denormal, denormal results are not compared.
     """

@@ -158,7 +158,7 @@ def _place_named() -> str:
 
 
 def _fault(path: Path, state: os.stat_result) -> str | None:
-    """Why a folder is not safe to take binaries from; None if it is."""
+    """Return the reason why binaries of a folder are not safe to load; None if they are."""
     if state.st_uid != os.geteuid() or path.lstat().st_uid != os.geteuid():
         return "belongs to another user"
     return "can be written by other users" if state.st_mode & 0o022 else None

@@ -46,7 +46,7 @@ class Unit:
         self.callees = {f.name: f for f in module.functions}
         self.globals = Names(self.target)
         self.functions: dict[str, str] = {}
-        """What the text calls each function of the module."""
+        """The name in the text of each function of the module."""
 
 
 def needed_by(let: Let) -> Needs | None:

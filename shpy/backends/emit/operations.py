@@ -36,9 +36,9 @@ class Operations:
     """Return whether a vector may be compared with a scalar."""
 
     exprs: dict[int, Expr]
-    """What stands for each value that has been made."""
+    """The expression of each value that has been made."""
     slots: dict[int, Expr]
-    """What stands for each variable that has been declared."""
+    """The expression of each variable that has been declared."""
     types: dict[int, Type]
     variables: dict[int, Variable]
     known: Known

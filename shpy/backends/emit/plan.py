@@ -78,7 +78,7 @@ class Plan:
     returns: set[Place] = field(default_factory=set)
     """Stores of the result that end the function."""
     tests: dict[Place, int] = field(default_factory=dict)
-    """Where the body goes on of a loop whose first statements can be its test."""
+    """The index at which the body goes on, of a loop whose first statements can be its test."""
     steps: set[Place] = field(default_factory=set)
     """Loops whose `continuing` is an assignment that can stand in the head of a `for`."""
     feet: set[Place] = field(default_factory=set)
@@ -120,13 +120,13 @@ class Planner:
         self.inputs = {i.id for i in function.inputs if isinstance(i, Value)}
         self.begun = set(wishes.begun)
         self.reads: dict[int, frozenset[int]] = {}
-        """Of values that have no name, the variables that their expressions read."""
+        """The variables that the expressions of values without a name read."""
         self.read_first: dict[int, frozenset[int]] = {}
         """The same, whether they get a name later or not."""
         self.sizes: dict[int, tuple[int, int]] = {}
         """The depth and the letters of their expressions."""
         self.pending: dict[int, None] = {}
-        """Those of them that are still to be used."""
+        """Values without a name that are still to be used."""
 
     def run(self) -> Plan:
         """Return the plan."""

@@ -52,7 +52,7 @@ WIDTH: Final = 110
 
 
 class Level(IntEnum):
-    """How tightly an operator of C and GLSL binds."""
+    """The precedence of an operator of C and GLSL: the higher, the tighter it binds."""
 
     TERNARY = 2
     OR = 3

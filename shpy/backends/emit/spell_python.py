@@ -48,7 +48,7 @@ __all__ = ["Level", "PythonSpeller", "dtype"]
 
 
 class Level(IntEnum):
-    """How tightly an operator of Python binds (Language Reference 6.17)."""
+    """The precedence of an operator of Python: the higher, the tighter it binds (Language Reference 6.17)."""
 
     TUPLE = 0
     TERNARY = 1

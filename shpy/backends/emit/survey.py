@@ -1,4 +1,4 @@
-"""Where everything of a function is made, used and touched: what a plan is decided from.
+"""The places where the values and variables of a function are made, used and touched: a plan is decided from them.
 
 Stage: emit, first. A region is known by its number, counted in program order: the body is 0. A place is a statement:
 the number of its region, and its index there.
@@ -32,7 +32,7 @@ class Survey:
         self.function = function
         self.callees = callees
         self.uses: Counter[int] = Counter()
-        """How often each value is used."""
+        """The number of uses of each value."""
         self.lets: dict[int, Let] = {}
         self.inner: dict[Place, tuple[int, ...]] = {}
         """The numbers of the regions inside a statement."""

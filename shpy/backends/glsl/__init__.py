@@ -150,7 +150,7 @@ class GlslBackend:
         )
 
     def space(self, device: int | None) -> GlslSpace:
-        """The memory of a device."""
+        """Return the memory of a device."""
         return self._runtime(device or 0).space
 
     def _runtime(self, device: int) -> Runtime:

@@ -58,7 +58,7 @@ TOGETHER = 65_536
 
 
 def vector(*scalars: Array) -> Array:
-    """The vector with these components."""
+    """Return the vector with these components."""
     shape = np.broadcast(*scalars).shape
     made = np.empty((len(scalars), *(shape or (1,))), scalars[0].dtype)
     for row, scalar in zip(made, scalars, strict=True):
@@ -67,19 +67,19 @@ def vector(*scalars: Array) -> Array:
 
 
 def joined(*parts: Array) -> Array:
-    """The vector of the components of scalars, and of vectors, one after the other."""
+    """Return the vector of the components of scalars, and of vectors, one after the other."""
     return vector(*(row for p in parts for row in (p if p.ndim > 1 else (p,))))
 
 
 def splat(scalar: Array, size: int) -> Array:
-    """The vector of `size` equal components."""
+    """Return the vector of `size` equal components."""
     made = np.empty((size, scalar.shape[0] if scalar.ndim else 1), scalar.dtype)
     made[:] = scalar
     return made
 
 
 def spread(value: Array, lanes: int | tuple[int, int]) -> Array:
-    """A uniform value, given to every lane, or to every place of a block."""
+    """Return a uniform value, given to every lane, or to every place of a block."""
     value = np.asarray(value)
     made = np.empty((*value.shape[:-1], *(lanes if isinstance(lanes, tuple) else (lanes,))), value.dtype)
     made[...] = value
@@ -87,22 +87,22 @@ def spread(value: Array, lanes: int | tuple[int, int]) -> Array:
 
 
 def lane_count(*args: Array) -> int:
-    """How many lanes these values have."""
+    """Return the number of lanes of these values."""
     return max((int(np.shape(a)[-1]) for a in args if np.ndim(a)), default=1)
 
 
 def half(x: Array) -> Array:
-    """Rounded to the nearest binary16, kept as binary32."""
+    """Return the nearest binary16, kept as binary32."""
     return x.astype(np.float16).astype(np.float32)
 
 
 def component(v: Array, i: Array) -> Array:
-    """The component of a vector at an index of each lane, clamped."""
+    """Return the component of a vector at an index of each lane, clamped."""
     return np.asarray(pick(v, i))
 
 
 def on_components(f: Any, *args: Array) -> Array:
-    """A function of vectors applied to scalars, as vectors of one component."""
+    """Return a function of vectors applied to scalars, as vectors of one component."""
     given = f(*(np.asarray(a)[None] for a in args))
     return np.asarray(given[0] if given.ndim == max(np.ndim(a) for a in args) + 1 else given)
 
@@ -120,17 +120,17 @@ def select(mask: Array, a: Any, b: Any) -> Array:
 
 
 def minimum(a: Any, b: Any) -> Array:
-    """The op `min`, of which at most one is a literal."""
+    """Compute the op `min`, of which at most one is a literal."""
     return _bounded(np.fmin, a, b, np.less_equal) if _is_literal(b) else select((b < a) | (a != a), b, a)
 
 
 def maximum(a: Any, b: Any) -> Array:
-    """The op `max`, of which at most one is a literal."""
+    """Compute the op `max`, of which at most one is a literal."""
     return _bounded(np.fmax, a, b, np.greater_equal) if _is_literal(b) else select((a < b) | (a != a), b, a)
 
 
 def clamp(x: Any, low: Any, high: Any) -> Array:
-    """The op `clamp`, of which some are literals, but not x."""
+    """Compute the op `clamp`, of which some are literals, but not x."""
     return minimum(maximum(x, low), high)
 
 
@@ -151,7 +151,7 @@ def _bounded(extremum: np.ufunc, x: Array, bound: float, within: np.ufunc) -> Ar
 
 
 def dot(a: Array, b: Array) -> Array:
-    """The op `dot`, row by row where the products of all rows would fill the cache."""
+    """Compute the op `dot`, row by row where the products of all rows would fill the cache."""
     if a.shape != b.shape or a.ndim < 2 or a.shape[-1] < MANY:
         return np.asarray(meaning.dot(a, b))
     total: Array = a[0] * b[0]
@@ -162,12 +162,12 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def reflect(i: Array, n: Array) -> Array:
-    """The op `reflect`."""
+    """Compute the op `reflect`."""
     return np.asarray(i - 2.0 * dot(n, i) * n)
 
 
 def normalize(v: Array) -> Array:
-    """The op `normalize`, by a division alone where no vector is zero, or too large or small to be squared."""
+    """Compute the op `normalize`, by a division alone where no vector is zero, or too large or small to be squared."""
     squares = dot(v, v)
     return np.asarray(v / np.sqrt(squares) if meaning.in_range(squares) else meaning.normalize(v))
 
@@ -198,7 +198,7 @@ def fold(operation: np.ufunc, total: Array, terms: Array) -> Array:
 
 
 def few(live: Array) -> bool:
-    """Whether going on with the live lanes alone saves more than it costs: fewer than three quarters are left."""
+    """Return whether going on with the live lanes alone saves more than it costs: under three quarters are left."""
     return bool(4 * np.count_nonzero(live) < 3 * live.size)
 
 
@@ -217,7 +217,7 @@ def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
 
 
 def compact(live: Array, *values: Array) -> list[Array]:
-    """The live lanes of each value; a variable may hold a value that is the same for all lanes, which stays."""
+    """Return the live lanes of each value; a variable may hold a value that is the same for all lanes, which stays."""
     index = live.nonzero()[0]
     return [v.take(index, axis=-1) if lane_count(v) == live.size else v for v in values]
 
@@ -232,7 +232,7 @@ def _is_uniform(index: Array) -> bool:
 
 
 def pick(a: Array, i: Array) -> Array:
-    """The element of a local array at `i`, clamped."""
+    """Return the element of a local array at `i`, clamped."""
     if _is_uniform(i):
         return np.array(a[min(max(int(i.item()), 0), len(a) - 1)])
     clamped = np.clip(i, 0, len(a) - 1).astype(np.intp)

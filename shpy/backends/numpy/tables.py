@@ -29,9 +29,9 @@ Range = tuple[int, int]
 
 _FARTHEST = 2**30
 _LINES = (1, 2)
-"""How many lines may be kept above and below a tile, for reads beyond the border of a table."""
+"""The number of lines that may be kept above and below a tile, for reads beyond the border of a table."""
 _COLUMNS = (1, 4, 16)
-"""How many columns on both sides of it: the fewer, the less is copied."""
+"""The number of columns on both sides of it: the fewer, the less is copied."""
 _MANY_PIECES = 128
 """From here on what lies beyond the border is gathered one by one."""
 _KEPT_READS = 1024
@@ -73,7 +73,7 @@ class Place:
 
     @property
     def index(self) -> Any:
-        """Where each element is: (lanes,) in a grid of one axis, else (axes, lanes); of a block, one for each axis."""
+        """Return the places of the elements: (lanes,) in one axis, else (axes, lanes); of a block, by axis."""
         if self.block:
             axes = np.empty(2, object)  # to be picked from like any other vector
             axes[0] = np.arange(*self.lines, dtype=np.int32)[:, None]
@@ -83,7 +83,7 @@ class Place:
         return np.array(every[0] if len(every) == 1 else every, np.int32)
 
     def moved(self, *offsets: int) -> Any:
-        """The index moved by an offset on each axis, which may wrap around, as that of an int does."""
+        """Return the index moved by an offset on each axis, which may wrap around, as that of an int does."""
         index = (self.index,) if len(offsets) == 1 else self.index
         moved = [axis + np.array(offset, np.int32) for axis, offset in zip(index, offsets, strict=True)]
         return moved[0] if len(offsets) == 1 else moved
@@ -91,7 +91,7 @@ class Place:
 
 @lru_cache(maxsize=16)
 def places_of(shape: tuple[int, ...], tile: int, *, grid: bool) -> tuple[Place, ...]:
-    """The tiles of a grid, of at most so many elements; blocks if `grid` and whole rows fit. The same for each call."""
+    """Return the tiles of a grid, each of at most `tile` elements; blocks if `grid` and whole rows fit."""
     block = grid and len(shape) == 2 and 0 < shape[1] <= tile
     count, step = math.prod(shape), tile - tile % shape[1] if block else tile
     return tuple(Place(start, min(start + step, count), shape, block) for start in range(0, count, step))
@@ -105,7 +105,7 @@ class Listed(Place):
 
     @classmethod
     def of(cls, elements: Array, shape: tuple[int, ...]) -> Listed:
-        """These elements as a tile."""
+        """Return these elements as a tile."""
         return cls(0, len(elements), shape, elements=elements)
 
     @property
@@ -123,7 +123,7 @@ class _Block:
     copies: tuple[tuple[tuple[slice, slice], Array], ...]
 
     def made(self) -> Array:
-        """A new array of them."""
+        """Return a new array of them."""
         made = np.empty(self.shape, self.copies[0][1].dtype)
         for into, found in self.copies:
             made[into] = found
@@ -160,7 +160,7 @@ class TableView:
         self._wide = None, self._plane
 
     def at(self, index: Array) -> Array:
-        """The element at a uniform index, clamped on every axis."""
+        """Return the element at a uniform index, clamped on every axis."""
         if len(self._extents) == 1:
             only: Array = self._columns[min(max(index.item(), 0), self._extents[0] - 1)]
             return only
@@ -171,7 +171,7 @@ class TableView:
         return element
 
     def gather(self, index: Any) -> Array:
-        """The elements at the lanes' indices, an array for each axis, clamped on every axis."""
+        """Return the elements at the lanes' indices, an array for each axis, clamped on every axis."""
         if len(self._extents) > 1:
             index = self._flat(index)
         elif index.ndim == 0:
@@ -185,7 +185,7 @@ class TableView:
         return np.ascontiguousarray(found.transpose(found.ndim - 1, *axes))
 
     def neighbour(self, place: Place, *offsets: Any) -> Array:
-        """The elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view.
+        """Return the elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view.
 
         As many moduli may follow the offsets: what an index is taken modulo before it is clamped.
         """
@@ -202,7 +202,7 @@ class TableView:
         return self._components_first(found) if self._vectors else found
 
     def _split(self, given: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int] | None]:
-        """How far down and across, and the moduli of both."""
+        """Return the distances down and across, and the moduli of both."""
         rank = len(self._extents)
         by = (0, *given[:rank])[-2:]
         if len(given) == rank:
@@ -220,7 +220,7 @@ class TableView:
         return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
 
     def _read(self, place: Place, given: tuple[int, ...]) -> tuple[_Block | None, Any] | None:
-        """A view of the table, or a block and what of it is read; None where there is no such thing.
+        """Return a view of the table, or a block and what of it is read; None where there is no such thing.
 
         A block has a margin that serves for other reads too.
         """
@@ -251,7 +251,7 @@ class TableView:
         return read
 
     def _margin(self, down: int, across: int) -> tuple[int, int]:
-        """The lines and columns that blocks have around a tile: as many as any read has asked for so far."""
+        """Return the lines and columns that blocks have around a tile: as many as any read has asked for so far."""
         lines, columns = self._beyond
         if down > lines or across > columns:
             lines = next(n for n in (0, *_LINES) if n >= max(down, lines))
@@ -261,7 +261,7 @@ class TableView:
         return lines, columns
 
     def _copied(self, block: _Block) -> Array:
-        """The array of a block; that of the last one is kept."""
+        """Return the array of a block; that of the last one is kept."""
         last, wide = self._wide
         if last is not block:
             wide = block.made()
@@ -269,7 +269,7 @@ class TableView:
         return wide
 
     def _block(self, lines: Range, columns: Range, moduli: tuple[int, int] | None) -> _Block | None:
-        """These lines and columns; those that lie outside as the nearest, or modulo as much as there is.
+        """Return these lines and columns; those that lie outside as the nearest, or modulo as much as there is.
 
         None if they lie in many pieces.
         """
@@ -288,7 +288,7 @@ class TableView:
         return known
 
     def _flat(self, index: Any) -> Array:
-        """The number of the element in memory, from its clamped index on each axis."""
+        """Return the number of the element in memory, from its clamped index on each axis."""
         if len(self._rows) >= 2**31:
             return np.asarray(np.ravel_multi_index(tuple(index), self._extents, mode="clip"))
         flat: Array = np.clip(index[0], 0, self._extents[0] - 1)
@@ -299,7 +299,7 @@ class TableView:
 
 @lru_cache(maxsize=256)
 def _pieces(some: Range, modulus: int | None, extent: int) -> tuple[tuple[slice, slice], ...]:
-    """The indices of a range, modulo a number and clamped, in pieces.
+    """Return the indices of a range, modulo a number and clamped, in pieces.
 
     Each is where it lies in the range, and the elements that it takes: some that follow each other, or one for all.
     """
@@ -329,12 +329,12 @@ def _is_near(by: tuple[int, ...]) -> bool:
 
 
 def _least_offset(offset: int, modulus: int) -> int:
-    """The least offset, in size, that leads to the same place modulo a number: -1 for n - 1 modulo n."""
+    """Return the least offset, in size, that leads to the same place modulo a number: -1 for n - 1 modulo n."""
     return offset if modulus <= 0 else (offset + modulus // 2) % modulus - modulus // 2
 
 
 def _modulo(index: Any, moduli: tuple[int, ...]) -> Any:
-    """An index modulo one number for each axis."""
+    """Return an index modulo one number for each axis."""
     if len(moduli) == 1:
         return floor_mod_int(index, np.array(moduli[0], np.int32))
     return [floor_mod_int(axis, np.array(n, np.int32)) for axis, n in zip(index, moduli, strict=True)]

@@ -271,7 +271,7 @@ def bind_params(made: Program, params: dict[str, Array]) -> None:
 
 
 def row_length(shape: tuple[int, ...], limit: int) -> int:
-    """How many elements stand in a row of the texture."""
+    """Return the number of elements in a row of the texture."""
     if len(shape) > 1 and 64 <= shape[-1] <= limit:
         return shape[-1]
     n = 1

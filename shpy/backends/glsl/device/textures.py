@@ -91,7 +91,7 @@ class Store:
         self.context = context
         self.tables: weakref.WeakKeyDictionary[TableData, tuple[Any, int]] = weakref.WeakKeyDictionary()
         self.uploads = 0
-        """How many tables were sent so far."""
+        """Return the number of tables that were sent so far."""
         self.pool = Pool(lambda thing: thing.release())
 
     def table(self, data: TableData, type: Type) -> Any:

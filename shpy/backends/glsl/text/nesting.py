@@ -1,4 +1,4 @@
-"""How deep a module's blocks nest for a driver, and which functions need a shelter.
+"""The depth to which a module's blocks nest for a driver, and the functions that need a shelter.
 
 Stage: emit, before printing. Mesa's llvmpipe keeps the conditions of 79 blocks inside each other, functions called
 counted in, and loses track of any more without a word. To it, what follows an early return nests, too:
@@ -20,7 +20,7 @@ from shpy.ir.nodes import Call, If, Loop, Module, Region, Return, Stmt
 from shpy.ir.traverse import regions_of, walk
 
 MAX_NESTING: Final = 72
-"""What is certain to be right: the driver adds a few of its own."""
+"""A depth that is certain to be right: the driver adds a few of its own."""
 
 _MANY: Final = 24
 
@@ -44,7 +44,7 @@ def sheltered_functions(module: Module) -> frozenset[str]:
 
 
 def _depth(region: Region, depths: dict[str, int], *, returns_nest: bool) -> int:
-    """How deep the region's blocks nest, those of the functions called counted in."""
+    """Return the depth to which the region's blocks nest, those of the functions called counted in."""
     deepest = before = 0
     for s in region:
         inner = depths[s.function] if isinstance(s, Call) else 0

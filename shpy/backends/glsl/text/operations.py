@@ -136,7 +136,7 @@ class GlslBody(Body):
 
     unit: GlslUnit
     returns_expressions: ClassVar[bool] = False
-    """What is returned is a variable, for `precise` belongs to variables."""
+    """A result is returned in a variable, for `precise` belongs to variables."""
 
     # Literals and conversions
 

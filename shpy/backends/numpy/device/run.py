@@ -49,7 +49,7 @@ _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
     ("grid_index", ""): lambda place: place.index,
     ("lanes", ""): lambda place: place.lanes,
 }
-"""What depends on the tile, of the arguments of a text."""
+"""The arguments of a text that depend on the tile."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
 # numpy has no function for rsqrt.
@@ -220,7 +220,7 @@ class NumpyExecutable:
                 _write(out, result, written, extents)
 
     def _outputs(self, call: Call, part: slice) -> list[Array]:
-        """Where the results belong: a vector, or each of its components."""
+        """Return the memory of the results: of a vector, or of each of its components."""
         outputs = [out[part] for out in call.outputs]
         if not self.layout.apart:
             return outputs

@@ -43,7 +43,7 @@ class Layout:
 
 
 def lay_out(module: Module) -> Layout:
-    """The prepared module, vectorised as it is or taken apart, whichever is quicker."""
+    """Return the prepared module, vectorised as it is or taken apart, whichever is quicker."""
     whole = vectorize(module)
     made, used = _vectors([f.body for f in module.functions])
     leaving = any(facts.live for facts in whole.facts.values())
@@ -85,7 +85,7 @@ def _iterated(module: Module) -> list[Region]:
 
 
 def _vectors(regions: list[Region]) -> tuple[int, int]:
-    """How many vectors are made of numbers there, and how many operations on vectors there are besides."""
+    """Return the number of vectors made of numbers there, and the number of other operations on vectors."""
     found = [s.op == "construct" for r in regions for s in walk(r) if isinstance(s, Let) and _on_vectors(s)]
     return found.count(True), found.count(False)
 

@@ -1,4 +1,4 @@
-"""How a loop goes on with the lanes that are still in it, once many have left: a pass over the output tree.
+"""A loop goes on with the lanes that are still in it, once many have left: a pass over the output tree.
 
 Stage: emit. Loops that lanes leave one by one are `LaneLoop`s. The names that an iteration needs are made shorter, and
 those that are needed after the loop are kept and given back.

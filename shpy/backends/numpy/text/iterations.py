@@ -28,7 +28,7 @@ __all__ = ["Iterations", "Sum", "counted", "lanes_alone", "rewritten"]
 
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
-"""What may give vectors, whose components come first, or take them."""
+"""Operations that may give vectors, whose components come first, or take them."""
 _NOT_IN_ROWS = frozenset({"neighbour", "lane_any", "load", "component"})
 _NOT_IN_FUNCTIONS = frozenset({"neighbour", "lane_any", "any_lane", "component"})
 

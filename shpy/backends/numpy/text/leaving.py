@@ -41,7 +41,7 @@ class Plan:
 
 
 def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> dict[int, Plan]:
-    """The plans of a function's loops, by `id` of the loop; `live` are the loops' masks, `varying` slots."""
+    """Return the plans of a function's loops, by `id` of the loop; `live` are the loops' masks, `varying` slots."""
     made: dict[int, Plan] = {}
     if not live:
         return made
@@ -59,7 +59,7 @@ def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> 
 
 
 def _direct(loop: Loop) -> Iterator[Stmt]:
-    """The statements of a loop that are in none of the loops inside."""
+    """Return the statements of a loop that are in none of the loops inside."""
     for region in _regions(loop):
         yield from region
 
@@ -73,14 +73,14 @@ def _regions(s: Stmt) -> Iterator[Region]:
 
 
 def _touched(s: Stmt) -> int | None:
-    """The slot that a statement loads or stores."""
+    """Return the slot that a statement loads or stores."""
     if isinstance(s, Store):
         return s.variable
     return s.attr if isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int) else None
 
 
 def _copies(loop: Loop, changed: frozenset[int], used: Counter[int]) -> dict[int, tuple[int, ExitCopy]]:
-    """The exit copies of a loop to the slots `changed`, with their slots, by the value that they store."""
+    """Return the exit copies of a loop to the slots `changed`, with their slots, by the value that they store."""
     loads = {s.value.id: s.attr for s in _direct(loop) if isinstance(s, Let) and s.op == "load" and not s.args}
     found = {}
     for region in _regions(loop):

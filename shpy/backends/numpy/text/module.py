@@ -66,7 +66,7 @@ from shpy.passes.vectorize import VectorModule
 __all__ = ["Printed", "print_python"]
 
 LANES: Final = "lanes", ""
-"""What a function is handed that needs the number of lanes."""
+"""The argument of a function that needs the number of lanes."""
 _EXACT: Final = frozenset({"exact"})
 _RESERVED: Final = ("np", *_EXACT, "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
 _NAMED: Final = frozenset({"param", "grid_index", "grid_shape", "table_size"})

@@ -117,9 +117,9 @@ class NumpyOperations(Body):
     varying: frozenset[int]
     """The values that differ from lane to lane."""
     given: Mapping[tuple[str, str], Name]
-    """What the function is handed besides its arguments."""
+    """The values that the function is handed besides its arguments."""
     lanes: Expr
-    """How many lanes there are."""
+    """The number of lanes."""
     exact: frozenset[str]
     """The functions of binary32 that are the exact values, rounded."""
 

@@ -20,7 +20,7 @@ from shpy.passes.calls import LaneFacts
 __all__ = ["Updates"]
 
 _READERS = frozenset(INFIX) | UPDATES.keys() | {"sqrt", "neg"}
-"""What makes a new array of those that it reads."""
+"""Operations that make a new array of those that they read."""
 
 
 class Updates:
@@ -52,7 +52,7 @@ def _alike(before: Value, after: Value) -> bool:
 
 
 def _large(entry: Function, facts: LaneFacts) -> set[int]:
-    """What has a number for each lane, even if the kernel knows its place in a grid: not for each row or column."""
+    """Values with a number for each lane, even if the kernel knows its place in a grid: not for each row or column."""
     lets = [s for s in walk(entry.body) if isinstance(s, Let)]
     if not any(s.op == "grid_index" for s in lets):
         return {v.id for v in defined(entry)} & facts.varying

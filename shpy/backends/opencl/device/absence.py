@@ -1,4 +1,4 @@
-"""Why OpenCL cannot be used, and the cure: no driver, drivers without a device, or PoCL without a folder for its cache.
+"""The error where OpenCL cannot be used: no driver, drivers without a device, or PoCL without a folder for its cache.
 
 Stage: run. Takes the names of platforms, gives the error that names the cause.
 
@@ -48,7 +48,7 @@ def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
 
 
 def _cache_of_pocl() -> Path:
-    """Where PoCL keeps its kernels, by the environment variables that it reads."""
+    """Return the folder in which PoCL keeps its kernels, by the environment variables that it reads."""
     own = os.environ.get("POCL_CACHE_DIR")
     if own:
         return Path(own)

@@ -33,7 +33,7 @@ T = TypeVar("T")
 _LINGER: Final = 10.0
 """Seconds without a task after which the process ends: it holds memory, and starts again in half a second."""
 _NICENESS: Final = 19
-"""How much the process gives way where there is no policy for idle time: as much as can be."""
+"""The process's niceness where there is no policy for idle time: as much as can be."""
 _CHECKED: Final = 0.5
 """Seconds between checks whether the process that waits for answers is still there."""
 

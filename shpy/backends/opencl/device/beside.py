@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Beside", "Compiled", "Facts"]
 
 Facts = dict[str, frozenset[str]]
-"""What trials of the device have found, by the names of attributes of its `Machine`."""
+"""The results of trials of the device, by the names of attributes of its `Machine`."""
 _FACTS: Final = ("wrong", "binary64", "_succeeded")
 
 

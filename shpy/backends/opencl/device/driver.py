@@ -439,7 +439,7 @@ class Machine:
 
     @cached_property
     def _succeeded(self) -> frozenset[str]:
-        """Those of TRIALS that work: tried once for each driver version, and kept on disk."""
+        """The names of the TRIALS that work: tried once for each driver version, and kept on disk."""
         key = self._key("".join(trial.text(name) for name, trial in TRIALS.items()), self._options)
         try:
             return store.known_names(key, TRIALS, lambda: works(self._place(), self._options, TRIALS))

@@ -407,14 +407,14 @@ class OpenCLExecutable:
 
     @property
     def _start(self) -> Any:
-        """Where the first dispatch begins, in the type of the argument."""
+        """Return the place at which the first dispatch begins, in the type of the argument."""
         return np.uint64(0) if self.kernel.lanes == 1 else np.int32(0)
 
     def _row(self, length: int) -> list[Any]:
         return [] if self.kernel.lanes == 1 or self.kernel.listed else [np.int32(length)]
 
     def _row_length(self, shape: tuple[int, ...]) -> int:
-        """How many elements lie side by side: an image's packets are parts of it, those of a list neighbours."""
+        """Return the number of elements side by side: a packet of an image is a block, that of a list a row."""
         *others, last = shape or (1,)
         columns = self.kernel.columns
         is_image = (

@@ -141,7 +141,7 @@ class PacketMaker(KernelMaker):
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
         self.words = Words()
-        """What the kernel needs of vectors of more numbers than OpenCL C has."""
+        """The text for vectors of more numbers than OpenCL C has."""
 
     def kernels_around(self, text: Callable[[str], str]) -> Kernel:
         """Return kernels that call the entry as a function of packets; `text` gives them for its name."""

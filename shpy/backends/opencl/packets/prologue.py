@@ -44,7 +44,7 @@ SIGNS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """What a compiler has besides OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`.
+    """A compiler's extensions of OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`.
 
     `signs`: the widths of which it has the functions of SIGNS; `wider`: those of WIDER whose vectors it takes.
     """
@@ -270,12 +270,12 @@ int{lanes} {name}(int{lanes} i, int n) {{
 
 
 def _tests(scalar: str, lanes: int) -> str:
-    """A statement that makes `i` as wide as what is chosen by it."""
+    """Return a statement that makes `i` as wide as what is chosen by it."""
     return f"    long{lanes} n = convert_long{lanes}(i);\n" if scalar == "double" else f"    int{lanes} n = i;\n"
 
 
 def _choice(parts: Iterable[str]) -> str:
-    """The part whose number is `n`, the nearest for a number that is out of range."""
+    """Return the part whose number is `n`, the nearest for a number that is out of range."""
     *others, last = parts
     return "".join(f"n {'==' if k else '<='} {k} ? {part} : " for k, part in enumerate(others)) + last
 

@@ -46,7 +46,7 @@ def spelled_wide(type: Type) -> str:
 
 
 def lane_of(lane: int, lanes: int, count: int = 1) -> str:
-    """How `count` lanes from this one on are picked from a vector: `.s4567`, and `.hi.s4567` of its upper 16."""
+    """Return the text that picks `count` lanes from this one on: `.s4567`, and `.hi.s4567` of the upper 16."""
     halves = ""
     while lanes > LONGEST:
         lanes //= 2
@@ -56,7 +56,7 @@ def lane_of(lane: int, lanes: int, count: int = 1) -> str:
 
 
 def struct_text(type: Type) -> str:
-    """The declaration of the struct that holds vectors."""
+    """Return the declaration of the struct that holds vectors."""
     lanes = getattr(type, "lanes", 0)
     base = SCALARS[Base.I if type.is_bool else type.base]
     return f"typedef struct {{\n    {base}{lanes} {', '.join(_XYZW[: type.size])};\n}} {spelled_wide(type)};"
@@ -328,7 +328,7 @@ typedef struct {{
         ])  # fmt: skip
 
     def _near_loads(self, base: Base, size: int, pitch: str) -> list[str]:
-        """The statements that load quads of a table that are `pitch` elements apart."""
+        """Return the statements that load quads of a table that are `pitch` elements apart."""
         element, rows = element_name(base), range(self.lanes // QUAD)
         if size == 1 and pitch == str(QUAD):
             return [f"return {self._loaded(self._vload(element, 'a'), base)};"]
@@ -342,7 +342,7 @@ typedef struct {{
         return [f"{result} v;", *body, "return v;"]
 
     def _vload(self, element: str, array: str) -> str:
-        """The first numbers of an array: `vload16(0, a)`."""
+        """Return the first numbers of an array: `vload16(0, a)`."""
         if self.lanes <= LONGEST:
             return f"vload{self.lanes}(0, {array})"
         loads = ", ".join(f"vload{LONGEST}({k}, {array})" for k in range(self.lanes // LONGEST))
@@ -355,7 +355,7 @@ typedef struct {{
         return f"convert_int{self.lanes}({text} != (uchar)0)" if base is Base.B else text
 
     def _shuffled(self, element: str, picks: Iterable[Pick]) -> str:
-        """A packet of numbers of two vectors at most, picked within each group of four."""
+        """Return a packet of numbers of two vectors at most, picked within each group of four."""
         chosen, groups = list(picks), range(self.lanes // 4)
         if not self.shuffle:
             numbers = ", ".join(f"{name}{lane_of(4 * g + k, self.lanes)}" for g in groups for name, k in chosen)
@@ -374,13 +374,13 @@ typedef struct {{
         return lines, self._shuffled(element, [(f"{name}{half}", at) for half in (0, 1) for at in (0, 2)])
 
     def _if_list(self, size: int, *statements: str) -> list[str]:
-        """What to do where the numbers of a packet follow one another, as in a list."""
+        """Return the statements for numbers of a packet that follow one another, as in a list."""
         if size > 1 or self.lanes == self.columns:
             return []
         return [f"    if (p.row == {self.columns}) {{", *(f"        {s}" for s in statements), "    }"]
 
     def _block_loads(self, base: Base, size: int) -> list[str]:
-        """The statements that load a whole packet, four numbers at a time, and sort them by component."""
+        """Return the statements that load a whole packet, four numbers at a time, and sort them by component."""
         element, quads = element_name(base), range(self.lanes // QUAD)
         wide, lines = f"{element}{self.lanes}", []
         if size == 1 and self.lanes == self.columns:
@@ -404,7 +404,7 @@ typedef struct {{
         return lines
 
     def _block_stores(self, element: str, numbers: list[str]) -> list[str]:
-        """The statements that store a whole packet, four numbers at a time."""
+        """Return the statements that store a whole packet, four numbers at a time."""
         size, wide = len(numbers), f"{element}{self.lanes}"
         if size == 1 and self.lanes == self.columns:
             return [f"vstore{self.lanes}({numbers[0]}, 0, a);"]
@@ -420,7 +420,7 @@ typedef struct {{
         return lines
 
     def _start(self, size: int, quad: int) -> str:
-        """Where four lanes begin that lie side by side."""
+        """Return the text of the place at which four lanes begin that lie side by side."""
         step = quad * size
         if self.lanes == self.columns:
             return f"a + {step * QUAD}" if step else "a"

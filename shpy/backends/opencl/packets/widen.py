@@ -46,7 +46,7 @@ class Lanes(Type):
         return lanes_of, (self.base, self.size)
 
     def based(self, base: Base) -> Type:
-        """The same lanes with numbers of another base."""
+        """Return the same lanes with numbers of another base."""
         return lanes_of(base, self.size)
 
 
@@ -65,13 +65,13 @@ class Rows(Type):
 
 @cache
 def lanes_of(base: Base, lanes: int) -> Lanes:
-    """The type of a number for each of `lanes` lanes; one object a type."""
+    """Return the type of a number for each of `lanes` lanes; one object a type."""
     return Lanes(base, lanes)
 
 
 @cache
 def rows_of(base: Base, size: int, lanes: int) -> Type:
-    """The type of a vector of `size` (1 to 4) for each of `lanes` lanes; one object a type."""
+    """Return the type of a vector of `size` (1 to 4) for each of `lanes` lanes; one object a type."""
     if size == 1:
         return lanes_of(base, lanes)
     made = Rows(base, size)
@@ -80,7 +80,7 @@ def rows_of(base: Base, size: int, lanes: int) -> Type:
 
 
 def widen(vector: VectorModule, lanes: int) -> Module:
-    """The module with types that tell what varies. Its pure functions come twice, as far as they are used."""
+    """Return the module with types that tell what varies. Its pure functions come twice, as far as they are used."""
     functions = vector.module.functions
     names = {f.name for f in functions}
     uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
@@ -109,7 +109,7 @@ class _Uniform(Rewriter):
 
 
 def _everything_varies(function: Function) -> LaneFacts:
-    """What varies in a pure function whose arguments do: all slots, and what comes from these and from those."""
+    """Return the facts of a pure function whose arguments vary: all slots vary, and all that is computed from both."""
     slots = frozenset(v.id for v in (*function.outputs, *function.variables))
     varying = {v.id for v in function.inputs}
     for s in walk(function.body):
@@ -134,7 +134,7 @@ class _Widener:
         self.parts: dict[int, tuple[int, ...]] = {}
 
     def run(self) -> Function:
-        """The function with the types of packets."""
+        """Return the function with the types of packets."""
         self.b.inputs = [replace(i, type=self.type_of(i)) for i in self.function.inputs if isinstance(i, Value)]
         self.statements(self.function.body)
         made = self.b.finish()
@@ -152,7 +152,7 @@ class _Widener:
         return replace(variable, type=self.wide(variable.type)) if variable.id in self.varying_slots else variable
 
     def spread(self, value: int) -> int:
-        """The value as one for each lane."""
+        """Return the value as one for each lane."""
         if value in self.varying:
             return value
         return self.b.let("splat", value, type=self.wide(self.b.type_of(value))).id

@@ -114,7 +114,7 @@ class KernelMaker(ClUnit):
         """The entry with its inputs and outputs as they are in memory."""
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
         self.place: dict[Name, AnyType] = {}
-        """What tells the entry's own function where it is, and the types by which it is handed on."""
+        """Arguments that tell the entry's own function its place, and the types by which they are handed on."""
         self.speller: ClSpeller = ClSpeller()
 
     # What a kernel of packets has in its own way

@@ -68,7 +68,7 @@ compiler derives, as in `floor(NAN - x)`.
 NATIVE: Final[Mapping[str, str]] = {
     op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
 }
-"""Those of binary32 that fast mode calls instead: OpenCL says nothing of how exact they are."""
+"""Functions of binary32 that fast mode calls instead: OpenCL leaves their accuracy to the device."""
 
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
