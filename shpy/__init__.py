@@ -61,7 +61,8 @@ from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, i
 from shpy.lang.values.structure import struct, swap
 from shpy.lang.values.types import TYPES
 from shpy.program import Program, parse, program
-from shpy.run.kernel import Kernel, Result
+from shpy.run.kernel import Kernel
+from shpy.run.result import Result
 from shpy.streams.stream import Stream
 from shpy.tracing import Step
 

@@ -47,7 +47,7 @@ from shpy.errors import ShpyTypeError as ShpyTypeError
 from shpy.errors import ShpyWarning as ShpyWarning
 from shpy.errors import VerifyError as VerifyError
 from shpy.run.kernel import Kernel as Kernel
-from shpy.run.kernel import Result as Result
+from shpy.run.result import Result as Result
 from shpy.program import Program as Program
 from shpy.program import parse as parse
 from shpy.program import program as program

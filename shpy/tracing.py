@@ -25,7 +25,8 @@ from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence
-from shpy.run.host import Shape, bind, common_shape, dtypes_at, streams, tables, uniforms
+from shpy.run.host import bind, common_shape, streams, tables, uniforms
+from shpy.streams.elements import Shape, dtypes_at
 from shpy.streams.stream import Stream
 
 
@@ -54,7 +55,7 @@ def trace(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any], sha
         for name, value in bind(recorded, args, named).items()
     }
     dtypes = dtypes_at("f32")
-    leaves = streams(recorded.inputs, given, dtypes)
+    leaves = streams(recorded.inputs, given, "f32")
     whole = common_shape(leaves, shape)
     index = _index(recorded, whole, at)
     flat = [np.broadcast_to(leaf.array, whole + leaf.array.shape[len(leaf.shape) :])[index] for leaf in leaves]

@@ -21,7 +21,7 @@ from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
 from shpy.program import Program
-from shpy.run.host import dtypes_at
+from shpy.streams.elements import dtypes_at
 
 Array = NDArray[Any]
 Domain = Mapping[str, Any]

@@ -28,10 +28,10 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf, leaves
 from shpy.run import host
 from shpy.run.kernel import Kernel
-from shpy.streams.running import check_places
+from shpy.run.on_device import check_places
+from shpy.streams.elements import Shape, given_shape
 from shpy.streams.stream import Place, Stream, _place, streams_in
 
-Shape = tuple[int, ...]
 _AHEAD = 256
 """Runs that are collected before they are started."""
 
@@ -100,7 +100,7 @@ class Run:
     ) -> None:
         self._node = node
         self._members = tuple(node.kernels)
-        self._shape = None if shape is None else host.given_shape(shape)
+        self._shape = None if shape is None else given_shape(shape)
         _check_names(node, given)
         self.place = _place_of(self._members, given, backend, device, precision)
         self._kernels = {member: member.compiled(self.place) for member in self._members}
@@ -145,8 +145,7 @@ class Run:
 
     def _uploaded(self, name: str, layout: Any, value: Any) -> Stream:
         """Return a stream of an array, of a number (one element), or of streams for the fields of a struct."""
-        dtypes = host.dtypes_at(self.place.precision)
-        found = host.inputs({name: layout}, {name: value}, dtypes)
+        found = host.inputs({name: layout}, {name: value}, self.place.precision)
         shape = host.common_shape(found, None)
         memories: list[Memory] = []
         for leaf in found:

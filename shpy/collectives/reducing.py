@@ -39,7 +39,7 @@ from shpy.lang.values.structure import Leaf, layout_of
 from shpy.lang.values.types import Attrib1f
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program
-from shpy.run import host
+from shpy.streams.elements import dtypes_at
 from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Stream
 
@@ -231,7 +231,7 @@ def _finished(program: Program, found: Stream, *others: Any) -> Stream:
 
 def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:
     shape = _left(stream, axis) + ((made.size,) if made.size > 1 else ())
-    array = np.full(shape, value, host.dtypes_at(stream.precision)[made.base])
+    array = np.full(shape, value, dtypes_at(stream.precision)[made.base])
     return array[()] if axis is None else Stream(array, made, stream.backend, stream.device, stream.precision)
 
 

@@ -29,7 +29,7 @@ from shpy.lang.values.builtins import cond
 from shpy.lang.values.structure import build_values, layout_of, leaves, leaves_of
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.program import Program
-from shpy.run import host
+from shpy.streams.elements import given_shape
 from shpy.streams.stream import Stream
 
 _AT_ONCE = 1 << 14
@@ -91,10 +91,10 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
     if out is None:
         if shape is None:
             raise ShpyTypeError("scatter needs a shape", loc=here(), cure="sh.scatter(values, index, shape), or out=")
-        return Stream.empty(host.given_shape(shape), values.type, values.backend, values.device, values.precision)
+        return Stream.empty(given_shape(shape), values.type, values.backend, values.device, values.precision)
     check_place(check_stream(out, "out"), values.place, "out")
-    if out.type is not values.type or (shape is not None and host.given_shape(shape) != out.shape):
-        wanted = out.shape if shape is None else host.given_shape(shape)
+    if out.type is not values.type or (shape is not None and given_shape(shape) != out.shape):
+        wanted = out.shape if shape is None else given_shape(shape)
         raise ShpyTypeError(
             f"out is {out!r}, not {values.type.__name__} of shape {wanted}",
             loc=here(),

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import reprlib
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -17,27 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import DTYPES, decode
+from shpy.ir.constants import decode
 from shpy.ir.types import Base
-from shpy.lang.data.hostdata import as_base, working
 from shpy.lang.data.tables import Table, TableArgument, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
-from shpy.lang.values.coerce import sequence
 from shpy.lang.values.structure import Group, Layout, entries_of, flatten, leaves
 from shpy.lang.values.value import Value
+from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 
-Shape = tuple[int, ...]
 _MAX_RANK = 31
 """Axes of S, at most: numpy broadcasts 32, of which the components may be one."""
 _COMPILE_OPTIONS = ("backend", "device", "precision", "math", "lanes", "loop_limit")
-_WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
-
-
-def dtypes_at(precision: str) -> dict[Base, Any]:
-    """Return the dtype of each base at a working precision."""
-    return {**DTYPES, Base.F: _WORKING[precision]}
 
 
 def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, NDArray[Any]]:
@@ -71,32 +61,6 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
     return given
 
 
-class InputLeaf:
-    """One leaf of an input: the array (*shape[, size]) in its dtype, and the element shape."""
-
-    def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
-        self.name = name
-        self.type = cls.type
-        self.size = cls.size
-        array = as_base(data, cls.base, name)
-        if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
-            raise ShpyTypeError(
-                f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
-                loc=here(),
-                cure=_trailing(name, array.shape, cls.size),
-            )
-        self.array: NDArray[Any] = working(array, cls.base, np.dtype(dtype), name) if array.dtype.kind == "f" else array
-        self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
-
-    def flat(self, shape: Shape) -> NDArray[Any]:
-        """Return the elements in C order: (n[, size]), or 1 for n where all are the same."""
-        tail = (self.size,) if self.size > 1 else ()
-        if math.prod(self.shape) == 1:
-            return np.ascontiguousarray(self.array.reshape((1, *tail)))
-        whole = np.broadcast_to(self.array, shape + tail)
-        return np.ascontiguousarray(whole).reshape((-1, *tail))
-
-
 class DeviceLeaf:
     """One leaf of an input that lies in a stream: `entry` has its memory and its element shape."""
 
@@ -113,18 +77,6 @@ class DeviceLeaf:
             )
 
 
-def _trailing(name: str, shape: Shape, size: int) -> str:
-    """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
-    if len(shape) > 1 and shape[-1] > size:
-        dropped = " which drops the alpha channel" if (shape[-1], size) == (4, 3) else ""
-        return f"{name}[..., :{size}]{',' * bool(dropped)}{dropped}"
-    if len(shape) > 1 and shape[0] == size:
-        return f"np.moveaxis({name}, 0, -1)"
-    if len(shape) == 1 and shape[0] % size == 0:
-        return f"np.asarray({name}).reshape(-1, {size})"
-    return f"an array whose last axis has {size} components"
-
-
 def _exact(data: Any, precision: str, math: str) -> Any:
     """Return a Param or another constant with all the digits that it has: a kernel of f64 takes them."""
     if isinstance(data, Value) and data._uniform:
@@ -136,18 +88,18 @@ def _exact(data: Any, precision: str, math: str) -> Any:
 
 
 def streams(
-    types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
+    types: Mapping[str, InputType], given: Mapping[str, Any], precision: str, math: str = "strict"
 ) -> list[InputLeaf]:
     """Return the inputs as `inputs` gives them, none of which is a stream."""
-    return [leaf for leaf in inputs(types, given, dtypes, math) if isinstance(leaf, InputLeaf)]
+    return [leaf for leaf in inputs(types, given, precision, math) if isinstance(leaf, InputLeaf)]
 
 
 def inputs(
-    types: Mapping[str, InputType], given: Mapping[str, Any], dtypes: Mapping[Base, Any], math: str = "strict"
+    types: Mapping[str, InputType], given: Mapping[str, Any], precision: str, math: str = "strict"
 ) -> list[InputLeaf | DeviceLeaf]:
     """Return the array inputs, leaf by leaf in the entry's order; dependent uniforms are computed in mode `math`."""
     found: list[InputLeaf | DeviceLeaf] = []
-    precision = next(name for name, dtype in _WORKING.items() if dtype is dtypes[Base.F])
+    dtypes = dtypes_at(precision)
     for name, type_ in types.items():
         if isinstance(type_, TableType | TextureType):
             continue
@@ -172,27 +124,6 @@ def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
         listed = ", ".join(path for path, _, _ in wanted)
         raise ShpyTypeError(f"{what} has the parts {listed}, and {given!r} has others", loc=here(), cure="its own type")
     return list(found)
-
-
-def given_shape(shape: Any) -> Shape:
-    """Return the argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
-    single = isinstance(shape, int | np.integer) and not isinstance(shape, bool)
-    extents = [shape] if single else sequence(shape)
-    if extents is None or not all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in extents):
-        raise ShpyTypeError(
-            f"shape={_spoken(shape)} is neither an int nor a tuple of ints", loc=here(), cure="shape=(h, w)"
-        )
-    wanted = tuple(int(n) for n in extents)
-    if any(n < 0 for n in wanted):
-        raise ShpyTypeError(f"shape={_spoken(shape)} has a negative extent", loc=here(), cure="shape=(h, w)")
-    if any(n > sys.maxsize for n in wanted):
-        raise ShpyTypeError(f"shape={_spoken(shape)} is more than any memory holds", loc=here(), cure="shape=(h, w)")
-    return wanted
-
-
-def _spoken(value: Any) -> str:
-    """Return a value in a message: its text, cut where it is long."""
-    return reprlib.repr(value)
 
 
 def common_shape(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Any) -> Shape:

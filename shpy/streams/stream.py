@@ -27,11 +27,9 @@ from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
-from shpy.run import host
+from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
-
-Shape = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +103,7 @@ class Stream(StreamReductions):
         precision: Precision = "f32",
     ) -> Stream:
         """Return a stream of a shape, for a kernel to write; its elements are zeros."""
-        made = cls.fresh(host.given_shape(shape), type, _place(backend, device, precision))
+        made = cls.fresh(given_shape(shape), type, _place(backend, device, precision))
         for memory in made._memories:
             memory.write(np.zeros((memory.count, *_tail(memory)), memory.dtype))
         return made
@@ -113,7 +111,7 @@ class Stream(StreamReductions):
     @classmethod
     def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
         """Return a stream of a shape at a place, for a kernel that writes every element: they are not set."""
-        dtypes = host.dtypes_at(place.precision)
+        dtypes = dtypes_at(place.precision)
         memories = [
             place.space.allocate(math.prod(shape), leaf.type, np.dtype(dtypes[leaf.base]))
             for _, _, leaf in leaves(_layout(element), "")
@@ -130,7 +128,7 @@ class Stream(StreamReductions):
         widths: dict[Any, Precision] = {np.dtype(np.float64): "f64", np.dtype(np.float16): "f16"}
         place = Place(backend or owner_of(native), 0, widths.get(getattr(native, "dtype", None), "f32"))
         shape, found = extents_of(native, type)
-        memory = place.space.wrap(native, found.type, np.dtype(host.dtypes_at(place.precision)[found.base]))
+        memory = place.space.wrap(native, found.type, np.dtype(dtypes_at(place.precision)[found.base]))
         made = cls.over(found, shape, place, [memory])
         made._owned = False
         return made
@@ -440,13 +438,13 @@ def _layout(type: Any) -> Layout:
     return layout_of(type, "a stream")
 
 
-def _checked(array: Any, layout: Layout, place: Place) -> list[host.InputLeaf]:
+def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:
     """Return the leaves of host data, all of one shape."""
-    dtypes = host.dtypes_at(place.precision)
+    dtypes = dtypes_at(place.precision)
     if isinstance(array, Stream):
         array = array.numpy()
     found = [
-        host.InputLeaf(path or "a stream", cls, entry, dtypes[cls.base])
+        InputLeaf(path or "a stream", cls, entry, dtypes[cls.base])
         for (path, _, cls), entry in zip(leaves(layout, ""), flatten(layout, array, "a stream"), strict=True)
     ]
     if len({leaf.shape for leaf in found}) > 1:

@@ -24,8 +24,9 @@ from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.promote import promote
 from shpy.program import Program
-from shpy.run.host import bind, common_shape, dtypes_at, streams, tables, uniforms
+from shpy.run.host import bind, common_shape, streams, tables, uniforms
 from shpy.run.kernel import Kernel
+from shpy.streams.elements import dtypes_at
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, Watched, watch
 
@@ -87,7 +88,7 @@ class Setting:
 
     @cached_property
     def _streams(self) -> list[Any]:
-        return streams(self.program.recorded.inputs, self._given, dtypes_at(self.precision))
+        return streams(self.program.recorded.inputs, self._given, self.precision)
 
     def element(self, n: int) -> dict[str, Any]:
         """Return the inputs of the n-th element in C order, by name."""

@@ -27,6 +27,7 @@ from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.record import InputType
 from shpy.lang.values.structure import leaves as leaves_of
 from shpy.run import host
+from shpy.streams.elements import dtypes_at
 from shpy.testing.arrays import flat_leaves
 from shpy.testing.conformance.running import DenormalWatch, differs, flushes_denormals, kernel
 
@@ -114,13 +115,13 @@ class Case:
     def denormal(self, element: int) -> bool:
         """Return whether a denormal arises on the way of an element."""
         recorded, shape = self.program.recorded, self.reference.written.shape
-        dtypes = host.dtypes_at(self.options.get("precision", "f32"))
-        flat = [s.flat(shape) for s in host.streams(recorded.inputs, self.arrays, dtypes)]
+        precision = self.options.get("precision", "f32")
+        flat = [s.flat(shape) for s in host.streams(recorded.inputs, self.arrays, precision)]
         tables = host.tables(recorded.inputs, self.arrays, recorded.tables)
         return self.watch.arises(
             [a[element if len(a) > 1 else 0] for a in flat],
             {},
-            {name: table.data(dtypes[table.type.base]) for name, table in tables.items()},
+            {name: table.data(dtypes_at(precision)[table.type.base]) for name, table in tables.items()},
             tuple(map(int, np.unravel_index(element, shape))),
             shape,
         )

@@ -26,7 +26,8 @@ from shpy.ir.traverse import rewrite
 from shpy.ir.verifier import verify
 from shpy.passes.lower import lower
 from shpy.passes.pipeline import Target, prepare
-from shpy.run.kernel import Kernel, Result
+from shpy.run.kernel import Kernel
+from shpy.run.result import Result
 from shpy.testing.arrays import differing, is_denormal
 from shpy.testing.reference import Interpreted, Reference
 

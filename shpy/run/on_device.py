@@ -10,23 +10,20 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, Counts, DeviceCall, Executable, Memory, TableData, TableMemory, overlap
+from shpy.backends.base import Array, DeviceCall, Executable, Memory, TableData, TableMemory, overlap
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, vec
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, build_group, leaves
-from shpy.lang.values.types import Attrib1b
 from shpy.run import host
+from shpy.streams.elements import InputLeaf, Shape, dtypes_at
 from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
-
-Shape = tuple[int, ...]
 
 
 def check_places(values: Iterable[Any], place: Place, name: str) -> None:
@@ -48,105 +45,45 @@ class Prepared:
     place: Place
     outputs: Any
 
-
-@dataclass(eq=False)
-class StreamResult:
-    """The result of a run over streams: `outputs` are Streams; `written` and `count` are computed on first access."""
-
-    outputs: Any
-    shape: Shape
-    place: Place
-    status: Memory | None
-
-    @cached_property
-    def counts(self) -> Counts:
-        """The numbers of elements that were written, and that a loop limit stopped."""
-        if self.status is None:
-            return Counts(math.prod(self.shape))
-        return self.place.space.count(self.status)
-
-    @property
-    def count(self) -> int:
-        """The number of elements that were written."""
-        return self.counts.written
-
-    @cached_property
-    def written(self) -> Stream:
-        """A Stream of bools, of the shape of the run: which elements were written."""
-        full = Stream.fresh(self.shape, Attrib1b, self.place)
-        (leaf,) = full.leaf_entries()
-        leaf.memory.write(np.ones(leaf.memory.count, np.bool_))
-        if self.status is not None and leaf.memory.count:
-            leaf.replace(self.place.space.keep(self.status, leaf.memory, None))
-        return full
+    def run(self, executable: Executable) -> tuple[Any, Shape, Memory | None, Place]:
+        """Start the run, whose memory the outputs take over. Gives the parts of a `Result`."""
+        call = self.call
+        if math.prod(call.shape):
+            space = self.place.space
+            space.start([executable.ready(call, once=True)])
+            for target, new in zip(self.targets, call.outputs, strict=True):
+                kept = new
+                if call.status is not None:
+                    kept = space.keep(call.status, new, None if self.fresh else target.memory)
+                if kept is not target.memory:
+                    target.replace(kept)
+        return self.outputs, call.shape, call.status, self.place
 
 
 def prepare(
     recorded: Recorded,
     executable: Executable,
+    inputs: Sequence[Memory],
     tables: Mapping[str, Table],
     params: dict[str, Array],
     place: Place,
-    dtypes: Mapping[Base, Any],
-    inputs: Sequence[host.InputLeaf | host.DeviceLeaf],
     common: Shape,
     out: Any,
 ) -> Prepared:
-    """Bring every array among the inputs to the device, and make what the outputs are written to."""
-    memories = [_memory(leaf, common, place) for leaf in inputs]
-    read = {name: _table(table, dtypes) for name, table in tables.items()}
+    """Make the call, and what the outputs are written to.
+
+    The call writes the outputs' memory, or its own where theirs is still read or may have to stay.
+    """
     targets, outputs = _targets(recorded.output, place, common, out)
     if out is not None:
         _check_apart(targets, tables)
-    return _prepared(executable, params, place, memories, read, targets, outputs, common, fresh=out is None)
-
-
-def signature_of_streams(streams: Sequence[Any]) -> tuple[Any, ...] | None:
-    """Return the shapes, types and places of streams of one leaf each; None where there is anything else."""
-    found = []
-    for stream in streams:
-        if type(stream) is not Stream or len(stream._memories) != 1:
-            return None
-        found.append((stream._shape, stream._type, stream.place))
-    return tuple(found)
-
-
-def prepare_known(
-    recorded: Recorded,
-    executable: Executable,
-    params: dict[str, Array],
-    place: Place,
-    streams: Sequence[Stream],
-    common: Shape,
-    out: Any,
-) -> Prepared:
-    """Make what the outputs are written to, for streams of a signature with which a run went well, and no tables."""
-    memories = [stream._memories[0] for stream in streams]
-    targets, outputs = _targets(recorded.output, place, common, out)
-    if out is not None:
-        _check_apart(targets, {})
-    return _prepared(executable, params, place, memories, {}, targets, outputs, common, fresh=out is None)
-
-
-def _prepared(
-    executable: Executable,
-    params: dict[str, Array],
-    place: Place,
-    inputs: Sequence[Memory],
-    tables: dict[str, TableData | TableMemory],
-    targets: Sequence[StreamLeaf],
-    outputs: Any,
-    common: Shape,
-    *,
-    fresh: bool,
-) -> Prepared:
-    """Return the call: it writes the outputs' memory, or its own where theirs is still read or may have to stay."""
-    space = place.space
-    direct = fresh or (executable.writes_all and not _reads_others(inputs, targets, itself=space.overwrites))
+    space, dtypes = place.space, dtypes_at(place.precision)
+    read = {name: _table(table, dtypes) for name, table in tables.items()}
+    direct = out is None or (executable.writes_all and not _reads_others(inputs, targets, itself=space.overwrites))
     written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
     status = None if executable.writes_all else space.allocate(math.prod(common), vec(Base.I), np.dtype(np.int32))
-    call = DeviceCall(common, tuple(inputs), written, status, params, tables)
-    return Prepared(call, tuple(targets), fresh, place, outputs)
+    call = DeviceCall(common, tuple(inputs), written, status, params, read)
+    return Prepared(call, tuple(targets), out is None, place, outputs)
 
 
 def _reads_others(inputs: Sequence[Memory], targets: Sequence[StreamLeaf], *, itself: bool) -> bool:
@@ -163,22 +100,8 @@ def _same(one: Memory, other: Memory) -> bool:
     return one is other or (one.extent == other.extent and one.type.size == other.type.size)
 
 
-def run_prepared(executable: Executable, prepared: Prepared) -> StreamResult:
-    """Start the run; what it wrote belongs to the outputs."""
-    call = prepared.call
-    if math.prod(call.shape):
-        space = prepared.place.space
-        space.start([executable.ready(call, once=True)])
-        for target, new in zip(prepared.targets, call.outputs, strict=True):
-            kept = new
-            if call.status is not None:
-                kept = space.keep(call.status, new, None if prepared.fresh else target.memory)
-            if kept is not target.memory:
-                target.replace(kept)
-    return StreamResult(prepared.outputs, call.shape, prepared.place, call.status)
-
-
-def _memory(leaf: host.InputLeaf | host.DeviceLeaf, common: Shape, place: Place) -> Memory:
+def memory_of(leaf: InputLeaf | host.DeviceLeaf, common: Shape, place: Place) -> Memory:
+    """Return the memory of an input; an array is brought to the device."""
     if isinstance(leaf, host.DeviceLeaf):
         if leaf.shape != common and math.prod(leaf.shape) != 1:
             raise ShpyTypeError(

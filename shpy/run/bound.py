@@ -1,0 +1,157 @@
+"""Bound calls: what a call has to do whose inputs have a known signature, found out by the first such call.
+
+Stage: run. Most calls of a kernel are like the one before: contiguous arrays of the same shapes, in the dtypes that the
+kernel works with, or streams of the same shapes and types. Nothing of these has to be checked or converted again. All
+other calls go through `host`.
+
+    known[signature(inputs)] = bound_of(recorded, executable, dtypes, inputs, common, place)
+    outputs, shape, status, place = known[signature(inputs)].run(inputs, params, tables, out)
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backends.base import Array, Call, Executable
+from shpy.ir.types import Base
+from shpy.lang.data.tables import Table
+from shpy.lang.programs.record import Recorded
+from shpy.lang.values.structure import Leaf, build_arrays, leaves
+from shpy.run.on_device import check_places, prepare
+from shpy.streams.elements import Shape
+from shpy.streams.stream import Place, Stream
+
+KEPT: Final = 64
+"""Bound calls of a kernel, at most."""
+_LARGEST: Final = float(np.finfo(np.float16).max)
+"""The largest float that a bound call converts: each precision has it."""
+
+Ran = tuple[Any, Shape, Any, Place | None]
+"""The parts of a `Result`: outputs, shape, status, place."""
+
+
+def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
+    """Return the key of a bound call, with an entry for each input; None where an input has none.
+
+    A contiguous array has its shape and dtype, a number `float`, a stream of one leaf its shape, type and place.
+    """
+    found: list[Any] = []
+    for given in inputs:
+        if type(given) is np.ndarray and given.flags.c_contiguous:
+            found.append((given.shape, given.dtype))
+        elif type(given) is float and -_LARGEST < given < _LARGEST:
+            found.append(float)
+        elif type(given) is Stream and len(given._memories) == 1:
+            found.append((given._shape, given._type, given.place))
+        else:
+            return None
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class Bound(ABC):
+    """A call of one signature over elements of a shape."""
+
+    recorded: Recorded
+    executable: Executable
+    shape: Shape
+
+    @abstractmethod
+    def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran | None:
+        """Run over inputs of the signature; None where `out` needs more checks."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoundArrays(Bound):
+    """A call over arrays: the flat shape and dtype of each input; the shape, flat shape and dtype of each output."""
+
+    inputs: tuple[tuple[Shape, Any], ...]
+    outputs: tuple[tuple[Shape, Shape, Any], ...]
+    dtypes: Mapping[Base, Any]
+
+    def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran | None:
+        """Run over arrays of the signature."""
+        flat = [
+            array.reshape(shape) if type(array) is np.ndarray else np.full(shape, array, dtype)
+            for array, (shape, dtype) in zip(inputs, self.inputs, strict=True)
+        ]
+        layout = self.recorded.output
+        if out is None:
+            make: Any = np.empty if self.executable.writes_all else np.zeros
+            made = [make(shape, dtype) for shape, _, dtype in self.outputs]
+            result = made[0] if type(layout) is Leaf else build_arrays(layout, iter(made))
+        else:
+            shape, _, dtype = self.outputs[0]
+            fits = type(out) is np.ndarray and type(layout) is Leaf and out.shape == shape and out.dtype == dtype
+            if not fits or not out.flags.carray or any(np.may_share_memory(out, array) for array in flat):
+                return None
+            made, result = [out], out
+        written = tuple(a.reshape(shape) for a, (_, shape, _) in zip(made, self.outputs, strict=True))
+        data = {name: table.data(self.dtypes[table.type.base]) for name, table in tables.items()}
+        call = Call(self.shape, tuple(flat), written, params, data)
+        return result, self.shape, self.executable.run(call), None
+
+
+@dataclass(frozen=True, slots=True)
+class BoundStreams(Bound):
+    """A call over streams of one leaf each, at a place."""
+
+    place: Place
+
+    def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran:
+        """Run over streams of the signature; all that `out` needs is checked."""
+        recorded, executable, place = self.recorded, self.executable, self.place
+        if out is not None:
+            check_places([out], place, recorded.module.name)
+        memories = [stream._memories[0] for stream in inputs]
+        return prepare(recorded, executable, memories, tables, params, place, self.shape, out).run(executable)
+
+
+def bound_of(
+    recorded: Recorded,
+    executable: Executable,
+    dtypes: Mapping[Base, Any],
+    inputs: Sequence[Any],
+    common: Shape,
+    place: Place | None,
+) -> Bound | None:
+    """Return the call that went well over `inputs`, at the place of streams or over arrays.
+
+    None where it has to be checked each time: an input has several leaves or its default, is a Table, converted,
+    broadcast, or an array beside streams.
+    """
+    types = list(recorded.inputs.values())
+    if not inputs or len(inputs) != len(types) or not all(isinstance(type_, Leaf) for type_ in types):
+        return None
+    if place is not None:
+        streams = all(isinstance(given, Stream) for given in inputs)
+        return BoundStreams(recorded, executable, common, place) if streams else None
+    if not common or 0 in common:
+        return None
+    flat = []
+    for array, type_ in zip(inputs, types, strict=True):
+        assert isinstance(type_, Leaf)
+        cls = type_.cls
+        tail = (cls.size,) if cls.size > 1 else ()
+        dtype = np.dtype(dtypes[cls.base])
+        if isinstance(array, float):
+            if tail or cls.base is not Base.F:
+                return None
+            flat.append(((1,), dtype))
+            continue
+        shape = array.shape[: array.ndim - len(tail)]
+        count = math.prod(shape)
+        if array.dtype != dtype or array.shape[len(shape) :] != tail or (shape != common and count != 1):
+            return None
+        flat.append(((count, *tail), dtype))
+    outputs = []
+    for _, _, cls in leaves(recorded.output, ""):
+        tail = (cls.size,) if cls.size > 1 else ()
+        outputs.append(((*common, *tail), (math.prod(common), *tail), np.dtype(dtypes[cls.base])))
+    return BoundArrays(recorded, executable, common, tuple(flat), tuple(outputs), dtypes)

@@ -1,0 +1,94 @@
+"""Elements of streams on the host: their dtypes, their shapes, and the checks of what a user gives for them.
+
+Stage: run.
+
+    InputLeaf("x", sh.Attrib3f, array, np.float32).shape      # (4,) for an array (4, 3)
+"""
+
+from __future__ import annotations
+
+import math
+import reprlib
+import sys
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import DTYPES
+from shpy.ir.types import Base
+from shpy.lang.data.hostdata import as_base, working
+from shpy.lang.recording.location import here
+from shpy.lang.values.coerce import sequence
+from shpy.lang.values.value import Value
+
+Shape = tuple[int, ...]
+_WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
+
+
+@cache
+def dtypes_at(precision: str) -> Mapping[Base, Any]:
+    """Return the dtype of each base at a working precision."""
+    return {**DTYPES, Base.F: _WORKING[precision]}
+
+
+class InputLeaf:
+    """One leaf of an input: the array (*shape[, size]) in its dtype, and the element shape."""
+
+    def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
+        self.name = name
+        self.type = cls.type
+        self.size = cls.size
+        array = as_base(data, cls.base, name)
+        if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
+            raise ShpyTypeError(
+                f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
+                loc=here(),
+                cure=_trailing(name, array.shape, cls.size),
+            )
+        self.array: NDArray[Any] = working(array, cls.base, np.dtype(dtype), name) if array.dtype.kind == "f" else array
+        self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
+
+    def flat(self, shape: Shape) -> NDArray[Any]:
+        """Return the elements in C order: (n[, size]), or 1 for n where all are the same."""
+        tail = (self.size,) if self.size > 1 else ()
+        if math.prod(self.shape) == 1:
+            return np.ascontiguousarray(self.array.reshape((1, *tail)))
+        whole = np.broadcast_to(self.array, shape + tail)
+        return np.ascontiguousarray(whole).reshape((-1, *tail))
+
+
+def _trailing(name: str, shape: Shape, size: int) -> str:
+    """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
+    if len(shape) > 1 and shape[-1] > size:
+        dropped = " which drops the alpha channel" if (shape[-1], size) == (4, 3) else ""
+        return f"{name}[..., :{size}]{',' * bool(dropped)}{dropped}"
+    if len(shape) > 1 and shape[0] == size:
+        return f"np.moveaxis({name}, 0, -1)"
+    if len(shape) == 1 and shape[0] % size == 0:
+        return f"np.asarray({name}).reshape(-1, {size})"
+    return f"an array whose last axis has {size} components"
+
+
+def given_shape(shape: Any) -> Shape:
+    """Return the argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
+    single = isinstance(shape, int | np.integer) and not isinstance(shape, bool)
+    extents = [shape] if single else sequence(shape)
+    if extents is None or not all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in extents):
+        raise ShpyTypeError(
+            f"shape={_spoken(shape)} is neither an int nor a tuple of ints", loc=here(), cure="shape=(h, w)"
+        )
+    wanted = tuple(int(n) for n in extents)
+    if any(n < 0 for n in wanted):
+        raise ShpyTypeError(f"shape={_spoken(shape)} has a negative extent", loc=here(), cure="shape=(h, w)")
+    if any(n > sys.maxsize for n in wanted):
+        raise ShpyTypeError(f"shape={_spoken(shape)} is more than any memory holds", loc=here(), cure="shape=(h, w)")
+    return wanted
+
+
+def _spoken(value: Any) -> str:
+    """Return a value in a message: its text, cut where it is long."""
+    return reprlib.repr(value)
