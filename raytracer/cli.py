@@ -22,7 +22,7 @@ from typing import Any
 import shpy as sh
 from raytracer import viewing
 from raytracer.accel.choice import check
-from raytracer.animation import ANIMATIONS, FPS, Make, animate, made_by, spread
+from raytracer.animation import ANIMATIONS, Make, animate, made_by, spread
 from raytracer.errors import SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
@@ -362,7 +362,7 @@ def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
         return file.make(frames, fps), frames, fps
     if options.clip is not None:
         raise SceneError("--clip is for GLB and glTF files, whose animations have names: leave it out")
-    fps = FPS if options.fps is None else options.fps
+    fps = sh.videos.FPS if options.fps is None else options.fps
     return ANIMATIONS.get(options.scene) or made_by(path), options.frames or 48, fps
 
 

@@ -74,11 +74,11 @@ __all__ = sorted(
     for name, thing in globals().items()
     if str(getattr(thing, "__module__", "")).startswith("shpy.") and not (name[0] == "_" or hasattr(_builtins, name))
 )
-_LATER = ("accuracy", "command", "files", "library", "packages", "testing")
+_LATER = ("accuracy", "command", "files", "library", "packages", "testing", "videos")
 
 
 def __getattr__(name: str) -> Any:
-    """Load `sh.testing`, `sh.accuracy`, `sh.files`, `sh.command`, `sh.library` and `sh.packages` on first use."""
+    """Load `sh.testing`, `sh.accuracy`, `sh.library`, `sh.files`, `sh.videos` and the like on first use."""
     if name in _LATER:
         return importlib.import_module(f"shpy.{name}")
     if name.startswith("_"):

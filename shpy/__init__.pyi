@@ -18,6 +18,7 @@ from shpy import files as files
 from shpy import packages as packages
 from shpy import library as library
 from shpy import testing as testing
+from shpy import videos as videos
 from shpy.backends.registry import BackendInfo as BackendInfo
 from shpy.backends.registry import backends as backends
 from shpy.backends.registry import default_backend as default_backend

@@ -73,7 +73,7 @@ def test_ffmpeg_is_given_every_frame(tmp_path, monkeypatch):
     tool = tmp_path / "ffmpeg"
     tool.write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n')
     tool.chmod(tool.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr(animation.shutil, "which", lambda name: str(tool))
+    monkeypatch.setattr("shutil.which", lambda name: str(tool))
     path = tmp_path / "wave.mp4"
     assert list(animate(animated, path, 2, size=(16, 12), backend="numpy")) == [1, 2]
     assert path.stat().st_size == 2 * 16 * 12 * 3
@@ -89,7 +89,7 @@ def test_mistakes_are_found_before_a_frame_is_made(tmp_path, monkeypatch):
     def never(time):
         raise AssertionError("a scene was made")
 
-    monkeypatch.setattr(animation.shutil, "which", lambda name: None)
+    monkeypatch.setattr("shutil.which", lambda name: None)
     for output, changes, what in [
         ("a.mp4", {}, "ffmpeg, which is not installed"),
         ("a.avi", {}, "not as .avi"),

@@ -1,0 +1,155 @@
+"""Frames on their way into a file: a GIF, WebP or MP4, or a folder of PNG files.
+
+Stage: picture; `import shpy as sh` brings it as `sh.videos`, for whatever draws frames. Everything is checked before a
+frame is drawn; a file is written under a temporary name and renamed.
+
+    for done in sh.videos.writing(Path("wave.gif"), 48, 24.0, (64, 64), draw):
+        print(done)
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.errors import ShpyError
+from shpy.files import check_writable, replacing
+from shpy.packages import install
+
+Draw = Callable[[int], NDArray[np.uint8]]
+"""Gives the pixels of a frame by its number: (height, width, 3) bytes in sRGB."""
+
+VIDEOS: Final = (".gif", ".webp", ".mp4")
+FPS: Final = 24.0
+"""Frames of a second, where nobody asks for others."""
+
+
+class VideoError(ShpyError):
+    """Frames cannot be written as they are asked for."""
+
+
+def writing(
+    path: Path, frames: int, fps: float, size: tuple[int, int], draw: Draw, *, resume: bool = False
+) -> Iterator[int]:
+    """Write `frames` frames of `size` (width, height) to a file or folder; yield how many are done after each.
+
+    `resume` keeps the frames that a folder has. A file is written when the iterator ends. Raises VideoError at once for
+    numbers and outputs that make no animation, and where Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a
+    path that cannot be written.
+    """
+    if not (isinstance(frames, int) and frames > 0):
+        raise VideoError(f"an animation has one frame or more, not {frames}")
+    check_pace(fps)
+    if path.suffix.lower() not in VIDEOS and path.suffix:
+        raise VideoError(
+            f"{path}: animations are written as {', '.join(VIDEOS)} or into a folder, not as {path.suffix}"
+        )
+    if not path.suffix:
+        return _into_folder(path, frames, draw, resume)
+    if resume:
+        raise VideoError(f"{path}: frames are resumed in a folder of PNG files alone")
+    check_writable(path)
+    if path.suffix.lower() == ".mp4":
+        return _as_mp4(path, frames, fps, size, draw, _ffmpeg(path, size))
+    return _as_picture(path, frames, fps, draw)
+
+
+def check_pace(fps: float) -> None:
+    """Raise VideoError for a number of frames that no second has."""
+    if not 0 < fps <= 1000:
+        raise VideoError(f"an animation has more than 0 and at most 1000 frames a second, not {fps}")
+
+
+def _pillow(ending: str) -> Any:
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise VideoError(f"writing {ending} needs Pillow: {install('pillow')}") from error
+    return Image
+
+
+def _into_folder(folder: Path, frames: int, draw: Draw, resume: bool) -> Iterator[int]:
+    digits = max(4, len(str(frames - 1)))
+    if folder.exists() and not folder.is_dir():
+        raise VideoError(f"{folder} is a file: name a folder, or a .gif, .webp or .mp4 file")
+    pillow = _pillow(".png")
+    folder.mkdir(exist_ok=True)
+    paths = [folder / f"{number:0{digits}}.png" for number in range(frames)]
+    check_writable(paths[0])
+
+    def run() -> Iterator[int]:
+        for number, path in enumerate(paths):
+            if not (resume and path.exists()):
+                picture = pillow.fromarray(np.ascontiguousarray(draw(number)))
+                with replacing(path) as temporary:
+                    picture.save(str(temporary), "PNG", optimize=True)
+            yield number + 1
+
+    return run()
+
+
+def _as_picture(path: Path, frames: int, fps: float, draw: Draw) -> Iterator[int]:
+    """Write a GIF or WebP file by Pillow, once all frames are drawn; it repeats for ever."""
+    pillow = _pillow(path.suffix)
+    kind = path.suffix[1:].upper()
+    unit = 10 if kind == "GIF" else 1  # milliseconds
+    ends = [round(number * 1000 / fps / unit) * unit for number in range(frames + 1)]
+    lasting = [max(end - start, unit) for start, end in pairwise(ends)]
+
+    def run() -> Iterator[int]:
+        held = []
+        for number in range(frames):
+            held.append(pillow.fromarray(np.ascontiguousarray(draw(number))))
+            if number + 1 < frames:
+                yield number + 1
+        with replacing(path) as temporary:
+            held[0].save(str(temporary), kind, save_all=True, append_images=held[1:], duration=lasting, loop=0)
+        yield frames
+
+    return run()
+
+
+def _ffmpeg(path: Path, size: tuple[int, int]) -> str:
+    """Return the program that writes MP4; VideoError where there is none, or it cannot write this size."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise VideoError(
+            f"{path}: .mp4 files are written by ffmpeg, which is not installed: write a .webp or .gif file"
+        )
+    if size[0] % 2 or size[1] % 2:
+        raise VideoError(f"an .mp4 file has an even width and height, not {size[0]} x {size[1]}")
+    return found
+
+
+def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], draw: Draw, ffmpeg: str) -> Iterator[int]:
+    """Write an MP4 file: frames go to ffmpeg as they are drawn."""
+    width, height = size
+    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
+    made = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]
+    with replacing(path) as temporary:
+        words = [ffmpeg, "-y", "-loglevel", "error", *given, *made, str(temporary)]
+        with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdin is not None
+            assert process.stderr is not None
+            try:
+                for number in range(frames):
+                    process.stdin.write(np.ascontiguousarray(draw(number)).tobytes())
+                    if number + 1 < frames:
+                        yield number + 1
+                process.stdin.close()
+            except BrokenPipeError:
+                pass  # it says why
+            except BaseException:
+                process.kill()
+                raise
+            said = process.stderr.read().decode(errors="replace").strip()
+        if process.returncode:
+            raise VideoError(f"{path}: ffmpeg failed: {said or process.returncode}")
+    yield frames
