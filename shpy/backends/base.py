@@ -244,7 +244,7 @@ class Tree(Protocol):
         """Reduce each part of a stream to an element of `made`."""
 
     def reduce(self, given: Sequence[Any]) -> list[Array]:
-        """Reduce a stream of one part; gives its leaves, of shape (1,) or (1, size), once the device has ended."""
+        """Reduce a stream to one element; gives its leaves, of shape (1,) or (1, size), once the device has ended."""
 
     def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
         """Give all prefixes, where `above` are those that end with each part, or None for only one part."""

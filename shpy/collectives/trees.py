@@ -163,8 +163,6 @@ def fold_to_host(stream: Stream, combine: Program, made: Any = None, lift: Lift 
     own = None if place.space.on_host or not stream.size else own_tree(place, combine, stream.type, made, lift)
     if own is None:
         return fold(stream, combine, made, lift).to("numpy")
-    if stream.size > own.each(stream.size):
-        return fold_to_host(fold_parts(own, stream, made), combine, made)
     host = Place("numpy", 0, place.precision)
     types = leaf_types(made)
     arrays = own.reduce(memories_of(stream))

@@ -23,6 +23,9 @@ from collectives.definition import (
 )
 
 import shpy as sh
+from shpy.backends.opencl.device import trees as opencl_trees
+from shpy.backends.opencl.device.memory import OpenCLSpace
+from shpy.collectives.trees import own_tree
 
 __all__ = ["target", "trees"]
 
@@ -70,6 +73,43 @@ def test_sizes_around_blocks_and_parts(trees):
 
 
 @pytest.mark.slow
+def test_a_reduction_of_any_size_is_one_dispatch(monkeypatch):
+    started, enqueue = [], OpenCLSpace.enqueue
+
+    def counted(space, text, name, *args, **options):
+        started.append(name)
+        enqueue(space, text, name, *args, **options)
+
+    monkeypatch.setattr(OpenCLSpace, "enqueue", counted)
+    for n in (64, 2**16 + 1, 300_007):
+        x = columns(n, 31, "opencl")
+        s, pairs = sh.Stream(x[:, 0].copy(), sh.Attrib1f, "opencl"), as_columns(x, "opencl")
+        for run in (s.sum, s.argmax, s.mean, s.sum, lambda pairs=pairs: sh.reduce(add_columns, pairs)):
+            started.clear()
+            run()
+            assert started == ["sh_fold"]
+
+
+@sh.program
+def halve_both(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a - b * 0.5
+
+
+@pytest.mark.parametrize("parts", [1, 2, 37, 1 << 11])
+def test_parts_of_any_number_have_the_bits_of_the_tree(monkeypatch, parts):
+    """As on a device with another number of cores: more parts than a block has elements, among others."""
+    monkeypatch.setattr(opencl_trees, "_PARTS", parts)
+    own_tree.cache_clear()
+    for n in (2**16 + 1, 300_007, 2_400_001):
+        x = columns(n, 32, "opencl")[:, 3].copy()
+        s = sh.Stream(x, sh.Attrib1f, "opencl")
+        for _ in range(2):
+            assert not differs(s.sum(), tree(x, add)).any(), n
+            assert not differs(sh.reduce(halve_both, s), tree(x, halve)).any(), n
+            assert s.argmin() == np.argmin(x), n
+    own_tree.cache_clear()
+
+
 def test_ten_thousand_inputs(target):
     check(target, np.random.default_rng(6).integers(1, 5000, 320), 3)
 

@@ -23,7 +23,7 @@ from shpy.backends.opencl.packets.trees import print_trees
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loop, Module
 from shpy.ir.traverse import walk
-from shpy.ir.types import Base
+from shpy.ir.types import Base, vec
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
 
@@ -51,8 +51,12 @@ class OpenCLTree:
     cores: int
     brief: int
     """Elements that take so little time that nobody need be able to interrupt the wait."""
+    parts: tuple[OpenCLMemory, ...]
+    """Memory for the leaves of each part, in which a run that folds them keeps them."""
     results: tuple[OpenCLMemory, ...]
     """Memory for the leaves of one element, which is read before anybody else writes it."""
+    done: OpenCLMemory
+    """The number of parts that a run has made: 0 whenever no run is under way."""
 
     def each(self, count: int) -> int:
         """Elements of a part."""
@@ -62,15 +66,21 @@ class OpenCLTree:
 
     def fold(self, given: Sequence[Any], made: Sequence[Any]) -> None:
         """Reduce each part to one element."""
-        count = given[0].count
-        each = np.uint64(self.each(count))
-        self._run(FOLD, made[0].count, count, [*_buffers(given), np.uint64(count), each, *_buffers(made)])
+        self._fold(given, made, None, made)
 
     def reduce(self, given: Sequence[Any]) -> list[Array]:
-        """Reduce one part to the host."""
+        """Reduce all parts to the host, by one dispatch: a second one would take a tenth of the time of ten million."""
         with self.space.machine.lock:
-            self.fold(given, self.results)
+            several = given[0].count > self.each(given[0].count)
+            self._fold(given, self.parts, self.done.buffer, self.results) if several else self.fold(given, self.results)
             return [memory.read() for memory in self.results]
+
+    def _fold(self, given: Sequence[Any], parts: Sequence[Any], done: Any, made: Sequence[Any]) -> None:
+        count = given[0].count
+        each = self.each(count)
+        sizes = [np.uint64(count), np.uint64(each)]
+        args = [*_buffers(given), *sizes, *_buffers(parts), done, *_buffers(made)]
+        self._run(FOLD, -(-count // each), count, args)
 
     def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
         """Give all prefixes, from those that end with each part."""
@@ -100,10 +110,15 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if kernel is None or (kernel.doubles and not machine.doubles):
         return None
     dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
-    results = tuple(space.allocate(1, t, np.dtype(dtypes[t.base])) for t in types.made)
+    cores = machine.device.max_compute_units
+    parts, results = (
+        tuple(space.allocate(count, t, np.dtype(dtypes[t.base])) for t in types.made) for count in (_PARTS * cores, 1)
+    )
+    done = space.allocate(1, vec(Base.U), np.dtype(np.uint32))
+    done.write(np.zeros(1, np.uint32))
     loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
     brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
-    return OpenCLTree(space, kernel.text, tree_block(types), machine.device.max_compute_units, brief, results)
+    return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done)
 
 
 def _buffers(memories: Sequence[Any]) -> list[Any]:

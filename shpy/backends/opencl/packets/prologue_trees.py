@@ -36,7 +36,7 @@ _AHEAD: Final = 16384
 _LINE: Final = 64
 """Bytes of a line of a cache."""
 
-# GIVEN, OUT and ABOVE are the parameters of streams, and with _ARGS the arguments. WIDTH are the lanes.
+# GIVEN, MADE, OUT and ABOVE are the parameters of streams, and with _ARGS the arguments. WIDTH are the lanes.
 _TREE: Final = """\
 // The tree over two packets of which `left` elements count: an odd last one passes unchanged.
 INLINE sh_node sh_halve(sh_node a, sh_node b, int left) {
@@ -89,9 +89,8 @@ INLINE sh_node sh_whole(GIVEN, ulong first) {
     return node[0];
 }
 
-// The tree over `each` elements. `waiting` holds a packet for each bit of the number of whole blocks that are done.
-__kernel void sh_fold(GIVEN, ulong count, ulong each, OUT) {
-    ulong at = get_global_id(0) * each, end = min(count, at + each);
+// The tree over elements. `waiting` holds a packet for each bit of the number of whole blocks that are done.
+INLINE sh_node sh_range(GIVEN, ulong at, ulong end) {
     sh_node waiting[64], made;
     uint blocks = 0;
     for (; at + BLOCK <= end; at += BLOCK) {
@@ -118,7 +117,45 @@ __kernel void sh_fold(GIVEN, ulong count, ulong each, OUT) {
             some = true;
         }
     }
-    sh_write(OUT_ARGS, made, get_global_id(0), get_global_id(0) + 1);
+    return made;
+}
+
+// The tree over the nodes of parts, in each lane. `waiting` holds a node for each bit of the number of those before.
+INLINE sh_node sh_joined(MADE, uint parts) {
+    sh_node waiting[32], made;
+    for (uint part = 0; part < parts; part += 1) {
+        int level = 0;
+        made = sh_first(sh_made(MADE_ARGS, part, part + 1));
+        for (uint done = part; done & 1; done >>= 1) {
+            made = sh_combine(waiting[level], made);
+            level += 1;
+        }
+        waiting[level] = made;
+    }
+    bool some = false;
+    for (int level = 0; parts >> level != 0; level += 1) {
+        if (parts >> level & 1) {
+            made = some ? sh_combine(waiting[level], made) : waiting[level];
+            some = true;
+        }
+    }
+    return made;
+}
+
+// The tree over each part of `each` elements. With `done`, which counts the parts that are made, the work item that
+// makes the last one goes on with the tree over all of them, and leaves the counter at 0.
+__kernel void sh_fold(GIVEN, ulong count, ulong each, MADE, __global volatile uint *done, OUT) {
+    ulong part = get_global_id(0), at = part * each;
+    uint parts = get_global_size(0);
+    sh_write(MADE_ARGS, sh_range(GIVEN_ARGS, at, min(count, at + each)), part, part + 1);
+    if (done) {
+        mem_fence(CLK_GLOBAL_MEM_FENCE);
+        if (atomic_inc(done) == parts - 1) {
+            mem_fence(CLK_GLOBAL_MEM_FENCE);
+            *done = 0;
+            sh_write(OUT_ARGS, sh_joined(MADE_ARGS, parts), 0, 1);
+        }
+    }
 }
 """
 _SCAN: Final = """\
@@ -239,6 +276,7 @@ class TreePrologue:
         for word, of, qualifier in (
             ("GIVEN", types.element, "const "),
             ("ABOVE", types.made, "const "),
+            ("MADE", types.made, ""),
             ("OUT", types.made, ""),
         ):
             names = [f"{word.lower()}{k}" for k in range(len(of))]
@@ -282,9 +320,7 @@ class TreePrologue:
         return [(t, f"a.part{k}.s0") for k, t in enumerate(self.parts)], [(t, "0") for t in self.parts]
 
     def _making(self, told: str, name: str, parameters: str, values: Sequence[str]) -> list[str]:
-        stores = [f"    made.part{k} = {value};" for k, value in enumerate(values)]
-        head = f"INLINE sh_node sh_{name}({parameters}) {{"
-        return [f"// {told}", head, "    sh_node made;", *stores, "    return made;", "}", ""]
+        return [f"// {told}", f"INLINE sh_node sh_{name}({parameters}) {{", *_filled(values), "}", ""]
 
     def _picking(self, name: str, lanes: Sequence[int]) -> list[str]:
         """Return a function that picks lanes of two packets; the second one's numbers follow those of the first."""
@@ -330,26 +366,39 @@ class TreePrologue:
         return ["    sh_node made;", f"    made.part0 = {inner}({', '.join(arguments)});", "    return made;"]
 
     def _reads(self, inner: str) -> str:
-        """`sh_given`: the nodes of elements from `first` on, all of them before `end`."""
-        types, lines, parts = self.node_types, [], []
-        for k, type in enumerate(types.element):
-            read = self.prologue.memory("read", type.base, type.size)
-            wide = spelled_wide(rows_of(type.base, type.size, self.lanes))
-            lines.append(f"    {wide} element{k} = {read}(given{k}, 1, packet);")
-            parts += (
-                [f"element{k}"] if type.size == 1 or types.lifted else [f"element{k}.{c}" for c in "xyzw"[: type.size]]
-            )
-        head = [
-            "// The nodes of the elements from `first` on that stand before `end`.",
-            "INLINE sh_node sh_given(GIVEN, ulong first, ulong end) {",
+        """`sh_given`: the nodes of elements from `first` on, all of them before `end`; `sh_made`: those of parts."""
+        types = self.node_types
+        lines, numbers = self._leaves("given", types.element)
+        if types.lifted:
+            leaves = [f"element{k}" for k in range(len(types.element))]
+            arguments = [*leaves, "(int)first + sh_lanes()", *self._zeros(types.made * 2)]
+            made = self._called(inner, arguments, last=False)
+        else:
+            made = _filled(numbers)
+        given = self._reading("elements", "given", [*lines, *made])
+        lines, numbers = self._leaves("made", types.made)
+        return given + self._reading("parts", "made", [*lines, *_filled(numbers)])
+
+    def _reading(self, of: str, name: str, lines: Sequence[str]) -> str:
+        return "\n".join([
+            f"// The nodes of the {of} from `first` on that stand before `end`.",
+            f"INLINE sh_node sh_{name}({name.upper()}, ulong first, ulong end) {{",
             "    sh_packet packet = sh_packet_at(first, end);",
             *lines,
-        ]
-        if not types.lifted:
-            stores = [f"    made.part{k} = {part};" for k, part in enumerate(parts)]
-            return "\n".join([*head, "    sh_node made;", *stores, "    return made;", "}", ""])
-        arguments = [*parts, "(int)first + sh_lanes()", *self._zeros(types.made * 2)]
-        return "\n".join([*head, *self._called(inner, arguments, last=False), "}", ""])
+            "}",
+            "",
+            "",
+        ])  # fmt: skip
+
+    def _leaves(self, name: str, types: Sequence[Type]) -> tuple[list[str], list[str]]:
+        """Return the lines that read the leaves of a packet of elements, and the names of their numbers."""
+        lines, numbers = [], []
+        for k, type in enumerate(types):
+            wide = spelled_wide(rows_of(type.base, type.size, self.lanes))
+            read = self.prologue.memory("read", type.base, type.size)
+            lines.append(f"    {wide} element{k} = {read}({name}{k}, 1, packet);")
+            numbers += [f"element{k}"] if type.size == 1 else [f"element{k}.{c}" for c in "xyzw"[: type.size]]
+        return lines, numbers
 
     def _ahead(self) -> str:
         """`sh_ahead`: ask the memory for two packets of elements that come some time after the one at a place."""
@@ -397,3 +446,9 @@ class TreePrologue:
     def _zeros(self, types: Sequence[Type]) -> list[str]:
         zero = [f"({spelled_wide(lanes_of(t.base, self.lanes))})(0)" for t in types for _ in range(t.size)]
         return self._rows(zero, types)
+
+
+def _filled(values: Sequence[str]) -> list[str]:
+    """Return the lines that give a node of values."""
+    stores = [f"    made.part{k} = {value};" for k, value in enumerate(values)]
+    return ["    sh_node made;", *stores, "    return made;"]
