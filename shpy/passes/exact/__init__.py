@@ -28,14 +28,13 @@ import numpy as np
 from shpy.ir.exact import EVEN, FUNCTIONS as ELEMENTARY, ODD
 from shpy.ir.types import Base
 from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
-from shpy.passes.exact.parts import Rare
 from shpy.passes.rounding import with_exceptions
 from shpy.passes.terms import Term, replaced
 
 __all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
 
 
-FUNCTIONS: Final[Mapping[str, Callable[..., Term | Rare]]] = {
+FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
     **{f.__name__: f for f in (exponential.exp, exponential.exp2)},
     **{f.__name__: f for f in (inverse.asin, inverse.acos, inverse.atan, inverse.atan2)},
@@ -46,7 +45,7 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term | Rare]]] = {
     "rsqrt": root.rsqrt,
 }
 
-EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
+_SELECTED: Final[Mapping[str, tuple[str, ...]]] = {
     "acos": ("0x1.110b46p-26", "0x1.04c444p-12"),
     "acosh": ("0x1.b121a6p+75", "0x1.6351d8p+94"),
     "asin": ("0x1.107434p-1",),
@@ -55,33 +54,33 @@ EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "atanh": ("0x1.ac6fd6p-10", "0x1.d5fa86p-10"),
     "cos": ("0x1.3170fp+63", "0x1.119ae6p+115"),
     "exp2": ("-0x1.e7526ep-6", "0x1.853a6ep-9"),
-    "log": ("0x1.827a74p-7", "0x1.2f1fd6p+3", "0x1.bacb4ap+25", "0x1.b121a6p+76", "0x1.6351d8p+95"),
-    "log10": ("0x1.fddcf4p-98", "0x1.1727b8p-91", "0x1.5cf1a6p-88"),
     "sinh": ("0x1.250bfep-11",),
     "tan": ("0x1.b0e75cp+59",),
 }
-"""Inputs that a formula misrounds in one of its spellings; the positive ones of odd and even functions."""
+EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    **_SELECTED,
+    **{name: tuple(neighbours) for name, neighbours in logarithm.NEIGHBOURS.items()},
+}
+"""Inputs that a formula misrounds in one of its spellings; the positive ones of odd and even functions.
+
+`rounded` selects the right results. A logarithm takes a neighbour of the input instead.
+"""
 
 
 def rounded(name: str) -> Callable[..., Term]:
     """Return the meaning of a strict function: the formula's result as a binary32, corrected at the exceptions."""
     formula = FUNCTIONS[name]
-    inputs = np.array([float.fromhex(text) for text in EXCEPTIONS.get(name, ())], np.float32)
+    inputs = np.array([float.fromhex(text) for text in _SELECTED.get(name, ())], np.float32)
     exceptions = list(zip(inputs.tolist(), ELEMENTARY[name](inputs).tolist(), strict=True)) if len(inputs) else []
 
     def meaning(*given: Term) -> Term:
         x, found = given[0], formula(*given)
-        if isinstance(found, Rare):
-            result, conditions, made = found.result, [found.when], found.made
-        else:
-            result = found if found.type.base is Base.F else found.based(Base.F)
-            if len(exceptions) < 2:
-                return with_exceptions(name, x, result, exceptions)
-            conditions, made = [], lambda: result
+        result = found if found.type.base is Base.F else found.based(Base.F)
+        if len(exceptions) < 2:
+            return with_exceptions(name, x, result, exceptions)
         size = abs(x) if name in ODD | EVEN else x
-        conditions += [size.equals(exception) for exception, _ in exceptions]
-        rare = reduce(operator.or_, conditions).named("rare")
-        return replaced(rare, {"result": result}, lambda: [with_exceptions(name, x, made(), exceptions)])[0]
+        rare = reduce(operator.or_, [size.equals(exception) for exception, _ in exceptions]).named("rare")
+        return replaced(rare, {"result": result}, lambda: [with_exceptions(name, x, result, exceptions)])[0]
 
     meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]
     return meaning

@@ -7,21 +7,11 @@ Stage: improve.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 from shpy.ir.types import Base
 from shpy.passes.strict.parts import MAGIC
 from shpy.passes.terms import Term
-
-
-@dataclass(frozen=True, slots=True)
-class Rare:
-    """A result in binary32, and what `made` gives in its place where `when` holds, which is seldom."""
-
-    result: Term
-    when: Term
-    made: Callable[[], Term]
 
 
 def horner(z: Term, coefficients: Sequence[float]) -> Term:
