@@ -266,10 +266,10 @@ def test_the_table_of_sizes_is_up_to_date(snapshots):
 
 EMIT = [
     path
-    for folder in ("emit", "opencl/text", "opencl/packets", "glsl/text")
+    for folder in ("emit", "numpy/text", "opencl/text", "opencl/packets", "glsl/text")
     for path in sorted((ROOT / "shpy/backends" / folder).glob("*.py"))
 ]
-"""The folders that make texts. numpy's own folder is to join them."""
+"""The folders that make texts."""
 
 LOOKS = {"startswith", "endswith", "find", "index", "partition", "rpartition", "split", "replace", "removesuffix"}
 """Methods that look into a text."""

@@ -51,16 +51,11 @@ def lower(
     return library.added(lowered_module)
 
 
-def refuse_without_binary64(let: Let) -> None:
-    """CompileError for a function of strict mode that only binary64 can round correctly."""
+def needs_binary64(let: Let) -> bool:
+    """Return whether only binary64 can round a function of strict mode correctly."""
     from shpy.passes.pairs import FUNCTIONS
 
-    if let.op not in FUNCTIONS:
-        raise CompileError(
-            f"{let.op} needs binary64 in strict mode, which promises the exact value rounded, and this device has none",
-            loc=let.value.loc,
-            cure='math="portable", whose bits are the same on every device (docs/numerics.md)',
-        )
+    return let.op not in FUNCTIONS and is_exact(let.op, let.value.type, "pairs")
 
 
 class _Lower(Rewriter):
@@ -101,8 +96,13 @@ class _Lower(Rewriter):
             if op in self.exact:
                 self.emit(let)
                 return
-            if self.library.formulas == "pairs":
-                refuse_without_binary64(let)
+            if self.library.formulas == "pairs" and needs_binary64(let):
+                raise CompileError(
+                    f"{op} needs binary64 in strict mode, which promises the exact value rounded, and this device has "
+                    "none",
+                    loc=let.value.loc,
+                    cure='math="portable", whose bits are the same on every device (docs/numerics.md)',
+                )
             callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._lowered)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return

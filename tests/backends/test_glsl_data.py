@@ -11,7 +11,7 @@ import shpy as sh
 from shpy.backends.base import TableData
 from shpy.backends.glsl import backend
 from shpy.backends.glsl.device.context import open_context
-from shpy.backends.glsl.device.textures import FOLD
+from shpy.backends.glsl.text.interface import FOLD
 from shpy.ir.types import vec
 
 

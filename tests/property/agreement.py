@@ -23,10 +23,8 @@ import shpy as sh
 from shpy.backends.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let
-from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.traverse import walk
-from shpy.ir.types import Base
-from shpy.passes import pairs
+from shpy.passes.lower import needs_binary64
 from shpy.passes.modes import Math
 from shpy.run.kernel import Kernel
 from shpy.testing.arrays import flat_leaves
@@ -222,15 +220,6 @@ def wanted(program: Tree, inputs: list[Array], precision: Precision, math: Math 
     return Expected(program, inputs) if plain else Interpreted(program, inputs, precision, math)
 
 
-def needs_binary64(program: sh.Program) -> bool:
-    """Return whether a program has functions that strict mode refuses on a device without binary64."""
-    return any(
-        isinstance(s, Let) and s.op in TRANSCENDENTALS - pairs.FUNCTIONS.keys() and s.value.type.base is Base.F
-        for f in program.ir.functions
-        for s in walk(f.body)
-    )
-
-
 def check(
     program: Tree,
     inputs: list[Array],
@@ -248,7 +237,8 @@ def check(
         assert sh.parse(str(module)) == module
         for backend in backends:
             if backend == WITHOUT_PRECISE:  # which has no binary64 that rounds as it should
-                portable = precision == "f32" and needs_binary64(expected.recorded)
+                statements = (s for f in expected.recorded.ir.functions for s in walk(f.body))
+                portable = precision == "f32" and any(isinstance(s, Let) and needs_binary64(s) for s in statements)
                 asked = wanted(program, inputs, precision, "portable") if portable else expected
                 asked.compare(*elsewhere(asked, backend), backend)
                 continue

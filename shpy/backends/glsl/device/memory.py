@@ -22,7 +22,6 @@ import numpy as np
 from shpy.backends.base import Array, Collectives, Counts
 from shpy.backends.glsl.device.context import VERTEX, Context, check
 from shpy.backends.glsl.device.textures import (
-    FOLD,
     FORMATS,
     Store,
     Target,
@@ -31,6 +30,7 @@ from shpy.backends.glsl.device.textures import (
     shown_texture,
     write,
 )
+from shpy.backends.glsl.text.interface import FOLD
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec

@@ -21,8 +21,8 @@ from shpy.backends.device.pace import Pace
 from shpy.backends.glsl.device.collective import collectives
 from shpy.backends.glsl.device.context import Context, check
 from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace, own
-from shpy.backends.glsl.device.textures import FOLD, Lent, Store, Target, read
-from shpy.backends.glsl.text.interface import FIRST, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
+from shpy.backends.glsl.device.textures import Lent, Store, Target, read
+from shpy.backends.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.types import Base, Type, vec

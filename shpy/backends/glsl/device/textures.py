@@ -25,11 +25,9 @@ import numpy as np
 from shpy.backends.base import Array, TableData
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.glsl.device.context import Context, check
+from shpy.backends.glsl.text.interface import FOLD
 from shpy.errors import ShpyError
 from shpy.ir.types import Type
-
-FOLD: Final = 4096
-"""Texels in a row of a table: element i stands at (i % FOLD, i / FOLD)."""
 
 FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}
 """The components of a texture by the base of what it holds."""

@@ -6,8 +6,12 @@ Stage: between emit and run.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from shpy.ir.types import Type
+
+FOLD: Final = 4096
+"""Texels in a row of a table: element i stands at (i % FOLD, i / FOLD)."""
 
 RUNNING = "sh_running"
 """A bool that is always true."""

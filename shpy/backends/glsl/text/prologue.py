@@ -23,9 +23,9 @@ from typing import Final
 
 from shpy.backends.emit.spell_c import row_major
 from shpy.backends.emit.tree import Name
-from shpy.backends.glsl.device.textures import FOLD
 from shpy.backends.glsl.text.interface import (
     FIRST,
+    FOLD,
     GRID_SHAPE,
     LAST,
     NOTHING,
