@@ -16,6 +16,7 @@ import builtins as _builtins
 import importlib
 from typing import Any
 
+from shpy.animation import animate
 from shpy.backends.registry import BackendInfo, backends, default_backend
 from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult

@@ -19,6 +19,7 @@ from shpy import packages as packages
 from shpy import library as library
 from shpy import testing as testing
 from shpy import videos as videos
+from shpy.animation import animate as animate
 from shpy.backends.registry import BackendInfo as BackendInfo
 from shpy.backends.registry import backends as backends
 from shpy.backends.registry import default_backend as default_backend
@@ -11104,6 +11105,7 @@ __all__ = [
     "acos",
     "acosh",
     "all_lanes",
+    "animate",
     "any_lane",
     "argsort",
     "asin",

@@ -29,7 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
+from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
+from shpy.program import Program
 
 SIZES: Final[dict[str, tuple[int, ...]]] = {
     "uv": (2,),
@@ -116,6 +118,39 @@ def _fixed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     made = np.ascontiguousarray(array, dtype)
     made.flags.writeable = False  # runs share it
     return made
+
+
+def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str] = ()) -> None:
+    """Raise ShpyTypeError where a program of pixels lacks inputs, or `size` is no (width, height).
+
+    An input is filled by its name, by its default, or `given` in another way.
+    """
+    if not (isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(n, int) and n > 0 for n in size)):
+        raise ShpyTypeError(f"size={size!r} is no width and height", loc=here(), cure="size=(640, 360)")
+    known = {*program.recorded.defaults, *given}
+    types = {n: t for n, t in program.inputs.items() if n not in known and not is_filled(n, t)}
+    if types:
+        spoken = ", ".join(f"{name}: {getattr(t, '__name__', t)}" for name, t in types.items())
+        raise ShpyTypeError(
+            f"{program.name} is no program of pixels: nothing fills its input {spoken}",
+            loc=program.ir.entry.loc,
+            cure=f"uv: sh.TexCoord2f, pixel: sh.Attrib2i, resolution, time, frame or mouse; a default; or "
+            f"{program.name}.bind({next(iter(types))}=…)",
+        )
+    unknown = [n for n in given if n not in program.inputs and n not in program.params]
+    if unknown:
+        raise ShpyTypeError(
+            f"{unknown[0]} is neither an input nor a Param of {program.name}",
+            loc=here(),
+            cure=f"one of {', '.join([*program.inputs, *program.params]) or 'none'}",
+        )
+
+
+def first_output(outputs: Any) -> Any:
+    """Return the picture among the outputs of a program: the only one, or the first of several."""
+    while isinstance(outputs, tuple | dict):
+        outputs = next(iter(outputs.values() if isinstance(outputs, dict) else outputs))
+    return outputs
 
 
 def pixels(output: Any, *, encode: bool = False) -> NDArray[np.uint8]:

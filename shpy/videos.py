@@ -106,7 +106,8 @@ def _as_picture(path: Path, frames: int, fps: float, draw: Draw) -> Iterator[int
     def run() -> Iterator[int]:
         held = []
         for number in range(frames):
-            held.append(pillow.fromarray(np.ascontiguousarray(draw(number))))
+            picture = pillow.fromarray(np.ascontiguousarray(draw(number)))
+            held.append(_in_256_colors(pillow, picture) if kind == "GIF" else picture)
             if number + 1 < frames:
                 yield number + 1
         with replacing(path) as temporary:
@@ -114,6 +115,12 @@ def _as_picture(path: Path, frames: int, fps: float, draw: Draw) -> Iterator[int
         yield frames
 
     return run()
+
+
+def _in_256_colors(pillow: Any, picture: Any) -> Any:
+    """Return the picture in its own 256 colours, dithered: without it, smooth shades show steps."""
+    palette = picture.quantize(256, method=pillow.Quantize.MAXCOVERAGE)
+    return picture.quantize(palette=palette, dither=pillow.Dither.FLOYDSTEINBERG)
 
 
 def _ffmpeg(path: Path, size: tuple[int, int]) -> str:

@@ -1,0 +1,180 @@
+"""Animations of programs and chains: frames computed on a device, written to one file or a folder.
+
+Stage: picture. `screen` fills inputs by name and makes pixels of outputs, `videos` writes them.
+
+    sh.animate(waves, "waves.gif", frames=48, size=(256, 256))
+    sh.animate(sh.repeat(react, 20), "spots.webp", frames=100, show=colors, u=u, v=v)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.backends.base import Math
+from shpy.chains.chain import Chain
+from shpy.command import progress_lines
+from shpy.errors import ShpyTypeError
+from shpy.lang.data.params import Param
+from shpy.lang.recording.location import here
+from shpy.program import Program
+from shpy.screen import Moment, check_pictures, filled, first_output, pixels
+from shpy.streams.stream import Stream
+from shpy.videos import FPS, writing
+
+Frame = NDArray[np.uint8]
+
+
+def animate(
+    shown: Program | Chain,
+    path: str | PathLike[str],
+    *,
+    frames: int,
+    fps: float = FPS,
+    size: tuple[int, int] | None = None,
+    show: Program | None = None,
+    encode: bool = False,
+    backend: str | None = None,
+    math: Math = "strict",
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    **values: Any,
+) -> Path:
+    """Write `frames` frames to a .gif, .webp or .mp4 file, or else to a folder of PNG files; return its path.
+
+    A program of pixels is run over `size` (width, height), (512, 512) where nothing is said, for each frame: frame k
+    shows the time k / fps, in seconds. Its inputs `uv`, `pixel`, `resolution`, `time`, `frame` and `mouse` are filled
+    by their names. `values` are other inputs and Params, by name: a number, an array, or a function of the time.
+
+    A chain is run once for each frame; `values` are the streams that it begins with. `show` is the program that makes
+    colours of its streams, which it takes by their names; without it the last stream that the chain writes is shown.
+
+    One component is a grey, three a colour; an alpha is left out. Numbers from 0 to 1 are shown as they are; with
+    `encode` they are linear light, which becomes sRGB. `progress` is called with how many frames are done and how many
+    there are; None prints a line every five seconds. `resume` keeps the frames that a folder has.
+    Raises ShpyTypeError for what is no program of pixels, VideoError for numbers and paths that make no animation and
+    where Pillow or ffmpeg is missing, OSError for a path that cannot be written.
+    """
+    tell = progress or progress_lines("frames")
+    if isinstance(shown, Chain):
+        evolving = _Evolving(shown, show, values, fps, size, backend)
+        extent, draw = evolving.size(), evolving.draw
+    elif isinstance(shown, Program):
+        if show is not None:
+            raise ShpyTypeError("show= makes colours of the streams of a chain", loc=here(), cure="show << program")
+        still = _Still(shown, values, fps, size or (512, 512), backend, math)
+        extent, draw = still.size, still.draw
+    else:
+        raise ShpyTypeError(
+            f"{shown!r} is neither a program nor a chain", loc=here(), cure='sh.animate(program, "x.gif", frames=48)'
+        )
+    steps = writing(Path(path), frames, fps, extent, lambda k: pixels(draw(k), encode=encode)[..., :3], resume=resume)
+    with _kept(shown.params if isinstance(shown, Program) else {}):
+        for done in steps:
+            tell(done, frames)
+    return Path(path)
+
+
+@contextmanager
+def _kept(params: Mapping[str, Any]) -> Iterator[None]:
+    """Give Params the values from before once the frames are drawn."""
+    before = {name: params[name].value for name in params if isinstance(params[name], Param)}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            params[name].value = value
+
+
+class _Still:
+    """A program of pixels at the times of its frames."""
+
+    def __init__(
+        self,
+        program: Program,
+        values: Mapping[str, Any],
+        fps: float,
+        size: tuple[int, int],
+        backend: str | None,
+        math: Math,
+    ) -> None:
+        check_pictures(program, size, values)
+        self.size, self._program, self._fps = size, program, fps
+        self._params = {n: p for n, p in program.params.items() if n in values and n not in program.inputs}
+        self._values = values
+        self._kernel = program.compile(backend, math=math)
+
+    def draw(self, number: int) -> Any:
+        """Return the output of a frame."""
+        moment = Moment(self.size, number / self._fps, number)
+        for name, param in self._params.items():
+            param.value = _now(self._values[name], moment)
+        given = {n: _now(v, moment) for n, v in self._values.items() if n not in self._params}
+        named = filled(self._program.inputs, moment, given=given)
+        return first_output(self._kernel(**given, **named, shape=moment.shape))
+
+
+def _now(value: Any, moment: Moment) -> Any:
+    return value(moment.time) if callable(value) and not isinstance(value, Stream) else value
+
+
+class _Evolving:
+    """A chain whose streams go on from frame to frame."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        show: Program | None,
+        values: Mapping[str, Any],
+        fps: float,
+        size: tuple[int, int] | None,
+        backend: str | None,
+    ) -> None:
+        names = {*chain.inputs, *chain.outputs, *(show.inputs if show else ())}
+        unknown = [name for name in values if name not in names]
+        if unknown:
+            raise ShpyTypeError(f"{unknown[0]} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(names)}")
+        self._chain, self._show, self._fps, self._backend = chain, show, fps, backend
+        self._size = size or _extent(values)
+        self._streams = dict(values)
+        self._drawn = 0
+        self._picture: Any = None
+
+    def size(self) -> tuple[int, int]:
+        """Return (width, height) of its pictures, as the first one has it."""
+        height, width = np.shape(self.draw(0))[:2]
+        return width, height
+
+    def draw(self, number: int) -> Any:
+        """Return the output of a frame: of the one drawn last, or of a later one."""
+        while self._drawn <= number:
+            moment = Moment(self._size, self._drawn / self._fps, self._drawn)
+            given = self._given({**self._chain.inputs, **self._chain.outputs}, moment)
+            self._streams |= self._chain.run(backend=self._backend, **given).streams
+            self._picture = self._shown(moment)
+            self._drawn += 1
+        return self._picture
+
+    def _given(self, inputs: Mapping[str, Any], moment: Moment) -> dict[str, Any]:
+        given = {name: self._streams[name] for name in inputs if name in self._streams}
+        return given | filled(inputs, moment, given=given)
+
+    def _shown(self, moment: Moment) -> Any:
+        if self._show is None:
+            return np.asarray(self._streams[list(self._chain.outputs)[-1]])
+        given = self._given(self._show.inputs, moment)
+        check_pictures(self._show, moment.size, given)
+        return np.asarray(first_output(self._show(**given, shape=moment.shape)))
+
+
+def _extent(values: Mapping[str, Any]) -> tuple[int, int]:
+    """Return (width, height) of the streams that a chain begins with: of the first one that has two axes."""
+    shapes = [value.shape if isinstance(value, Stream) else np.shape(value)[:2] for value in values.values()]
+    height, width = next((shape for shape in shapes if len(shape) == 2), (512, 512))
+    return width, height
