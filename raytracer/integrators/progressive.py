@@ -76,10 +76,12 @@ def passes(
     past: int,
     progress: Progress | None = None,
     at_once: int | None = None,
+    first_row: int = 0,
 ) -> Iterator[tuple[Layers, int]]:
     """Add the samples `first` to `past` - 1 to a picture; yield all layers, anew, after each pass.
 
     A pass has `at_once` samples of each pixel, or by default as many as `SAMPLES_AT_ONCE` and `BANDS_AT_ONCE` allow.
+    The layers are those of the picture's rows from `first_row` on.
     """
     height, width = layers["depth"].shape
     band_size = BAND if backend == "numpy" else DEVICE_BAND
@@ -91,7 +93,7 @@ def passes(
         params["first_sample"].value, params["past_sample"].value = start, end
         layers = {name: layer.copy() for name, layer in layers.items()}
         for top in range(0, height, rows):
-            params["top_row"].value = top
+            params["top_row"].value = first_row + top
             band = {name: layer[top : top + rows] for name, layer in layers.items()}
             found = kernel(np.ascontiguousarray(band["pixels"]))
             band["pixels"][:] = found.color

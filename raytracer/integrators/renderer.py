@@ -249,15 +249,48 @@ class Renderer:
             _clear(layers, self.scene.background)
         else:
             self._aim(camera, width * fine, height * fine)
-            if self.staged is not None:
-                self.staged.log = Log()
-            rows = max(1, self._rays_at_once // (width * fine * fine))
-            for top in range(0, height, rows):
-                count = min(rows, height - top)
-                self._band(layers, top, count, width, fine)
-                if progress is not None:
-                    progress(top + count, height)
+            self._bands(layers, 0, fine, progress)
         return Image(**layers, stats=self._stats(layers, started), samples=samples)
+
+    def rows(
+        self,
+        size: tuple[int, int],
+        top: int,
+        count: int,
+        *,
+        camera: Camera | None = None,
+        samples: int | None = None,
+        start: tuple[dict[str, Any], int] | None = None,
+    ) -> dict[str, Any]:
+        """Render the rows `top` to `top + count - 1` of a picture alone, with the bits that they have in the whole one.
+
+        Return the layers of an `Image` of those rows. With a `Path`, `start` are the rows' layers in a picture of fewer
+        samples, and their number. The other arguments are those of `render`.
+        """
+        samples = self._samples(samples)
+        width, height = checked_size(size)
+        self._follow_motion()
+        layers = _unset(width, count)
+        _clear(layers, self.scene.background)
+        if self.layout is None:
+            return layers
+        if isinstance(self.integrator, Path):
+            self._aim_paths(camera, width, height)
+            layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
+            layers, first = start or (layers, 0)
+            for layers, _ in self._passes(layers, first, samples, top=top):
+                pass
+            return layers
+        fine = isqrt(samples)
+        self._aim(camera, width * fine, height * fine)
+        self._bands(layers, top, fine)
+        return layers
+
+    def origin(self, size: tuple[int, int], camera: Camera | None = None) -> str:
+        """Return the `Image.origin` of a picture of this size; "" for one that takes no more samples."""
+        if self.layout is None or not isinstance(self.integrator, Path):
+            return ""
+        return self._aim_paths(camera, *size)
 
     def passes(
         self,
@@ -274,7 +307,7 @@ class Renderer:
         """
         if not isinstance(self.integrator, Path):
             raise SceneError('passes are those of integrator="path"')
-        samples, seed = self._samples(samples), self.integrator.seed
+        samples = self._samples(samples)
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
         started, layers, first, origin = time.perf_counter(), _unset(width, height), 0, ""
@@ -282,22 +315,25 @@ class Renderer:
         if self.layout is None:
             first = samples
         else:
-            assert isinstance(self._tracer, PathTracer)
-            camera = self._aim(camera, width, height)
-            self.params["seed"].value = seed
-            origin = origin_of(self.scene, self.layout, self._tracer, camera, seed)
+            origin = self._aim_paths(camera, width, height)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             if resume is not None:
                 layers, first = resumed(resume, (width, height), origin, samples)
         if first == samples:
             yield Image(**layers, stats=self._stats(layers, started), samples=samples, origin=origin)
             return
+        for found, done in self._passes(layers, first, samples, progress):
+            yield Image(**found, stats=self._stats(found, started), samples=done, origin=origin)
+
+    def _passes(
+        self, layers: dict[str, Any], first: int, samples: int, progress: Progress | None = None, top: int = 0
+    ) -> Iterator[tuple[dict[str, Any], int]]:
+        """Add samples to the layers of rows from `top` on; see `passes`."""
         assert self.layout is not None  # a scene without one has all samples from the start
         # A driver without a GPU ends loops of many iterations, and rays take more of them through a cube.
         at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else None
         device = self.kernel, self.params, self.backend, self.layout.scale
-        for found, done in passes(*device, layers, first, samples, progress, at_once):
-            yield Image(**found, stats=self._stats(found, started), samples=done, origin=origin)
+        return passes(*device, layers, first, samples, progress, at_once, top)
 
     def _samples(self, samples: int | None) -> int:
         """Return the number of samples of a picture; SceneError for one that the integrator cannot have."""
@@ -335,11 +371,31 @@ class Renderer:
             self.params[name].value = value
         return camera
 
-    def _band(self, layers: dict[str, Any], top: int, count: int, width: int, fine: int) -> None:
-        """Trace rows `top` to `top + count` and put them into the layers."""
+    def _aim_paths(self, camera: Camera | None, width: int, height: int) -> str:
+        """Set the eye rays and the seed of path tracing; return the `origin` of the picture."""
+        assert isinstance(self.integrator, Path)
+        assert isinstance(self._tracer, PathTracer)
         assert self.layout is not None
+        camera, seed = self._aim(camera, width, height), self.integrator.seed
+        self.params["seed"].value = seed
+        return origin_of(self.scene, self.layout, self._tracer, camera, seed)
+
+    def _bands(self, layers: dict[str, Any], top: int, fine: int, progress: Progress | None = None) -> None:
+        """Trace the rows of layers, which are those of the picture from `top` on, band by band."""
+        height, width = layers["depth"].shape
+        if self.staged is not None:
+            self.staged.log = Log()
+        rows = max(1, self._rays_at_once // (width * fine * fine))
+        for first in range(0, height, rows):
+            past = min(first + rows, height)
+            self._band(Pixel(*(layer[first:past] for layer in layers.values())), top + first, fine)
+            if progress is not None:
+                progress(past, height)
+
+    def _band(self, band: Pixel, top: int, fine: int) -> None:
+        """Trace the rows of the picture from `top` on into `band`."""
         self.params["first_row"].value = top * fine
-        band = Pixel(*(layer[top : top + count] for layer in layers.values()))
+        count, width = np.shape(band.depth)
         if fine == 1 and self.staged is None and self.kernel.options.precision == "f32":
             self.kernel.run(shape=(count, width), out=band)
             self._unscale(band)
