@@ -14,7 +14,7 @@ import shpy_start  # noqa: F401  # first: it makes Ctrl-C quiet while `python -m
 from raytracer.appearance.materials import Material
 from raytracer.appearance.programs import Hit, Surface
 from raytracer.appearance.textures import Texture
-from raytracer.errors import SceneError
+from raytracer.errors import ClusterError, SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Path, Staged, Whitted
 from raytracer.integrators.renderer import Renderer
@@ -32,6 +32,7 @@ __all__ = [
     "AllHits",
     "Camera",
     "Closest",
+    "ClusterError",
     "DirectionalLight",
     "EnvironmentLight",
     "Hit",

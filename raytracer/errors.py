@@ -18,6 +18,10 @@ class SceneError(ValueError):
     """A scene, mesh, picture size or ray cannot be used as it is given."""
 
 
+class ClusterError(RuntimeError):
+    """A Dask cluster cannot be reached or used as it is asked to; the message says why."""
+
+
 def users_line() -> str:
     """Return the line outside of the ray tracer that is running, as `file.py:12`."""
     frame, _ = _users_frame()

@@ -9,8 +9,12 @@ Stage: render. Above the integrators, and above the trade-off that chooses among
 from __future__ import annotations
 
 import dataclasses
-from typing import Unpack
+from typing import Any, Unpack
 
+import shpy as sh
+from raytracer.cluster.connection import connected
+from raytracer.cluster.job import Job
+from raytracer.cluster.replicated import render_tiles
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
@@ -28,6 +32,8 @@ def render(
     resume: Resume = None,
     max_error: float | None = None,
     progress: Progress | None = None,
+    cluster: Any = None,
+    tile_rows: int | None = None,
     **options: Unpack[Options],
 ) -> Image:
     """Render a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
@@ -44,11 +50,26 @@ def render(
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
+    `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
+    address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
+    `tile_rows` rows each, and the picture's arrays lie in temporary files.
+
     Raises SceneError for sizes and numbers that make no picture, pictures that do not fit into memory, options that do
-    not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend.
+    not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for
+    a cluster that cannot be used.
     """
-    checked_size(size)  # before a scene is laid out and compiled
     wanted = chosen(integrator, options)
+    if cluster is not None:
+        if max_error is not None:
+            raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
+        if not (tile_rows is None or (isinstance(tile_rows, int) and tile_rows > 0)):
+            raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
+        job = Job(scene, wanted, backend or sh.default_backend())
+        with connected(cluster) as client:
+            return render_tiles(client, job, size, tile_rows=tile_rows, resume=resume, progress=progress)
+    if tile_rows is not None:
+        raise SceneError("tile_rows is for the tasks of a cluster: leave it out")
+    checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, wanted, backend, progress)
     return Renderer(scene, integrator=wanted, backend=backend).render(size, progress=progress, resume=resume)

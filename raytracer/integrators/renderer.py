@@ -62,7 +62,7 @@ class Renderer:
         self, scene: Scene, *, integrator: Given = "whitted", backend: str | None = None, **options: Unpack[Options]
     ) -> None:
         self.integrator = chosen(integrator, options)
-        _check_scene(scene, self.integrator)
+        check_scene(scene, self.integrator)
         self.scene = scene
         self.backend = backend or sh.default_backend()
         self.build_seconds = self.record_seconds = self.compile_seconds = 0.0
@@ -141,7 +141,7 @@ class Renderer:
         One with as many meshes, of the same faces and materials, and the same lights, background and ambient, is taken
         as its meshes' movement; for any other all is built anew. Raises SceneError as a new Renderer does.
         """
-        _check_scene(scene, self.integrator)
+        check_scene(scene, self.integrator)
         if (
             _lit_alike(scene, self.scene)
             and self._obstacle is None
@@ -244,13 +244,13 @@ class Renderer:
         width, height = checked_size(size)
         started = time.perf_counter()
         self._follow_motion()
-        layers = _unset(width, height)
+        layers = unset(width, height)
         if self.layout is None:
             _clear(layers, self.scene.background)
         else:
             self._aim(camera, width * fine, height * fine)
             self._bands(layers, 0, fine, progress)
-        return Image(**layers, stats=self._stats(layers, started), samples=samples)
+        return Image(**layers, stats=self.stats(layers, started), samples=samples)
 
     def rows(
         self,
@@ -268,29 +268,30 @@ class Renderer:
         samples, and their number. The other arguments are those of `render`.
         """
         samples = self._samples(samples)
-        width, height = checked_size(size)
+        width, height = whole_size(size)
         self._follow_motion()
-        layers = _unset(width, count)
+        layers = unset(width, count)
         _clear(layers, self.scene.background)
         if self.layout is None:
             return layers
         if isinstance(self.integrator, Path):
             self._aim_paths(camera, width, height)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
-            layers, first = start or (layers, 0)
-            for layers, _ in self._passes(layers, first, samples, top=top):
-                pass
+            begun, first = start or (layers, 0)
+            *_, (layers, _) = (begun, first), *self._passes(begun, first, samples, top=top)
             return layers
         fine = isqrt(samples)
         self._aim(camera, width * fine, height * fine)
         self._bands(layers, top, fine)
         return layers
 
-    def origin(self, size: tuple[int, int], camera: Camera | None = None) -> str:
-        """Return the `Image.origin` of a picture of this size; "" for one that takes no more samples."""
+    def origin(self, camera: Camera | None = None) -> str:
+        """Return the `Image.origin` of path traced pictures from a camera, None for the scene's; "" for others."""
         if self.layout is None or not isinstance(self.integrator, Path):
             return ""
-        return self._aim_paths(camera, *size)
+        assert isinstance(self._tracer, PathTracer)
+        assert self.scene.camera is not None  # a scene frames one if it has none
+        return origin_of(self.scene, self.layout, self._tracer, camera or self.scene.camera, self.integrator.seed)
 
     def passes(
         self,
@@ -310,20 +311,21 @@ class Renderer:
         samples = self._samples(samples)
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
-        started, layers, first, origin = time.perf_counter(), _unset(width, height), 0, ""
+        started, layers, first, origin = time.perf_counter(), unset(width, height), 0, ""
         _clear(layers, self.scene.background)
         if self.layout is None:
             first = samples
         else:
-            origin = self._aim_paths(camera, width, height)
+            self._aim_paths(camera, width, height)
+            origin = self.origin(camera)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             if resume is not None:
                 layers, first = resumed(resume, (width, height), origin, samples)
         if first == samples:
-            yield Image(**layers, stats=self._stats(layers, started), samples=samples, origin=origin)
+            yield Image(**layers, stats=self.stats(layers, started), samples=samples, origin=origin)
             return
         for found, done in self._passes(layers, first, samples, progress):
-            yield Image(**found, stats=self._stats(found, started), samples=done, origin=origin)
+            yield Image(**found, stats=self.stats(found, started), samples=done, origin=origin)
 
     def _passes(
         self, layers: dict[str, Any], first: int, samples: int, progress: Progress | None = None, top: int = 0
@@ -341,7 +343,8 @@ class Renderer:
             return self.integrator.samples
         return dataclasses.replace(self.integrator, samples=samples).samples
 
-    def _stats(self, layers: dict[str, Any], started: float) -> Stats:
+    def stats(self, layers: dict[str, Any], started: float) -> Stats:
+        """Return the cost of the layers, whose rendering began at `started`."""
         return Stats(
             backend=self.backend,
             seconds=time.perf_counter() - started,
@@ -361,24 +364,20 @@ class Renderer:
             return _STAGED_BAND
         return _BAND if self.backend == "numpy" else _DEVICE_BAND
 
-    def _aim(self, camera: Camera | None, width: int, height: int) -> Camera:
-        """Set the eye rays of a camera, None for the scene's; return the camera."""
+    def _aim(self, camera: Camera | None, width: int, height: int) -> None:
+        """Set the eye rays of a camera, None for the scene's."""
         camera = camera or self.scene.camera
         assert camera is not None  # a scene frames one if it has none
         assert self.layout is not None
         self._choose(camera)
         for name, value in camera.uniforms(width, height, self.layout.origin, self.layout.scale).items():
             self.params[name].value = value
-        return camera
 
-    def _aim_paths(self, camera: Camera | None, width: int, height: int) -> str:
-        """Set the eye rays and the seed of path tracing; return the `origin` of the picture."""
+    def _aim_paths(self, camera: Camera | None, width: int, height: int) -> None:
+        """Set the eye rays and the seed of path tracing."""
         assert isinstance(self.integrator, Path)
-        assert isinstance(self._tracer, PathTracer)
-        assert self.layout is not None
-        camera, seed = self._aim(camera, width, height), self.integrator.seed
-        self.params["seed"].value = seed
-        return origin_of(self.scene, self.layout, self._tracer, camera, seed)
+        self._aim(camera, width, height)
+        self.params["seed"].value = self.integrator.seed
 
     def _bands(self, layers: dict[str, Any], top: int, fine: int, progress: Progress | None = None) -> None:
         """Trace the rows of layers, which are those of the picture from `top` on, band by band."""
@@ -429,7 +428,7 @@ def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     return picture
 
 
-def _check_scene(scene: Scene, integrator: Any) -> None:
+def check_scene(scene: Scene, integrator: Any) -> None:
     """Raise SceneError for an environment light that the integrator cannot show."""
     if scene.environment is None:
         return
@@ -452,24 +451,30 @@ def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
 
     `saving` is how many bytes a pixel takes besides its layers.
     """
+    width, height = whole_size(size)
+    check_fits(width, height, saving)
+    return width, height
+
+
+def whole_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return a size as (width, height); SceneError for one that makes no picture."""
     try:
         width, height = (int(n) for n in size if int(n) == n)
     except (TypeError, ValueError):
         raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
     if not (1 <= width <= 32768 and 1 <= height <= 32768):
         raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
-    check_fits(width, height, saving)
     return width, height
 
 
-def _unset(width: int, height: int) -> dict[str, Any]:
-    """Return the layers of a picture, to be filled, in the order of `Pixel`."""
+def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[str, Any]:
+    """Return the layers of a picture, to be filled, in the order of `Pixel`; `new(shape, dtype)` makes each."""
     return {
-        "pixels": np.empty((height, width, 3), dtype=np.float32),
-        "depth": np.empty((height, width), dtype=np.float32),
-        "normal": np.empty((height, width, 3), dtype=np.float32),
-        "object_id": np.empty((height, width), dtype=np.int32),
-        "rays": np.empty((height, width), dtype=np.int32),
+        "pixels": new((height, width, 3), np.float32),
+        "depth": new((height, width), np.float32),
+        "normal": new((height, width, 3), np.float32),
+        "object_id": new((height, width), np.int32),
+        "rays": new((height, width), np.int32),
     }
 
 

@@ -1,0 +1,101 @@
+"""The connection to a Dask cluster: a client that exists, the address of a scheduler, or workers of this machine.
+
+Stage: cluster. Dask is imported when a cluster is asked for.
+
+    with connected("local:4") as client:
+        client.submit(...)
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import shpy as sh
+from raytracer.errors import ClusterError
+
+PATIENCE = 30
+"""Seconds within which a scheduler must answer."""
+MOST = 1024
+"""Workers of this machine, at most."""
+
+
+@contextmanager
+def connected(cluster: Any) -> Iterator[Any]:
+    """Give a dask.distributed.Client: the one that is handed in, or one that is closed at the end.
+
+    `cluster` may also be the address of a scheduler, such as "tcp://host:8786", or "local:4" for four processes of this
+    machine, which end with it. Raises ClusterError for anything else, for a scheduler that does not answer, and where
+    Dask is missing.
+    """
+    distributed = _distributed()
+    if isinstance(cluster, distributed.Client):
+        if cluster.asynchronous:
+            raise ClusterError("this Client is asynchronous: make one without asynchronous=True")
+        yield cluster
+        return
+    count = _count_of(cluster)
+    if count is None:
+        try:
+            client = distributed.Client(cluster, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise ClusterError(
+                f"no Dask scheduler answers at {cluster} ({type(error).__name__}): start one with `dask scheduler`"
+            ) from None
+        with client:
+            yield client
+        return
+    with _workers(count) as here, distributed.Client(here, set_as_default=False) as client:
+        client.register_plugin(_like_here(sys.path))
+        yield client
+
+
+def _count_of(cluster: Any) -> int | None:
+    """Return the N of "local:N", None for an address."""
+    text = cluster if isinstance(cluster, str) else ""
+    local = re.fullmatch(r"local:([0-9]{1,9})", text)
+    if local and 1 <= int(local[1]) <= MOST:
+        return int(local[1])
+    if local or not re.match(r"[a-z]+://.", text):
+        raise ClusterError(
+            'a cluster is a dask.distributed.Client, an address such as "tcp://host:8786", or "local:N" for '
+            f"1 to {MOST} workers of this machine, not {cluster!r}"
+        )
+    return None
+
+
+def _workers(count: int) -> Any:
+    """Start workers of one thread each on this machine.
+
+    They are started by the command `dask`, so that a user's script is not imported again as with multiprocessing.
+    """
+    from distributed.deploy.subprocess import SubprocessCluster
+
+    return SubprocessCluster(
+        n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+    )
+
+
+def _like_here(folders: list[str]) -> Any:
+    """Return what makes workers find the modules that this process finds, and leave it to this one to show errors."""
+    from distributed import WorkerPlugin
+
+    class LikeHere(WorkerPlugin):  # type: ignore[misc]
+        def setup(self, worker: Any) -> None:
+            sys.path += [folder for folder in folders if folder not in sys.path]
+            logging.getLogger("distributed").setLevel(logging.CRITICAL)
+            logging.getLogger("distributed.worker").setLevel(logging.CRITICAL)
+
+    return LikeHere()
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise ClusterError(f"a cluster needs Dask: {sh.packages.install('dask', 'distributed')}") from error
+    return distributed

@@ -1,0 +1,169 @@
+"""Pictures by the workers of a cluster: real processes of this machine, and the bits of one process."""
+
+import os
+import signal
+import sys
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+import raytracer
+import shpy as sh
+from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, render
+from raytracer.cluster import connection
+from raytracer.meshes.shapes import box
+
+BITS = {"pixels": np.uint32, "depth": np.uint32, "normal": np.uint32, "object_id": np.uint32, "rays": np.uint32}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with connection.connected("local:2") as found:
+        yield found
+
+
+def assert_same(found, wanted):
+    for name, kind in BITS.items():
+        a, b = found.layers[name], wanted.layers[name]
+        assert a.shape == b.shape
+        np.testing.assert_array_equal(a.view(kind), b.view(kind), err_msg=name)
+    assert (found.samples, found.origin, found.stats.rays) == (wanted.samples, wanted.origin, wanted.stats.rays)
+
+
+def test_pictures_have_the_bits_of_one_process(client):
+    for name, integrator in (
+        ("boxes", Whitted(samples=4, accel="grid", precision="f64")),
+        ("boxes", Staged(samples=4)),
+        ("cornell", Path(samples=5, seed=5)),
+    ):
+        scene = Scene.builtin(name)
+        given = {"integrator": integrator, "backend": "numpy"}
+        assert_same(render(scene, (16, 9), cluster=client, **given), render(scene, (16, 9), **given))
+
+
+def test_tiles_of_any_size_make_the_same_picture(client):
+    scene, given = Scene.builtin("cornell"), {"integrator": Path(samples=5, seed=5), "backend": "numpy"}
+    wanted = render(scene, (11, 13), **given)
+    for rows in (1, 4, 13, 100):
+        progress = Mock()
+        assert_same(render(scene, (11, 13), cluster=client, tile_rows=rows, progress=progress, **given), wanted)
+        assert progress.call_count == -(-13 // rows)
+        assert progress.call_args.args == (13, 13)
+
+
+def test_a_scene_is_compiled_once_in_a_process(client):
+    scene = Scene.builtin("mirror-box")
+    before = render(scene, (6, 40), backend="numpy", cluster=client, tile_rows=1)
+    kept = client.run(lambda: {key: id(one.renderer) for key, one in raytracer.cluster.job._kept.items()})
+    again = render(Scene.builtin("mirror-box"), (6, 40), backend="numpy", cluster=client, tile_rows=1)
+    assert kept == client.run(lambda: {key: id(one.renderer) for key, one in raytracer.cluster.job._kept.items()})
+    assert_same(again, before)
+
+
+def test_more_samples_go_on_from_a_picture(client, tmp_path):
+    scene = Scene.builtin("cornell")
+    few = render(scene, (8, 9), integrator=Path(samples=2), backend="numpy", cluster=client)
+    given = {"integrator": Path(samples=5), "backend": "numpy"}
+    wanted = render(scene, (8, 9), **given)
+    for begun in (few, few.save(tmp_path / "few.npy")):
+        assert_same(render(scene, (8, 9), resume=begun, cluster=client, tile_rows=2, **given), wanted)
+    with pytest.raises(SceneError, match="was not path traced from this scene, camera, seed"):
+        render(scene, (8, 9), integrator=Path(samples=5, seed=1), backend="numpy", resume=few, cluster=client)
+
+
+def test_an_empty_scene_is_its_background(client):
+    assert_same(render(Scene(), (5, 4), cluster=client), render(Scene(), (5, 4)))
+
+
+def broken(hit):
+    where = 1 / 0  # the user's mistake
+    return Surface(color=where)
+
+
+def test_an_error_of_a_shader_is_shown_with_its_line_alone(client):
+    scene = Scene(box((1, 1, 1), Material(surface=broken)))
+    with pytest.raises(ZeroDivisionError) as caught:
+        render(scene, (4, 4), cluster=client)
+    files = [entry.path.name for entry in caught.traceback]
+    assert files[-1] == "test_cluster.py"
+    assert "1 / 0  # the user's mistake" in str(caught.traceback[-1].statement)
+    assert not any("distributed" in str(entry.path) for entry in caught.traceback)
+    assert len(files) <= 8
+    with pytest.raises(SceneError, match=r"forgetful \(test_cluster.py:\d+\): a surface gives a raytracer.Surface"):
+        render(Scene(box((1, 1, 1), Material(surface=forgetful))), (4, 4), cluster=client)
+
+
+def forgetful(hit):
+    return None
+
+
+def test_what_a_cluster_cannot_do_is_refused_before_anything_runs():
+    scene = Scene.builtin("boxes")
+    with pytest.raises(ClusterError, match=r'"local:N" for 1 to 1024 workers of this machine, not \'local:0\''):
+        render(scene, cluster="local:0")
+    with pytest.raises(ClusterError, match=r"not 4"):
+        render(scene, cluster=4)
+    with pytest.raises(SceneError, match="max_error chooses by times measured on this machine"):
+        render(scene, cluster="local:2", max_error=1.0)
+    with pytest.raises(SceneError, match="tile_rows is for the tasks of a cluster"):
+        render(scene, tile_rows=4)
+    with pytest.raises(SceneError, match="tile_rows is a number of rows, 1 or more, not 0"):
+        render(scene, cluster="local:2", tile_rows=0)
+    with pytest.raises(SceneError, match="the integrator is one of"):
+        render(scene, cluster="local:2", integrator="magic")
+
+
+def test_what_a_picture_cannot_be_is_refused_by_the_client(client):
+    with pytest.raises(SceneError, match="a picture is from 1 to 32768 pixels"):
+        render(Scene.builtin("boxes"), (0, 4), cluster=client)
+    with pytest.raises(SceneError, match="resume is for"):
+        render(Scene.builtin("boxes"), (4, 4), resume="a.npy", cluster=client)
+    with pytest.raises(sh.BackendUnavailable, match="no backend"):
+        render(Scene.builtin("boxes"), (4, 4), backend="abacus", cluster=client)
+
+
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
+    monkeypatch.setattr(connection, "PATIENCE", 0.2)
+    with pytest.raises(ClusterError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
+        render(Scene.builtin("boxes"), cluster="tcp://127.0.0.1:9")
+
+
+def test_without_dask_the_command_that_installs_it_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ClusterError, match=r"a cluster needs Dask: .*install .*dask.*distributed"):
+        render(Scene.builtin("boxes"), cluster="local:1")
+
+
+def changed(name):
+    """Make this process one whose processor rounds differently; None: itself again."""
+    from raytracer.cluster import job
+
+    job._kept.clear()
+    job.fingerprint = (lambda renderer: name) if name else job.__dict__.setdefault("own", job.fingerprint)
+
+
+def test_workers_that_compute_different_bits_are_refused(client):
+    first = next(iter(client.nthreads()))
+    client.run(changed, None)
+    client.run(changed, "another", workers=[first])
+    try:
+        with pytest.raises(ClusterError, match="workers compute different bits with math='relaxed' on numpy"):
+            render(Scene.builtin("boxes"), (64, 64), backend="numpy", math="relaxed", cluster=client, tile_rows=1)
+    finally:
+        client.run(changed, None)
+
+
+def test_a_worker_that_is_killed_costs_its_unfinished_tasks_alone(client):
+    scene, given = Scene.builtin("cornell"), {"integrator": Path(samples=5, seed=5), "backend": "numpy"}
+    pids = list(client.run(os.getpid).values())
+    killed = []
+
+    def kill(done, rows):
+        if not killed and done > 5:
+            killed.append(pids[0])
+            os.kill(pids[0], signal.SIGKILL)
+
+    found = render(scene, (20, 30), cluster=client, tile_rows=1, progress=kill, **given)
+    assert killed
+    assert_same(found, render(scene, (20, 30), **given))
