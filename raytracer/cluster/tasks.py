@@ -8,6 +8,7 @@ Stage: cluster.
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -109,7 +110,9 @@ def shown(error: Exception) -> Exception:
 
 PATIENCE = 60
 """Seconds within which a cluster must have a worker."""
-_FOREIGN = tuple(os.path.dirname(os.path.abspath(file)) + os.sep for file in (errors.__file__, sh.__file__ or ""))
+_FOREIGN = tuple(
+    os.path.dirname(os.path.abspath(file)) + os.sep for file in (errors.__file__, inspect.getfile(sh.Program))
+)
 
 
 def _of_user(trace: TracebackType | None) -> TracebackType | None:
