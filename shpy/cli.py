@@ -9,6 +9,7 @@ Stage: above all others. Takes the words of the command line, prints, gives the 
     shpy certify                                  # status 1 where a device gives other bits than the package ships
     shpy accuracy module:program                  # errors in ULP on every backend
     shpy tradeoff module:program --error 2ulp -o t.png
+    shpy view shader.py                           # a live page, recorded again on save
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from shpy.backends.registry import NAMES
 from shpy.command import MOST, real, run, whole
 from shpy.ir.traverse import grid_rank
 from shpy.packages import DISTRIBUTION, extras, install, installed
+from shpy.view.command import add_view
 
 _LONGEST = 1 << 26
 """The most characters of an IR text that are read."""
@@ -51,6 +53,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     _add_diff(commands)
     _add_certify(commands)
     add_commands(commands)
+    add_view(commands)
     options = parser.parse_args(arguments)
     status: int = options.run(options)
     return status

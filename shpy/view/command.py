@@ -1,0 +1,79 @@
+"""The command `shpy view`.
+
+Stage: above all others. Takes the words of the command line, serves until Ctrl-C.
+
+    shpy view examples/planet.py
+    shpy view shader.py:clouds --size 800x600 --backend glsl --port 8001
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from shpy.backends.registry import NAMES
+from shpy.command import whole
+from shpy.errors import ShpyError
+from shpy.passes.modes import MODES
+from shpy.view.server import LOOPBACK, View, serve
+
+
+def add_view(commands: Any) -> None:
+    """Add it to the commands of `shpy`."""
+    command = commands.add_parser(
+        "view",
+        help="a live page in the browser: recorded again on save, sliders, the trace of a pixel",
+        description="Serve a page on this machine that shows a program's pixels while you change its file.",
+    )
+    command.add_argument("file", help="path/to/shader.py, or shader.py:program (default: its last program of pixels)")
+    add_serving(command)
+    command.add_argument("--backend", choices=NAMES, help="(default: the fastest that there is here)")
+    command.add_argument("--math", choices=tuple(MODES), default="strict", help="(default: strict)")
+    command.set_defaults(run=view)
+
+
+def add_serving(command: argparse.ArgumentParser) -> None:
+    """Add the options that every view has."""
+    command.add_argument("--port", type=whole(0, 65535), default=8000, help="0 takes a free one (default: 8000)")
+    command.add_argument("--size", type=size, default=(512, 512), help="of the picture in pixels (default: 512x512)")
+    command.add_argument(
+        "--listen",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help="serve beyond this machine, to everybody who reaches the address (default: this machine alone)",
+    )
+
+
+def size(text: str) -> tuple[int, int]:
+    """Read WIDTHxHEIGHT, for the `type` of an argument."""
+    found = re.fullmatch(r"([1-9][0-9]{0,3})x([1-9][0-9]{0,3})", text)
+    if found is None or max(int(found[1]), int(found[2])) > 4096:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 640x360, of at most 4096x4096")
+    return int(found[1]), int(found[2])
+
+
+def view(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C; gives 2 where there is no file, or the server cannot start."""
+    try:
+        path, program = _file(options.file)
+        request = {"path": str(path), "name": path.name, "program": program}
+        state = {"size": list(options.size), "backend": options.backend, "math": options.math, "playing": True}
+        say = lambda line: print(f"shpy view {path.name}: {line}", flush=True)  # noqa: E731
+        serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, said=say)
+    except ShpyError as error:
+        print(f"shpy view: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _file(words: str) -> tuple[Path, str | None]:
+    """Return the file and the name of a program in it; ShpyError where there is no file."""
+    path, _, name = words.rpartition(":")
+    if not path or not path.endswith(".py"):
+        path, name = words, ""
+    if not Path(path).is_file():
+        raise ShpyError(f"there is no file {path}", cure="shpy view shader.py, or shader.py:program")
+    return Path(path).resolve(), name or None

@@ -1,0 +1,99 @@
+"""Params as controls: sliders, colour pickers and switches, described in what JSON can hold.
+
+Stage: view. A control has `name`, `title`, `description`, `form`, the present `value` as a list of components, and for
+numbers `range` and `step`. Where a Param has no range, the slider spans a guess around its first value.
+
+    describe(program.params)        # [{"name": "sea_level", "form": "number", "value": [0.02], …}]
+    assign(program.params, {"sea_level": [0.1]})
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.errors import ShpyError
+from shpy.lang.data.params import Param
+from shpy.lang.values.value import Value
+
+_STEPS: Final = 200
+"""Positions of a slider whose Param says no step."""
+
+
+def describe(params: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the controls of a program's Params; dependent uniforms, matrices and structs have none."""
+    return [_described(name, param) for name, param in params.items() if _is_settable(param)]
+
+
+def _is_settable(param: Any) -> bool:
+    return isinstance(param, Param) and isinstance(param, Value)
+
+
+def _described(name: str, param: Any) -> dict[str, Any]:
+    value = np.atleast_1d(param.value)
+    made = {
+        "name": name,
+        "title": param.title or name,
+        "description": param.description,
+        "value": value.tolist(),
+        "form": _form(param),
+    }
+    if made["form"] in ("number", "color"):
+        low, high = param.range or _guess(value)
+        whole = not param.type.is_float
+        step = param.step or (1 if whole else _round_step((high - low) / _STEPS))
+        made |= {"range": [low, high], "step": step, "whole": whole, "bounded": param.range is not None}
+    return made
+
+
+def _form(param: Any) -> str:
+    if param.type.is_bool:
+        return "switch"
+    low, high = param.range or (0, 1)
+    within = bool(np.all((np.asarray(param.value) >= 0) & (np.asarray(param.value) <= 1)))
+    is_color = param.kind == "Color" and param.type.size >= 3 and param.type.is_float
+    return "color" if is_color and within and (low, high) == (0, 1) else "number"
+
+
+def _guess(value: Any) -> tuple[float, float]:
+    """Return a range for numbers that have none: from 0 to twice the largest, on both sides where one is negative."""
+    numbers = np.asarray(value, float)
+    numbers = numbers[np.isfinite(numbers)]
+    most = float(np.abs(numbers).max(initial=0)) or 0.5
+    high = max(2 * most, 1.0) if most == round(most) else 2 * most
+    return (-high if bool((numbers < 0).any()) or not numbers.any() else 0.0), high
+
+
+def _round_step(step: float) -> float:
+    """Return the power of ten at or below a step."""
+    return float(10.0 ** math.floor(math.log10(step))) if step > 0 else 0.01
+
+
+def assign(params: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
+    """Set Params by name; gives the messages of those that refuse their value. Unknown names are left out.
+
+    A page may send the values of an earlier version of the file, whose Params had other names, sizes and ranges.
+    """
+    refused = []
+    for name, value in values.items():
+        param = params.get(name)
+        if param is None or not _is_settable(param):
+            continue
+        try:
+            param.value = _typed(param, value)
+        except (ShpyError, TypeError, ValueError, OverflowError) as error:
+            refused.append(getattr(error, "message", str(error)))
+    return refused
+
+
+def _typed(param: Any, value: Any) -> Any:
+    """Return a list of components as the Param takes it."""
+    parts = value if isinstance(value, list) else [value]
+    if param.type.is_bool:
+        parts = [bool(part) for part in parts]
+    elif not param.type.is_float:
+        parts = [round(part) for part in parts]
+    return parts if param.type.size > 1 else parts[0]

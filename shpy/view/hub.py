@@ -1,0 +1,276 @@
+"""The hub: the state of a view, the worker that draws it, and the pages that show it.
+
+Stage: view, in the server. All pages show the same view. A page that has not acknowledged its last frame gets no
+other one until it has: frames are left out, never queued. The worker goes on as soon as one page is ready.
+
+    file changes ─► a warm worker opens it ─► its first frame ─► it replaces the worker before, which ends
+                                          └─► an error: the worker before goes on, and pages show the error
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from shpy.view import wire
+from shpy.view.workers import Pool, Worker
+
+_POLL: Final = 0.02
+"""Seconds between two checks of the files' times."""
+_PING: Final = 0.5
+"""Seconds between two questions whether a worker answers."""
+_SLOW: Final = 1.5
+"""Seconds without an answer after which pages say that a worker is busy."""
+
+
+class Page(Protocol):
+    """A page that is connected."""
+
+    number: int
+
+    def send(self, message: bytes) -> None:
+        """Send a message, later, without waiting."""
+
+    def offer(self, frame: bytes) -> None:
+        """Send a frame, or leave it out while an earlier one is not acknowledged."""
+
+    def acknowledge(self) -> None:
+        """Note that the page has drawn its last frame."""
+
+
+class Hub:
+    """The view of one file."""
+
+    def __init__(self, module: str, request: dict[str, Any], state: dict[str, Any]) -> None:
+        self.request = request
+        self.state = state
+        self.pages: dict[int, Page] = {}
+        self._watched: dict[Path, tuple[int, int] | None] = {}
+        self._watch_files([request["path"]])
+        self._pool = Pool(module, self._heard)
+        self._drawing: Worker | None = None
+        self._recording: Worker | None = None
+        self._described: dict[Worker, bytes] = {}
+        self._recorded: bytes | None = None
+        self._frame: bytes | None = None
+        self._error: bytes | None = None
+        self._pinged = time.monotonic()
+        self._seen = (0, 0)
+
+    # Files
+
+    async def watch(self) -> None:
+        """Record the file, and again whenever it, or a file that it imports, changes."""
+        await self.record()
+        while True:
+            await asyncio.sleep(_POLL)
+            if self._changed():
+                await self.record()
+            self._ping()
+
+    def _changed(self) -> bool:
+        """Return whether a file has another time or size than before; one that is gone for the moment has not."""
+        found = {path: _stamp(path) for path in self._watched}
+        changed = {path: stamp for path, stamp in found.items() if stamp not in (None, self._watched[path])}
+        self._watched.update(changed)
+        return bool(changed)
+
+    def _watch_files(self, files: Iterable[str]) -> None:
+        for path in map(Path, files):
+            self._watched.setdefault(path, _stamp(path))
+
+    async def record(self) -> None:
+        """Have a warm worker record the present version; the one before draws on until that has a picture."""
+        self._drop_recording()
+        stamp = _stamp(Path(self.request["path"]))
+        age = time.time() - stamp[0] / 1e9 if stamp else 0.0
+        self._broadcast(wire.pack({"kind": "recording", "age": max(0.0, min(age, 10.0))}))
+        worker = self._recording = await self._pool.take()
+        worker.send({"do": "open", "request": self.request, "state": self.state, "worker": worker.number})
+
+    def stop(self) -> None:
+        """End the worker that is busy: the one that records, else the one that draws."""
+        if self._recording is not None:
+            self._drop_recording()
+        elif self._drawing is not None:
+            self._drawing.kill()
+            self._drawing = None
+        self._fail("stopped", "a loop that ends; save the file to try again")
+
+    def _drop_recording(self) -> None:
+        if self._recording is not None:
+            self._recording.kill()
+            self._recording = None
+
+    def close(self) -> None:
+        """End all workers."""
+        self._pool.close()
+
+    # Workers
+
+    def _ping(self) -> None:
+        """Ask the worker from time to time whether it answers, and tell the pages for how long it has not."""
+        worker, now = self._recording or self._drawing, time.monotonic()
+        if worker is None or now - self._pinged < _PING:
+            return
+        self._pinged = now
+        silent = now - worker.asked if worker.asked is not None else 0.0
+        if worker.asked is None:
+            worker.asked = now
+            worker.send({"do": "ping"})
+        if silent > _SLOW:
+            stage = "recording" if worker is self._recording else "running"
+            self._broadcast(wire.pack({"kind": "busy", "stage": stage, "seconds": round(silent)}))
+            self._go_on(self._drawing)
+
+    def _heard(self, worker: Worker, message: bytes | None) -> None:
+        """Take a message of a worker; None where its process has ended."""
+        if worker not in (self._recording, self._drawing):
+            return
+        if message is None:
+            self._ended(worker)
+            return
+        header, _ = wire.unpack(message)
+        match header["kind"]:
+            case "pong":
+                worker.asked = None
+            case "recorded":
+                self._watch_files(header["files"])
+                self._described[worker] = message
+            case "error":
+                self._take_error(worker, header, message)
+            case "frame":
+                self._take_frame(worker, header, message)
+            case "answer":
+                page = self.pages.get(header["page"])
+                if page is not None:
+                    page.send(message)
+            case _:
+                self._broadcast(message)
+
+    def _take_error(self, worker: Worker, header: wire.Header, message: bytes) -> None:
+        """Show an error; a worker that could not record, or has no first picture, is of no more use."""
+        self._watch_files(header.get("files", ()))
+        self._error = message
+        self._broadcast(message)
+        if worker is self._recording:
+            if worker in self._described and self._drawing is None:
+                self._promote(worker)  # its controls may mend what went wrong
+            else:
+                self._drop_recording()
+            self._go_on(self._drawing)
+
+    def _take_frame(self, worker: Worker, header: wire.Header, message: bytes) -> None:
+        if worker is self._recording:
+            self._promote(worker)
+        if self._error is not None:
+            self._error = None
+            self._broadcast(wire.pack({"kind": "well"}))
+        self.state.update(time=header["time"], frame=header["frame"])
+        self._frame = message
+        for page in self.pages.values():
+            page.offer(message)
+
+    def _promote(self, worker: Worker) -> None:
+        """Let the worker that has recorded draw, and end the one before."""
+        if self._drawing is not None:
+            self._drawing.kill()
+        self._drawing, self._recording = worker, None
+        self._recorded = self._described.pop(worker)
+        self._described.clear()
+        self._broadcast(self._recorded)
+
+    def _ended(self, worker: Worker) -> None:
+        status = worker.status
+        how = f"by signal {-status}" if status is not None and status < 0 else f"with status {status}"
+        if worker is self._recording:
+            self._recording = None
+        if worker is self._drawing:
+            self._drawing = None
+        self._fail(f"the process that runs the file ended {how}", "another backend; save the file to try again")
+
+    def _fail(self, message: str, cure: str) -> None:
+        self._error = wire.pack({"kind": "error", "stage": "stopped", "type": "", "message": message, "cure": cure})
+        self._broadcast(self._error)
+
+    def _go_on(self, worker: Worker | None) -> None:
+        """Let the worker that draws compute its next frame, if a page has drawn one."""
+        if worker is not None and self._seen[0] == worker.number:
+            worker.send({"do": "acknowledge", "number": self._seen[1]})
+
+    # Pages
+
+    def join(self, page: Page) -> None:
+        """Show the view to one more page."""
+        self.pages[page.number] = page
+        page.send(wire.pack({"kind": "hello", "page": page.number, "request": self.request, "state": self.state}))
+        for message in (self._recorded, self._error):
+            if message is not None:
+                page.send(message)
+        if self._frame is not None:
+            page.offer(self._frame)
+
+    def leave(self, page: Page) -> None:
+        """Forget a page that is gone."""
+        self.pages.pop(page.number, None)
+
+    async def told(self, page: Page, message: dict[str, Any]) -> None:
+        """Act on a message of a page, which `messages.checked` has checked."""
+        match message["do"]:
+            case "acknowledge":
+                self._acknowledge(page, message["worker"], message["number"])
+            case "set":
+                self._set(page, message["changes"])
+            case "pick":
+                self.request["program"] = message["program"]
+                await self.record()
+            case "record":
+                await self.record()
+            case "stop":
+                self.stop()
+            case "reset":
+                self.state.update(time=0.0, frame=0)
+                self._forward(message)
+            case "ask":
+                self._forward({**message, "page": page.number})
+            case _:
+                self._forward(message)
+
+    def _acknowledge(self, page: Page, worker: int, number: int) -> None:
+        page.acknowledge()
+        drawing = self._drawing
+        if drawing is not None and worker == drawing.number:
+            self._seen = worker, max(number, self._seen[1] if self._seen[0] == worker else 0)
+            if self._recording is None:  # else the processor is for the new version
+                self._go_on(drawing)
+
+    def _set(self, page: Page, changes: dict[str, Any]) -> None:
+        params = {**self.state["params"], **changes.get("params", {})}
+        params = {name: value for name, value in params.items() if value is not None}
+        self.state.update({**changes, "params": params})
+        self._forward({"do": "set", "changes": changes})
+        told = wire.pack({"kind": "state", "changes": changes})
+        for other in self.pages.values():
+            if other is not page:
+                other.send(told)
+
+    def _forward(self, message: wire.Header) -> None:
+        for worker in (self._drawing, self._recording):
+            if worker is not None:
+                worker.send(message)
+
+    def _broadcast(self, message: bytes) -> None:
+        for page in self.pages.values():
+            page.send(message)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return the time and size of a file; None where there is no file, as while an editor replaces it."""
+    with suppress(OSError):
+        state = path.stat()
+        return state.st_mtime_ns, state.st_size
+    return None

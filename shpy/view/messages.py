@@ -1,0 +1,118 @@
+"""Messages of a page, checked: only what is listed here reaches the hub.
+
+Stage: view, in the server.
+
+    checked('{"do": "set", "changes": {"playing": false}}')     # the message as a dict
+    checked('{"do": "open"}')                                   # raises Refused
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from shpy.backends.registry import NAMES
+from shpy.passes.modes import MODES
+
+LONGEST: Final = 1 << 16
+"""The most bytes of a message of a page."""
+_SIDE: Final = 4096
+"""The most pixels along one side of a picture."""
+_COMPONENTS: Final = 16
+
+
+class Refused(ValueError):
+    """A message that no page of ours sends."""
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _whole(low: int, high: int) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
+def _numbers(count: int) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, list) and len(value) == count and all(map(_number, value))
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= 200
+
+
+def _at(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_whole(0, _SIDE), value))
+
+
+def _component(value: Any) -> bool:
+    return _number(value) or isinstance(value, bool)
+
+
+def _params(value: Any) -> bool:
+    return isinstance(value, dict) and all(
+        _text(name)
+        and isinstance(v, list)
+        and len(v) <= _COMPONENTS
+        and all(_number(n) or isinstance(n, bool) for n in v)
+        for name, v in value.items()
+    )
+
+
+def _flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+_CHANGES: Final[dict[str, Callable[[Any], bool]]] = {
+    "playing": _flag,
+    "encode": _flag,
+    "time": _number,
+    "frame": _whole(0, 1 << 30),
+    "steps": _whole(1, 1000),
+    "size": lambda value: isinstance(value, list) and len(value) == 2 and all(map(_whole(1, _SIDE), value)),
+    "mouse": _numbers(4),
+    "backend": lambda value: value in NAMES,
+    "math": lambda value: value in MODES,
+    "params": _params,
+    "scene": lambda value: isinstance(value, dict),
+}
+
+
+def _changes(value: Any) -> bool:
+    return isinstance(value, dict) and all(name in _CHANGES and _CHANGES[name](v) for name, v in value.items())
+
+
+_MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
+    "acknowledge": {"worker": _whole(0, 1 << 40), "number": _whole(0, 1 << 40)},
+    "set": {"changes": _changes},
+    "pick": {"program": _text},
+    "record": {},
+    "stop": {},
+    "reset": {},
+    "step": {},
+    "ask": {"about": _text, "at": _at, "with": lambda value: _numbers(0)(value) or isinstance(value, dict)},
+}
+
+
+def checked(text: str | bytes) -> dict[str, Any]:
+    """Return the message; raises Refused for one that no page sends."""
+    try:
+        message = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise Refused("it is no JSON") from error
+    if not isinstance(message, dict) or not isinstance(message.get("do"), str) or message["do"] not in _MESSAGES:
+        raise Refused("it asks for nothing that there is")
+    known = _MESSAGES[message["do"]]
+    for name, value in message.items():
+        if name != "do" and not (name in known and known[name](value)):
+            raise Refused(f"{message['do']}: {name}")
+    missing = [name for name in known if name not in message and name not in ("at", "with")]
+    if missing:
+        raise Refused(f"{message['do']} without {missing[0]}")
+    return message
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(text)

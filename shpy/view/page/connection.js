@@ -1,0 +1,39 @@
+// The WebSocket: messages with a header in JSON and bytes behind it; it connects again when the server is back.
+
+export class Connection {
+  constructor(path, heard, changed) {
+    Object.assign(this, { path, heard, changed, socket: null, pending: new Map(), scheduled: false });
+    this.open();
+  }
+
+  open() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = this.socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => this.changed(true);
+    socket.onclose = () => { this.changed(false); setTimeout(() => this.open(), 1000); };
+    socket.onmessage = ({ data }) => {
+      const length = new DataView(data).getUint32(0, true);
+      const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+      this.heard(header, new Uint8ClampedArray(data, 4 + length));
+    };
+  }
+
+  send(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  // Changes of the state go once in each frame of the screen, so that a slider that is dragged never floods the server.
+  set(changes) {
+    const params = { ...this.pending.get("params"), ...changes.params };
+    for (const [name, value] of Object.entries(changes)) this.pending.set(name, value);
+    if (Object.keys(params).length) this.pending.set("params", params);
+    if (this.scheduled) return;
+    this.scheduled = true;
+    setTimeout(() => {
+      this.scheduled = false;
+      this.send({ do: "set", changes: Object.fromEntries(this.pending) });
+      this.pending.clear();
+    }, 15);
+  }
+}

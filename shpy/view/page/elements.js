@@ -1,0 +1,32 @@
+// Elements of the page, found and made.
+
+export const at = (id) => document.getElementById(id);
+
+export function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name in element && typeof value !== "string") element[name] = value;
+    else if (value !== null && value !== undefined) element.setAttribute(name, value);
+  }
+  element.append(...children.filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+export function fill(select, options, chosen) {
+  const same = [...select.options].map((option) => option.value).join() === options.map(([value]) => value).join();
+  if (!same) select.replaceChildren(...options.map(([value, text]) => make("option", { value }, text)));
+  if (chosen !== undefined && chosen !== null) select.value = chosen;
+}
+
+// A number as a person reads it: seven digits tell binary32 numbers apart for the eye, nine are exact.
+export function spoken(value) {
+  if (typeof value !== "number") return String(value);
+  if (Number.isInteger(value)) return String(value);
+  const short = Number(value.toPrecision(7));
+  return Math.abs(short) < 1e-4 || Math.abs(short) >= 1e7 ? short.toExponential() : String(short);
+}
+
+export const list = (values) => values.map(spoken).join(", ");
+
+export const fileName = (path) => path.split("/").pop();

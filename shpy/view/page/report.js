@@ -1,0 +1,67 @@
+// What there is to say: errors, the trace of a pixel, and the comparison of two forms.
+
+import { at, fileName, list, make, spoken } from "./elements.js";
+
+export function showProblem(error) {
+  at("problem").hidden = !error;
+  if (!error) return;
+  const place = error.file ? `${fileName(error.file)}:${error.line}` : "";
+  const title = [error.type, place].filter(Boolean).join(" at ");
+  const source = error.source?.length ? make("pre", {}, ...error.source.map(([number, text]) =>
+    make("span", number === error.line ? { class: "here" } : {}, `${number === error.line ? "→" : " "} ${String(number).padStart(4)}  ${text}\n`))) : null;
+  at("problem").replaceChildren(
+    make("h2", {}, title || "Stopped"), make("p", {}, error.message),
+    error.cure ? make("p", {}, make("strong", {}, "Cure: "), make("code", {}, error.cure)) : "",
+    source ?? "");
+}
+
+export function openPanel(title, ...body) {
+  at("panel-title").textContent = title;
+  at("panel-body").replaceChildren(...body);
+  at("panel").hidden = false;
+}
+
+export function closePanel() {
+  at("panel").hidden = true;
+}
+
+export function showTrace({ at: [row, column], program, steps, left_out: leftOut, inside, problem, cure }) {
+  const title = `Trace of the pixel ${column}, ${row}`;
+  if (problem) return openPanel(title, make("p", {}, problem), cure ? make("p", {}, make("code", {}, cure)) : "");
+  let last = null;
+  const rows = steps.map((step, k) => {
+    const fresh = step.line !== last;
+    last = step.line;
+    const cut = leftOut && k === steps.length / 2 ? [make("tr", {}, make("td", { colSpan: 5 }, `… ${leftOut} steps are left out …`))] : [];
+    return [...cut, make("tr", fresh ? { class: "next-line" } : {},
+      make("td", {}, fresh && step.file ? `${fileName(step.file)}:${step.line}` : ""),
+      make("td", {}, step.iterations.join(", ")),
+      make("td", {}, step.name), make("td", { class: "value" }, list(step.value)),
+      make("td", { class: "source", title: step.source }, fresh ? step.source : ""))];
+  });
+  const further = inside ? `, and ${inside} inside functions of shpy` : "";
+  openPanel(`${title}: ${program}, ${steps.length + leftOut} steps${further}`, make("table", {},
+    make("thead", {}, make("tr", {}, ...["Line", "Iteration", "Name", "Value", "Source"].map((text) => make("th", { scope: "col" }, text)))),
+    make("tbody", {}, ...rows.flat())));
+}
+
+export function showPixel({ at: [row, column], value, problem }, swatch) {
+  if (problem || !value) return;
+  at("pixel").replaceChildren(swatch, ` x ${column}  y ${row}  `, make("b", {}, list(value)));
+}
+
+export function showComparison(answer, bytes) {
+  if (answer.problem) return openPanel("Compare", make("p", {}, answer.problem), answer.cure ? make("p", {}, make("code", {}, answer.cure)) : "");
+  const { width, height, names, count, differing, largest, ulp, divergence } = answer;
+  const titles = [names[0], names[1], differing ? "Where they differ" : "They do not differ"];
+  const figures = titles.map((title, k) => {
+    const canvas = make("canvas", { width, height, role: "img", "aria-label": title });
+    canvas.getContext("2d").putImageData(new ImageData(bytes.slice(k * 4 * width * height, (k + 1) * 4 * width * height), width, height), 0, 0);
+    return make("figure", {}, canvas, make("figcaption", {}, title));
+  });
+  const text = differing
+    ? `${differing} of ${count} pixels differ, by ${spoken(largest)} and ${spoken(ulp)} ULP at most.`
+    : `All ${count} pixels are the same to the bit.`;
+  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text), make("div", { class: "sides" }, ...figures),
+    divergence ? make("pre", { id: "divergence" }, divergence) : "");
+}

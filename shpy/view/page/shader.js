@@ -1,0 +1,200 @@
+// The page of `shpy view`: connects the parts.
+
+import { Connection } from "./connection.js";
+import { Controls } from "./controls.js";
+import { at, fill, make } from "./elements.js";
+import { Picture } from "./picture.js";
+import { closePanel, openPanel, showComparison, showPixel, showProblem, showTrace } from "./report.js";
+
+const SIZES = [[256, 256], [512, 512], [768, 768], [1024, 1024], [640, 360], [1280, 720], [1920, 1080]];
+const state = { params: {} };
+let described = null;
+let saved = null; // when the file was saved whose picture is awaited, and the worker before
+let asking = false;
+let times = [];
+
+const connection = new Connection("/view", heard, (open) => {
+  document.body.dataset.connected = open;
+  if (!open) showProblem({ type: "", message: "The server has ended. The page connects again when it is back.", cure: "shpy view …" });
+});
+
+const picture = new Picture({
+  acknowledge: ({ worker, number }) => connection.send({ do: "acknowledge", worker, number }),
+  drawn: showFrame,
+  pointed: askValue,
+  chosen: (pixel) => {
+    openPanel(`Trace of the pixel ${pixel[1]}, ${pixel[0]}`, "…");
+    connection.send({ do: "ask", about: "trace", at: pixel });
+  },
+  dragged: (position, from, phase) => {
+    if (!described?.mouse) return;
+    const press = phase === "up" ? from.map((part) => -Math.abs(part)) : from;
+    connection.set({ mouse: [...position, ...press] });
+  },
+});
+
+const controls = new Controls(at("controls"), (name, value) => connection.set({ params: { [name]: value } }));
+
+function heard(header, bytes) {
+  ({
+    hello: () => { showProblem(null); Object.assign(state, header.state); showName(header.request); showState(); },
+    state: () => { merge(header.changes); showState(); },
+    recording: () => { saved = { at: performance.now() - 1000 * header.age, worker: Number(document.body.dataset.worker) }; },
+    recorded: () => { described = header; showRecorded(); },
+    frame: () => picture.take(header, bytes),
+    error: () => showProblem(header),
+    well: () => showProblem(null),
+    busy: () => showBusy(header),
+    remark: () => { at("status").textContent = header.text; },
+    answer: () => answered(header, bytes),
+  })[header.kind]?.();
+}
+
+function answered(header, bytes) {
+  if (header.about === "value") {
+    asking = false;
+    const [row, column] = header.at ?? [0, 0];
+    const { width, height } = picture.canvas;
+    const [r, g, b] = picture.context.getImageData(Math.floor(column * width / picture.size[0]), Math.floor(row * height / picture.size[1]), 1, 1).data;
+    const swatch = make("span", { class: "swatch" });
+    swatch.style.background = `rgb(${r} ${g} ${b})`;
+    showPixel(header, swatch);
+  } else if (header.about === "trace") {
+    showTrace({ at: picture.pixel ?? [0, 0], ...header });
+    picture.mark(true);
+  }
+  else showComparison(header, bytes);
+}
+
+function merge({ params, ...changes }) {
+  Object.assign(state, changes);
+  for (const [name, value] of Object.entries(params ?? {})) {
+    state.params[name] = value;
+    controls.show(name, value ?? described?.controls.find((one) => one.name === name)?.first ?? []);
+  }
+}
+
+function change(changes) {
+  Object.assign(state, changes);
+  connection.set(changes);
+  showState();
+}
+
+function showName({ name, program }) {
+  document.title = `${name}${program ? `:${program}` : ""} – shpy view`;
+  at("name").textContent = name;
+}
+
+function showRecorded() {
+  const { programs, program, backends, maths, moves, evolves, form } = described;
+  fill(at("program"), programs.map((name) => [name, name]), program);
+  at("programs").hidden = programs.length < 2;
+  document.title = `${program} – ${at("name").textContent}`;
+  for (const [id, chosen] of [["backend", form[0]], ["other-backend"]]) fill(at(id), backends.map((name) => [name, name]), chosen);
+  for (const [id, chosen] of [["math", form[1]], ["other-math"]]) fill(at(id), maths.map((name) => [name, name]), chosen);
+  state.backend ??= form[0];
+  if (!at("other-backend").dataset.chosen) {
+    at("other-backend").value = backends.find((name) => name !== form[0]) ?? form[0];
+    at("other-backend").dataset.chosen = true;
+  }
+  at("clock").hidden = !moves;
+  at("pace").hidden = !evolves;
+  at("comparing").hidden = evolves;
+  controls.draw(described.controls);
+  showState();
+}
+
+function showState() {
+  if (!state.size) return;
+  picture.resize(state.size);
+  const sizes = SIZES.some(([w, h]) => w === state.size[0] && h === state.size[1]) ? SIZES : [state.size, ...SIZES];
+  fill(at("size"), sizes.map(([w, h]) => [`${w}x${h}`, `${w} × ${h}`]), state.size.join("x"));
+  if (state.backend) at("backend").value = state.backend;
+  if (state.math) at("math").value = state.math;
+  at("play").textContent = state.playing ? "Pause" : "Play";
+  at("encode").checked = Boolean(state.encode);
+  at("steps").value = state.steps ?? 1;
+}
+
+function showFrame(header) {
+  const now = performance.now();
+  times = [...times.filter((time) => now - time < 1000), now];
+  document.body.dataset.frames = Number(document.body.dataset.frames ?? 0) + 1;
+  measure(header, now);
+  const rate = described?.moves && state.playing && times.length > 1 ? `, ${times.length} frames a second` : "";
+  at("speed").textContent = `${header.form}: ${header.milliseconds.toFixed(1)} ms${header.coarse ? " (coarse)" : ""}${rate}`;
+  at("time").textContent = `${header.time.toFixed(2)} s, frame ${header.frame}`;
+  const status = at("status");
+  if (header.waiting && header.waiting !== header.form)
+    status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling; ${header.form} draws meanwhile …`));
+  else if (header.waiting) status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling …`));
+  else status.textContent = document.body.dataset.full
+    ? `Saved; first picture after ${document.body.dataset.first} ms, the full one after ${document.body.dataset.full} ms.` : "";
+  if (header.refused) showProblem(header.refused);
+  if (picture.pixel) askValue(picture.pixel);
+}
+
+// How long the picture took since the file was saved, for people and for tests.
+function measure(header, now) {
+  const { dataset } = document.body;
+  if (saved && header.worker !== saved.worker) {
+    if (dataset.worker !== String(header.worker)) {
+      dataset.first = Math.round(now - saved.at);
+      delete dataset.full;
+    }
+    if (!header.coarse && !header.waiting) {
+      dataset.full = Math.round(now - saved.at);
+      saved = null;
+    }
+  }
+  dataset.worker = header.worker;
+  dataset.form = header.form;
+}
+
+function showBusy({ stage, seconds }) {
+  at("busy").hidden = !seconds;
+  at("busy").firstElementChild.textContent = stage === "recording"
+    ? `The new version has been recorded for ${seconds} s; the picture is of the version before.`
+    : `A frame has been computed for ${seconds} s.`;
+}
+
+// One question at a time: the answer brings the next one, if the pointer has moved on.
+function askValue(pixel) {
+  if (asking) return;
+  asking = true;
+  setTimeout(() => { asking = false; }, 1000);
+  connection.send({ do: "ask", about: "value", at: pixel });
+}
+
+function compare() {
+  if (at("comparing").hidden) return;
+  openPanel("Compare", "Computing both, and searching for the first statement at which they diverge …");
+  connection.send({ do: "ask", about: "compare", with: { backend: at("other-backend").value, math: at("other-math").value } });
+}
+
+const play = () => change({ playing: !state.playing });
+const step = () => { if (state.playing) change({ playing: false }); setTimeout(() => connection.send({ do: "step" }), 30); };
+const reset = () => connection.send({ do: "reset" });
+const close = () => { closePanel(); picture.mark(false); };
+
+at("backend").onchange = (event) => change({ backend: event.target.value });
+at("math").onchange = (event) => change({ math: event.target.value });
+at("size").onchange = (event) => change({ size: event.target.value.split("x").map(Number) });
+at("encode").onchange = (event) => change({ encode: event.target.checked });
+at("steps").onchange = (event) => change({ steps: Math.min(Math.max(Math.round(event.target.valueAsNumber) || 1, 1), 1000) });
+at("program").onchange = (event) => connection.send({ do: "pick", program: event.target.value });
+at("stop").onclick = () => connection.send({ do: "stop" });
+at("play").onclick = play;
+at("step").onclick = step;
+at("reset").onclick = reset;
+at("compare").onclick = compare;
+at("close").onclick = close;
+addEventListener("resize", () => picture.mark(!at("panel").hidden));
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape") close();
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, button, summary")) return;
+  const action = { " ": play, ".": step, r: reset, c: compare }[event.key];
+  if (!action || (at("clock").hidden && action !== compare)) return;
+  event.preventDefault();
+  action();
+});

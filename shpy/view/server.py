@@ -1,0 +1,248 @@
+"""The server of a view: a page, its two files, and one WebSocket, for this machine alone.
+
+Stage: view. Every request has to name this machine as its Host, and a WebSocket has to come from a page of this
+server (Origin): so no other web page can read or change the view, by a name of its own for 127.0.0.1 either.
+
+    serve(View("shpy.view.session", {"path": "shader.py"}, folder), port=8000)
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import itertools
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from shpy.errors import ShpyError
+from shpy.packages import install
+from shpy.view.hub import Hub
+from shpy.view.messages import LONGEST, Refused, checked
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
+    from starlette.responses import Response
+    from starlette.websockets import WebSocket
+
+LOOPBACK: Final = "127.0.0.1"
+PAGE: Final = Path(__file__).with_name("page")
+_HEADERS: Final = {
+    "content-security-policy": "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+_TYPES: Final = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+_CLOSING: Final = 0.5
+"""Seconds that pages have to close when the server ends."""
+_POLICY: Final = 1008
+"""The code of a WebSocket that is closed because a message, or the page itself, is refused."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A view to serve: the module of its sessions, the request that opens one, and the state at first.
+
+    `pages` are folders with the page's files; of two files of one name the first folder's is served.
+    """
+
+    module: str
+    request: dict[str, Any]
+    state: dict[str, Any] = field(default_factory=dict)
+    pages: tuple[Path, ...] = (PAGE,)
+
+    def files(self) -> dict[str, Path]:
+        """Return the files of the page by their paths; no other path is served."""
+        found = {f"/{p.name}": p for folder in reversed(self.pages) for p in folder.iterdir() if p.suffix in _TYPES}
+        return {**found, "/": found["/index.html"]}
+
+
+class _Page:
+    """A connected page: messages to it wait in order, and of frames the latest alone."""
+
+    _numbers = itertools.count(1)
+
+    def __init__(self) -> None:
+        self.number = next(self._numbers)
+        self._messages: asyncio.Queue[bytes] = asyncio.Queue()
+        self._waiting: bytes | None = None
+        self._drawing = False
+
+    def send(self, message: bytes) -> None:
+        """Send a message, later, without waiting."""
+        self._messages.put_nowait(message)
+
+    def offer(self, frame: bytes) -> None:
+        """Send a frame, or keep it, in place of an earlier one, while the page has not drawn its last."""
+        if self._drawing:
+            self._waiting = frame
+        else:
+            self._drawing = True
+            self.send(frame)
+
+    def acknowledge(self) -> None:
+        """Note that the page has drawn its last frame; sends the latest one since."""
+        self._drawing, frame, self._waiting = False, self._waiting, None
+        if frame is not None:
+            self.offer(frame)
+
+    async def deliver(self, send: Callable[[bytes], Awaitable[None]]) -> None:
+        """Send what waits, until the connection ends."""
+        while True:
+            await send(await self._messages.get())
+
+
+def allowed_host(host: str, *, beyond: bool) -> bool:
+    """Return whether a Host header names this machine: loopback, or with `beyond` any address written in numbers.
+
+    A name could be another site's, which it points to this machine (DNS rebinding).
+    """
+    name = urlsplit(f"//{host}").hostname or ""
+    if name in (LOOPBACK, "localhost", "::1"):
+        return True
+    if not beyond:
+        return False
+    with contextlib.suppress(ValueError):
+        ipaddress.ip_address(name)
+        return True
+    return name == socket.gethostname().lower()
+
+
+class _Site:
+    """The routes of a view: its files, and the WebSocket of each page."""
+
+    def __init__(self, view: View, *, beyond: bool) -> None:
+        self._view = view
+        self._files = view.files()
+        self._beyond = beyond
+        self._hub: Hub
+
+    @contextlib.asynccontextmanager
+    async def lifespan(self, app: Any) -> AsyncIterator[None]:
+        """Watch the files as long as the server runs."""
+        self._hub = Hub(self._view.module, self._view.request, {"params": {}, **self._view.state})
+        watching = asyncio.create_task(self._hub.watch())
+        try:
+            yield
+        finally:
+            watching.cancel()
+            self._hub.close()
+
+    async def file(self, request: Request) -> Response:
+        """Answer with one of the page's files."""
+        from starlette.responses import PlainTextResponse, Response
+
+        if not allowed_host(request.headers.get("host", ""), beyond=self._beyond):
+            return PlainTextResponse("this server is for its own machine", 421, headers=_HEADERS)
+        path = self._files.get(request.url.path)
+        if path is None:
+            return PlainTextResponse("there is no such page", 404, headers=_HEADERS)
+        return Response(path.read_bytes(), media_type=_TYPES[path.suffix], headers=_HEADERS)
+
+    async def connect(self, connection: WebSocket) -> None:
+        """Serve one page of this server until it leaves; refuse those of others."""
+        host, origin = (connection.headers.get(name, "") for name in ("host", "origin"))
+        if not allowed_host(host, beyond=self._beyond) or urlsplit(origin).netloc != host:
+            await connection.close(_POLICY)
+            return
+        await connection.accept()
+        page = _Page()
+        self._hub.join(page)
+        delivery = asyncio.create_task(page.deliver(connection.send_bytes))
+        try:
+            await self._listen(page, connection)
+        finally:
+            self._hub.leave(page)
+            delivery.cancel()
+
+    async def _listen(self, page: _Page, connection: WebSocket) -> None:
+        from starlette.websockets import WebSocketDisconnect
+
+        try:
+            while True:
+                await self._hub.told(page, checked(await connection.receive_text()))
+        except WebSocketDisconnect:
+            return
+        except (Refused, KeyError):  # a KeyError where the message is bytes
+            await connection.close(_POLICY)
+
+
+def application(view: View, *, beyond: bool = False) -> Any:
+    """Return the ASGI application. Raises ShpyError where Starlette is missing."""
+    try:
+        from starlette.applications import Starlette
+        from starlette.routing import Route, WebSocketRoute
+    except ImportError as error:
+        raise missing() from error
+    site = _Site(view, beyond=beyond)
+    return Starlette(
+        routes=[WebSocketRoute("/view", site.connect), Route("/{path:path}", site.file, methods=["GET"])],
+        lifespan=site.lifespan,
+    )
+
+
+def missing() -> ShpyError:
+    """Return the error for a view without the packages that it needs."""
+    return ShpyError(
+        "a view needs Starlette, uvicorn and websockets", cure=install("starlette", "uvicorn", "websockets")
+    )
+
+
+def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callable[[str], None] = print) -> None:
+    """Serve the view until Ctrl-C; `said` gets the lines to print.
+
+    Port 0 takes a free one. An address beyond loopback is warned of: whoever reaches it sees and changes the view.
+    Raises ShpyError where the port is taken or a package is missing.
+    """
+    try:
+        import uvicorn
+        import websockets
+    except ImportError as error:
+        raise missing() from error
+    del websockets  # uvicorn finds it
+    beyond = not _is_loopback(address)
+    app = application(view, beyond=beyond)
+    listening = _listen(address, port)
+    port = listening.getsockname()[1]
+    host = f"[{address}]" if ":" in address else address
+    said(f"http://{host}:{port}/   (Ctrl-C ends it)")
+    if beyond:
+        said("warning: everybody who reaches this machine sees the view and changes it, without a password")
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        ws="websockets-sansio",
+        ws_max_size=LONGEST,
+        ws_per_message_deflate=False,  # on this machine compressing takes longer than sending
+        timeout_graceful_shutdown=_CLOSING,  # type: ignore[arg-type]
+        server_header=False,
+    )
+    with listening:
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
+
+
+def _listen(address: str, port: int) -> socket.socket:
+    """Return the listening socket; raises ShpyError where the address or port cannot be had."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    made = socket.socket(family)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((address, port))
+    except OSError as error:
+        made.close()
+        raise ShpyError(f"{address}:{port}: {error.strerror or error}", cure=f"--port {port + 1}") from error
+    return made

@@ -1,0 +1,189 @@
+"""A session: one version of a file in a worker, and the frames of it.
+
+Stage: view. `child` calls it from one thread; `wake` is called from others when a kernel is ready.
+
+    session = Session({"path": "shader.py"}, wake)
+    session.set({"size": [640, 360], "params": {"gain": [2]}})
+    header, pixels = session.next()          # None where the picture on the page is the right one
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.passes.modes import MODES
+from shpy.screen import Moment, pixels
+from shpy.view import kernels, questions
+from shpy.view.controls import assign, describe
+from shpy.view.kernels import Form
+from shpy.view.source import explain, files_read, open_file
+from shpy.view.subject import subject_of
+
+_QUICK: Final = 0.15
+"""Seconds that a frame may take before a coarse one comes first."""
+_COARSE: Final = 0.03
+"""Seconds that a coarse frame is to take."""
+_FIRST: Final = 96
+"""Pixels along the longer side of the first picture, whose time is not known yet."""
+_LONGEST: Final = 0.25
+"""Seconds by which time goes on from frame to frame at most: a long computation is no leap."""
+
+
+class Session:
+    """The frames of one program or chain, as the state of the view asks for them."""
+
+    def __init__(self, request: dict[str, Any], wake: Callable[[], None]) -> None:
+        """Record the file: raises whatever its lines raise."""
+        begun = time.monotonic()
+        self.opened = open_file(Path(request["path"]))
+        self.name, value = self.opened.pick(request.get("program"))
+        self.subject = subject_of(value, self.opened, wake)
+        self.first = {c["name"]: c["value"] for c in describe(self.subject.params)}
+        self.recording = time.monotonic() - begun
+        self.size = (512, 512)
+        self.form = Form(kernels.preferred(), "strict")
+        self.playing, self.encode, self.steps = True, False, 1
+        self.time, self.frame = 0.0, 0
+        self.mouse = (0.0, 0.0, 0.0, 0.0)
+        self.output: Any = None
+        self.moment = Moment(self.size)
+        self._changed, self._refine, self._single = True, False, False
+        self._clock = time.monotonic()
+        self._cost: dict[Form, float] = {}
+
+    def describe(self) -> dict[str, Any]:
+        """Return what the page has to know of this version: its names, controls and choices."""
+        return {
+            "program": self.name,
+            "programs": list(self.opened.shown),
+            "controls": [{**c, "first": self.first[c["name"]]} for c in describe(self.subject.params)],
+            "mouse": self.subject.takes_mouse,
+            "moves": self.subject.moves,
+            "evolves": self.subject.evolves,
+            "backends": kernels.available(),
+            "maths": list(MODES),
+            "recording": self.recording,
+            "form": [self.form.backend, self.form.math],
+        }
+
+    def files(self) -> list[str]:
+        """Return the files whose next version is to be recorded."""
+        return [str(path) for path in files_read()]
+
+    def set(self, changes: dict[str, Any]) -> list[str]:
+        """Change the state of the view; gives the messages of Params that refuse their value."""
+        size = changes.get("size", self.size)
+        self.size = int(size[0]), int(size[1])
+        self.form = Form(changes.get("backend") or self.form.backend, changes.get("math") or self.form.math)
+        self.encode = changes.get("encode", self.encode)
+        self.steps = changes.get("steps", self.steps)
+        self.time = float(changes.get("time", self.time))
+        self.frame = int(changes.get("frame", self.frame))
+        if "mouse" in changes:
+            x, y, press_x, press_y = map(float, changes["mouse"])
+            self.mouse = x, y, press_x, press_y
+        self.playing = changes.get("playing", self.playing)
+        self._clock = time.monotonic()
+        self._changed = True
+        params = changes.get("params", {})
+        return assign(self.subject.params, {n: self.first.get(n, []) if v is None else v for n, v in params.items()})
+
+    def reset(self) -> None:
+        """Begin anew, at the time 0."""
+        self.time, self.frame = 0.0, 0
+        self.subject.reset()
+        self._changed = True
+
+    def step(self) -> None:
+        """Go on by one frame."""
+        self._single = self._changed = True
+
+    def next(self) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
+        """Return the header and the pixels (height, width, 4) of the next frame; None while there is nothing new."""
+        goes_on = self.subject.moves and (self.playing or self._single)
+        if goes_on:
+            self._go_on()
+        if not (self._changed or self._refine):
+            return None
+        size = self._coarse_size() if self._changed else self.size
+        moment = self._moment(size)
+        begun = time.monotonic()
+        output, form = self.subject.draw(moment, self.form)
+        seconds = time.monotonic() - begun
+        self._cost[form] = seconds / (size[0] * size[1])
+        self._changed, self._single = False, False
+        self._refine = size != self.size
+        self.output, self.moment = output, moment
+        header = {
+            "width": size[0],
+            "height": size[1],
+            "time": self.time,
+            "frame": self.frame,
+            "milliseconds": 1000 * seconds,
+            "form": str(form),
+            "coarse": size != self.size,
+            "waiting": str(self.form) if self.subject.waiting(self.form) is not None else None,
+        }
+        refused = self.subject.refused(self.form)
+        if refused is not None:
+            header["refused"] = self.explain(refused)
+        return header, pixels(output, encode=self.encode)
+
+    def woken(self) -> None:
+        """Take note that a kernel is ready: the picture is computed again by the wanted one."""
+        self._changed = True
+
+    def _go_on(self) -> None:
+        now = time.monotonic()
+        passed = min(now - self._clock, _LONGEST)
+        self._clock = now
+        if self.subject.advance(self._moment(self.size), self.form, self.steps):
+            self.time += 1 / 60 if self._single else passed
+            self.frame += 1
+            self._changed = True
+
+    def _moment(self, size: tuple[int, int]) -> Moment:
+        """Return the moment at a size; the mouse is in pixels of that size."""
+        ratio = size[0] / self.size[0], size[1] / self.size[1]
+        x, y, press_x, press_y = (m * r for m, r in zip(self.mouse, 2 * ratio, strict=True))
+        return Moment(size, self.time, self.frame, (x, y, press_x, press_y))
+
+    def _coarse_size(self) -> tuple[int, int]:
+        """Return the size of the next frame: smaller than the full one where that would take long."""
+        count = self.size[0] * self.size[1]
+        if not self.subject.coarse:
+            return self.size
+        known = [self._cost[form] for form in (self.form, *self._cost) if form in self._cost]
+        scale = min(1.0, _FIRST / max(self.size))
+        if known:
+            cost = known[0] * count
+            scale = (
+                1.0
+                if cost < (2 * _QUICK if self.playing and self.subject.moves else _QUICK)
+                else (min(1.0, (_COARSE / cost) ** 0.5))
+            )
+        return max(1, round(scale * self.size[0])), max(1, round(scale * self.size[1]))
+
+    def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+        """Return the answer to a question about the picture, with bytes behind it."""
+        return questions.answer(self, question)
+
+    def explain(self, error: BaseException) -> dict[str, Any]:
+        """Return an error for the page."""
+        return explain(error, self.opened.path)
+
+
+def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, Any]:
+    """Return the error of a file that could not be recorded, for the page, and the files to watch."""
+    return {**explain(error, Path(request["path"])), "files": [str(path) for path in files_read()]}
+
+
+def warm() -> None:
+    """Load what a session will need."""
+    kernels.warm()

@@ -1,0 +1,163 @@
+"""The user's file in a worker: its programs and chains, and what is wrong with it.
+
+Stage: view. A file is run as `python file.py` would run it, but for what stands under `if __name__ == "__main__"`.
+
+    opened = open_file(Path("shader.py"))
+    opened.pick(None)            # the last program or chain of the file that can be shown
+"""
+
+from __future__ import annotations
+
+import linecache
+import runpy
+import sys
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from shpy.chains.chain import Chain, sequence
+from shpy.errors import ShpyError
+from shpy.program import Program
+from shpy.screen import is_filled
+
+START, SHOW = "start", "show"
+"""The names of the function that gives a chain its first streams, and of the program that makes colours of them."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The names that a file defines, in their order, and the files that it was read from."""
+
+    path: Path
+    names: dict[str, Any]
+    files: tuple[Path, ...]
+
+    @property
+    def start(self) -> Any:
+        """The function of (height, width) that gives a chain's first streams; None where there is none."""
+        found = self.names.get(START)
+        return found if callable(found) and not isinstance(found, Program) else None
+
+    @property
+    def shown(self) -> dict[str, Program | Chain]:
+        """Everything in the file that can be shown, by name."""
+        found: dict[str, Program | Chain] = {}
+        for name, value in self.names.items():
+            if name.startswith("_") or value in found.values():
+                continue
+            if isinstance(value, Chain) or (isinstance(value, Program) and name != SHOW and self._evolves(value)):
+                found[name] = value if isinstance(value, Chain) else sequence(value)
+            elif isinstance(value, Program) and not missing(value):
+                found[name] = value
+        return found
+
+    def _evolves(self, program: Program) -> bool:
+        """Return whether the program is a step of a chain: it has inputs that only streams can fill."""
+        return self.start is not None and bool(missing(program))
+
+    def pick(self, name: str | None) -> tuple[str, Program | Chain]:
+        """Return the name and the program or chain to show; raises ShpyError where there is none."""
+        shown = self.shown
+        if name is None:
+            if shown:
+                # A chain is there to be run on, and programs beside it are its parts.
+                chains = [n for n, v in shown.items() if isinstance(v, Chain)]
+                last = (chains or list(shown))[-1]
+                return last, shown[last]
+            raise _nothing_to_show(self)
+        if name in shown:
+            return name, shown[name]
+        value = self.names.get(name)
+        if isinstance(value, Program):
+            raise not_filled(value)
+        cure = ", ".join(f"{self.path.name}:{n}" for n in shown) or None
+        raise ShpyError(f"{self.path.name} has no program or chain {name!r}", cure=cure)
+
+
+def missing(program: Program) -> list[str]:
+    """Return the inputs that neither a viewer nor a default fills."""
+    return [n for n, t in program.inputs.items() if n not in program.recorded.defaults and not is_filled(n, t)]
+
+
+def not_filled(program: Program) -> ShpyError:
+    """Return the error for a program with inputs that a viewer does not know."""
+    names = missing(program)
+    spoken = ", ".join(f"{n}: {getattr(program.inputs[n], '__name__', program.inputs[n])}" for n in names)
+    return ShpyError(
+        f"{program.name} has inputs that a viewer does not fill: {spoken}",
+        loc=program.ir.entry.loc,
+        cure=f"uv: sh.TexCoord2f, pixel: sh.Attrib2i, resolution, time, frame or mouse; a default; or "
+        f"{program.name}.bind({names[0]}=…)",
+    )
+
+
+def _nothing_to_show(opened: Opened) -> ShpyError:
+    programs = [v for v in opened.names.values() if isinstance(v, Program)]
+    if programs:
+        return not_filled(programs[-1])
+    return ShpyError(
+        f"{opened.path.name} has no program",
+        cure="@sh.program above a function such as def picture(uv: sh.TexCoord2f) -> sh.Color3f",
+    )
+
+
+def open_file(path: Path) -> Opened:
+    """Run the file and return what it defines. Raises whatever its lines raise."""
+    folder = str(path.parent)
+    if sys.path[0] != folder:
+        sys.path.insert(0, folder)
+    before = set(sys.modules)
+    try:
+        names = runpy.run_path(str(path))
+    finally:
+        imported = [sys.modules[name] for name in set(sys.modules) - before]
+        files = [Path(f) for f in (getattr(m, "__file__", None) for m in imported) if f and _is_below(f, folder)]
+        _read.update({path, *files})
+    return Opened(path, names, files_read())
+
+
+_read: set[Path] = set()
+
+
+def files_read() -> tuple[Path, ...]:
+    """Return the files of the user's that this process has read, also where reading one failed."""
+    return tuple(sorted(_read))
+
+
+def _is_below(file: str, folder: str) -> bool:
+    return Path(file).is_relative_to(folder) and "site-packages" not in file
+
+
+def explain(error: BaseException, path: Path) -> dict[str, Any]:
+    """Return an error for the page: message, cure, file and line, and the lines around it."""
+    place = _place(error, path)
+    message = getattr(error, "message", None) or (error.msg if isinstance(error, SyntaxError) else str(error))
+    return {
+        "type": type(error).__name__,
+        "message": message or type(error).__name__,
+        "cure": getattr(error, "cure", None),
+        "file": place[0] if place else None,
+        "line": place[1] if place else None,
+        "source": lines_around(*place) if place else [],
+    }
+
+
+def _place(error: BaseException, path: Path) -> tuple[str, int] | None:
+    """Return the file and line of an error: its own, or the last line of the user's files that it passed."""
+    loc = getattr(error, "loc", None)
+    if loc is not None:
+        return loc.file, loc.line
+    if isinstance(error, SyntaxError) and error.filename and error.lineno:
+        return error.filename, error.lineno
+    frames = traceback.extract_tb(error.__traceback__)
+    known = {str(p) for p in (path, *files_read())}
+    return next(((f.filename, f.lineno) for f in reversed(frames) if f.filename in known and f.lineno), None)
+
+
+def lines_around(file: str, line: int, count: int = 2) -> list[tuple[int, str]]:
+    """Return the numbers and texts of the lines around a line."""
+    linecache.checkcache(file)
+    first = max(1, line - count)
+    found = [(n, linecache.getline(file, n).rstrip("\n")) for n in range(first, line + count + 1)]
+    return found[: max((k + 1 for k, (n, text) in enumerate(found) if text or n <= line), default=0)]

@@ -1,0 +1,217 @@
+"""The subject of a view: a program that is drawn, or a chain that runs on and is drawn after its steps.
+
+Stage: view. A subject gives the output of the run for a moment, as floats: (height, width) or (height, width, n).
+
+    subject = Still(program, wake)
+    subject.draw(Moment((640, 360)), Form("opencl", "strict"))     # (output, the form that was there)
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from shpy.chains.chain import Chain
+from shpy.errors import ShpyError
+from shpy.program import Program
+from shpy.screen import MOVING, Moment, filled, is_filled
+from shpy.streams.stream import Stream
+from shpy.view.kernels import Form, Kernels
+from shpy.view.source import SHOW, START, Opened
+
+
+class Subject(Protocol):
+    """A program or a chain, as a session draws it."""
+
+    moves: bool
+    """The picture changes by itself as time goes on."""
+    evolves: bool
+    """Each frame follows from the one before: there are steps, and a reset."""
+    coarse: bool
+    """It can be drawn at fewer pixels first."""
+    takes_mouse: bool
+    """It has an input that the mouse fills."""
+    params: Mapping[str, Any]
+
+    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+        """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
+
+    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+        """Go on by some steps; gives whether it did, which it does not while the wanted form compiles."""
+
+    def reset(self) -> None:
+        """Begin anew."""
+
+    def waiting(self, wanted: Form) -> float | None:
+        """Return the seconds for which the wanted form has been compiling; None where it is not."""
+
+    def refused(self, wanted: Form) -> Exception | None:
+        """Return the error with which a target refuses the wanted form, which a quick one stands for meanwhile."""
+
+    def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
+        """Return the program and the steps of one pixel."""
+
+
+class Still:
+    """A program of pixels."""
+
+    params: Mapping[str, Any]
+    evolves: bool = False
+    coarse: bool = True
+
+    def __init__(self, program: Program, wake: Callable[[], None]) -> None:
+        self.program = program
+        self.kernels = Kernels(program, wake)
+        self.takes_mouse = "mouse" in program.inputs
+        self.moves = any(name in MOVING and is_filled(name, t) for name, t in program.inputs.items())
+        self.params = program.params
+
+    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+        """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
+        kernel, form = self.kernels.best(wanted)
+        return _first(kernel(**self._given(moment), shape=moment.shape)), form
+
+    def exactly(self, moment: Moment, form: Form) -> Any:
+        """Return the output for a moment in a form, which may have to be compiled."""
+        return _first(self.kernels.exactly(form)(**self._given(moment), shape=moment.shape))
+
+    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+        """Go on: time does, and nothing else is kept."""
+        return True
+
+    def reset(self) -> None:
+        """Begin anew: nothing is kept."""
+
+    def waiting(self, wanted: Form) -> float | None:
+        """Return the seconds for which the wanted form has been compiling; None where it is not."""
+        return self.kernels.waiting(wanted)
+
+    def refused(self, wanted: Form) -> Exception | None:
+        """Return the error with which a target refuses the wanted form."""
+        return self.kernels.refused(wanted)
+
+    def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
+        """Return the program and the steps of one pixel."""
+        return self.program, self.program.trace(**self._given(moment), shape=moment.shape, at=at)
+
+    def _given(self, moment: Moment) -> dict[str, Any]:
+        return filled(self.program.inputs, moment)
+
+
+class Evolving:
+    """A chain whose streams go on from frame to frame, drawn by the program `show` or as its last stream is."""
+
+    params: Mapping[str, Any]
+    moves: bool = True
+    evolves: bool = True
+    coarse: bool = False
+
+    def __init__(self, chain: Chain, opened: Opened, wake: Callable[[], None]) -> None:
+        self.chain = chain
+        self.start = opened.start
+        show = opened.names.get(SHOW)
+        self.show = Kernels(show, wake) if isinstance(show, Program) else None
+        self.shown = list(chain.outputs)[-1]
+        programs = [kernel.recorded for kernel in chain.kernels]
+        self.takes_mouse = any("mouse" in recorded.inputs for recorded in programs)
+        params = {name: p for recorded in programs for name, p in recorded.params.items()}
+        self.params = params | (self.show.program.params if self.show else {})
+        self._wake = wake
+        self._streams: dict[str, Any] | None = None
+        self._size: tuple[int, int] | None = None
+        self._ready: dict[tuple[Form, tuple[int, int]], Exception | bool] = {}
+
+    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+        """Return the colours of the present streams."""
+        streams = self._present(moment)
+        if self.show is None:
+            return np.asarray(streams[self.shown]), wanted
+        kernel, form = self.show.best(wanted)
+        given = self._given(self.show.program.inputs, moment, streams)
+        if form.backend != wanted.backend:
+            given = {n: v.numpy() if isinstance(v, Stream) else v for n, v in given.items()}
+        return np.asarray(_first(kernel(**given))), form
+
+    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+        """Go on by some steps; gives whether it did, which it does not while the wanted form compiles."""
+        streams = self._present(moment)
+        key = wanted, moment.size
+        if key not in self._ready:
+            self._ready[key] = False
+            threading.Thread(target=self._compile, args=(key, moment, dict(streams)), daemon=True).start()
+        ready = self._ready[key]
+        if isinstance(ready, Exception):
+            raise ready
+        if ready:
+            for _ in range(steps):
+                streams |= self._run(moment, wanted, streams)
+        return ready
+
+    def _compile(self, key: tuple[Form, tuple[int, int]], moment: Moment, streams: dict[str, Any]) -> None:
+        """Compile the kernels by one run, whose streams are thrown away."""
+        try:
+            self._run(moment, key[0], streams)
+            self._ready[key] = True
+        except Exception as error:  # of a driver too: the page shows it
+            self._ready[key] = error
+        self._wake()
+
+    def _run(self, moment: Moment, form: Form, streams: Mapping[str, Any]) -> dict[str, Any]:
+        given = self._given(self.chain.inputs, moment, streams)
+        placed: dict[str, Any] = {n: v.to(form.backend) if isinstance(v, Stream) else v for n, v in given.items()}
+        return self.chain.run(backend=form.backend, **placed).streams
+
+    def _given(self, inputs: Mapping[str, Any], moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
+        given = {name: streams[name] for name in inputs if name in streams}
+        return given | filled(inputs, moment, given=given)
+
+    def _present(self, moment: Moment) -> dict[str, Any]:
+        """Return the streams; those of another size begin anew."""
+        if self._streams is None or self._size != moment.size:
+            self._streams, self._size = self._begin(moment), moment.size
+        return self._streams
+
+    def _begin(self, moment: Moment) -> dict[str, Any]:
+        if self.start is None:
+            names = ", ".join(f'"{name}": …' for name in self.chain.inputs)
+            raise ShpyError(
+                f"{self.chain} needs streams to begin with", cure=f"def {START}(height, width): return {{{names}}}"
+            )
+        made = self.start(*moment.shape)
+        if not isinstance(made, dict):
+            raise ShpyError(f"{START}(height, width) gives {type(made).__name__}", cure="a dict of arrays by name")
+        return dict(made)
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._streams = None
+
+    def waiting(self, wanted: Form) -> float | None:
+        """Return 0 while the wanted form compiles; None where it does not."""
+        return 0.0 if any(form == wanted and ready is False for (form, _), ready in self._ready.items()) else None
+
+    def refused(self, wanted: Form) -> Exception | None:
+        """Return the error with which a target refuses `show`; one of the chain's own kernels is raised."""
+        return self.show.refused(wanted) if self.show else None
+
+    def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
+        """Return the last program of the chain and the steps of one pixel in it."""
+        member = self.chain.kernels[-1]
+        program = Program(member.recorded)
+        given = self._given(program.inputs, moment, self._present(moment))
+        return program, program.trace(**given, shape=moment.shape, at=at)
+
+
+def _first(outputs: Any) -> Any:
+    """Return the picture among the outputs of a program: the only one, or the first of several."""
+    while isinstance(outputs, tuple | dict):
+        outputs = next(iter(outputs.values() if isinstance(outputs, dict) else outputs))
+    return outputs
+
+
+def subject_of(value: Program | Chain, opened: Opened, wake: Callable[[], None]) -> Subject:
+    """Return the subject of a program or chain."""
+    return Evolving(value, opened, wake) if isinstance(value, Chain) else Still(value, wake)
