@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Math
 from shpy.chains.chain import Chain
 from shpy.command import progress_lines
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
+from shpy.passes.modes import Math
 from shpy.program import Program
 from shpy.screen import Moment, check_pictures, filled, first_output, pixels
 from shpy.streams.stream import Stream

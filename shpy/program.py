@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, cast, overload
 import numpy as np
 
 from shpy import algebra
-from shpy.backends.base import Math, Options, Precision
+from shpy.backends.base import Options, Precision
 from shpy.backends.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.nodes import Module
@@ -38,7 +38,7 @@ from shpy.lang.recording.pickling import OfOneProcess
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Leaf, Rows, leaves
-from shpy.passes.modes import MODES
+from shpy.passes.modes import MODES, Math
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
 from shpy.run.uniforms import evaluate

@@ -19,28 +19,6 @@ from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
 from shpy.passes.modes import Math
 
-__all__ = [
-    "Array",
-    "Backend",
-    "Call",
-    "Collectives",
-    "Counts",
-    "Device",
-    "DeviceCall",
-    "Executable",
-    "Math",
-    "Memory",
-    "NodeTypes",
-    "Options",
-    "Precision",
-    "Space",
-    "TableData",
-    "TableMemory",
-    "Tree",
-    "overlap",
-    "too_large",
-]
-
 Array = NDArray[Any]
 Precision = Literal["f16", "f32", "f64"]
 

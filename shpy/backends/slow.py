@@ -16,8 +16,6 @@ from contextlib import contextmanager, suppress
 from shpy.ir.nodes import Call, Let, Module, Stmt
 from shpy.ir.traverse import walk
 
-__all__ = ["PATIENCE", "announced", "describe"]
-
 PATIENCE = 5.0
 """Seconds after which a compilation is announced."""
 

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, DeviceCall, Executable, Memory, TableData, TableMemory, overlap
+from shpy.backends.base import Array, DeviceCall, Executable, Memory, TableMemory, overlap
 from shpy.errors import ShpyTypeError
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import TableData
 from shpy.backends.glsl import backend
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.glsl.text.interface import FOLD
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import vec
 
 

@@ -5,10 +5,11 @@ import pytest
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
-from shpy.backends.base import Call, Options, TableData
+from shpy.backends.base import Call, Options
 from shpy.backends.numpy.device.run import TARGET, NumpyBackend
 from shpy.backends.numpy.tables import Place, TableView
 from shpy.backends.numpy.text import apart
+from shpy.ir.tabledata import TableData
 from shpy.passes.pipeline import prepare
 
 SHAPES = [(0, 3), (3, 0), (1, 1), (1, 9), (9, 1), (5, 4), (7, 6), (3, 40)]

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from passes.random_ir import LOOP_LIMIT, Sizes, random_inputs, random_module
 
-from shpy.backends.base import Call, Options, TableData
+from shpy.backends.base import Call, Options
 from shpy.backends.numpy.device.run import NumpyBackend
 from shpy.ir.constants import encode
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Let, Param, Status
+from shpy.ir.tabledata import TableData
 from shpy.ir.traverse import limited_loops
 
 DTYPES = {"a": np.float32, "v": np.float32, "k": np.int32, "h": np.uint32}

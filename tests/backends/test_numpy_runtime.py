@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Call, Options, TableData
+from shpy.backends.base import Call, Options
 from shpy.backends.numpy.device.run import NumpyBackend
 from shpy.backends.numpy.lanes import pick, put, put_aside, vector
 from shpy.backends.numpy.tables import TableView
 from shpy.errors import BackendUnavailable
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Discard, Loc, Module, Param, Port, Status, Table
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 
 F, F2, I, I2 = vec("f"), vec("f", 2), vec("i"), vec("i", 2)  # noqa: E741

@@ -16,12 +16,13 @@ import pytest
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
-from shpy.backends.base import Call, Options, TableData
+from shpy.backends.base import Call, Options
 from shpy.backends.opencl import backend
 from shpy.backends.opencl.device import driver as device, run as runtime
 from shpy.backends.opencl.device.driver import machine_of
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import vec
 
 F, INT = vec("f"), vec("i")

@@ -10,7 +10,7 @@ from passes.random_ir import LOOP_LIMIT, random_module
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_WHILE
-from shpy.backends.base import Array, Call, Options, TableData
+from shpy.backends.base import Array, Call, Options
 from shpy.backends.opencl import backend
 from shpy.backends.opencl.device import run as runtime
 from shpy.backends.opencl.device.driver import machine_of
@@ -19,6 +19,7 @@ from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module, Port
 from shpy.ir.ops import OPS, result_type
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.testing.conformance.exact import exact
 

@@ -23,8 +23,6 @@ from shpy.backends.base import Array, Call, DeviceCall, Executable, Space
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.types import Base, vec
 
-__all__ = ["Listed", "Lists", "few", "is_worth_a_list", "run_some"]
-
 _FEW: Final = 0.7
 """The share of elements below which to gather and to scatter them takes less time than to run over all."""
 _WORTH_A_LIST: Final = 4096

@@ -15,8 +15,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Final, TypeVar
 
-__all__ = ["Pace"]
-
 T = TypeVar("T")
 
 SECONDS: Final = 0.1

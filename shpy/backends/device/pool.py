@@ -16,8 +16,6 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable
 from typing import Any, Final, NamedTuple
 
-__all__ = ["Kind", "Pool", "rounded"]
-
 _MOST: Final = 256 << 20
 """Bytes that a pool keeps of what is not in use."""
 

@@ -23,18 +23,6 @@ from shpy.ir.nodes import Let, Module
 from shpy.ir.traverse import walk
 from shpy.passes.library import CORRECTABLE
 
-__all__ = [
-    "COUNT",
-    "FAULTS",
-    "PROBED",
-    "hard_inputs",
-    "in_binary64",
-    "is_exact_in_binary64",
-    "notes_of",
-    "refuse_wrong",
-    "wrong_operations",
-]
-
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """Operations that are asked for: `convert` is a float to an int."""
 FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", "zeros", "optimiser"})

@@ -18,8 +18,6 @@ from functools import cache
 
 from shpy.errors import BackendUnavailable
 
-__all__ = ["Driver"]
-
 
 class Driver:
     """A driver that starts threads: it serves the process that uses it first, and that process's children never."""

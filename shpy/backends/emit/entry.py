@@ -18,8 +18,6 @@ from shpy.backends.emit.survey import changed_variables
 from shpy.ir.nodes import Call, Function, Let, Module, Return, Store
 from shpy.ir.traverse import walk
 
-__all__ = ["Needs", "Unit", "direct_outputs", "leaves_early", "needs_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Needs:

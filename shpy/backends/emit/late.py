@@ -18,14 +18,12 @@ from typing import Final
 
 import numpy as np
 
-from shpy.backends.emit.plan import INFIX, MAX_DEPTH, Place, Plan, Planner, Wishes, is_whole, leading_test
-from shpy.backends.emit.survey import Survey
+from shpy.backends.emit.plan import INFIX, MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
+from shpy.backends.emit.survey import Place, Survey
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Stmt, Store
 from shpy.ir.traverse import continues, regions_of, uses, walk
 from shpy.ir.types import Base
-
-__all__ = ["MAX_WIDTH", "LateWishes", "plan_late", "stored_results"]
 
 MAX_WIDTH: Final = 88
 """Letters, about, of an expression that needs no name."""

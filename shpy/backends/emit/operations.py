@@ -20,8 +20,6 @@ from shpy.ir.nodes import Let, Value, Variable
 from shpy.ir.types import Type
 from shpy.passes.known import Known
 
-__all__ = ["COMPARISONS", "INFIX", "Operations"]
-
 INFIX: Final[Mapping[str, str]] = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", "shl": "<<", "shr": ">>",
 }  # fmt: skip

@@ -446,6 +446,3 @@ def is_step(region: Region) -> bool:
     """Return whether the region is Lets and then one store of a whole variable."""
     *lets, last = region or (None,)
     return isinstance(last, Store) and is_whole(last) and all(isinstance(s, Let) for s in lets)
-
-
-__all__ = ["MAX_DEPTH", "MAX_WIDTH", "Place", "Plan", "Planner", "Wishes", "is_whole", "leading_test", "plan"]

@@ -41,8 +41,6 @@ from shpy.backends.emit.tree import (
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Type
 
-__all__ = ["Level", "Line", "Speller", "comment", "row_major", "text_of"]
-
 Line = tuple[str, Loc | None]
 """One line of text, and the line of the user's code that it comes from."""
 Spelled = tuple[str, "Level"]

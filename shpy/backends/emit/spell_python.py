@@ -44,8 +44,6 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
 
-__all__ = ["Level", "PythonSpeller", "dtype"]
-
 
 class Level(IntEnum):
     """The precedence of an operator of Python: the higher, the tighter it binds (Language Reference 6.17)."""

@@ -20,7 +20,8 @@ from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Unit
 from shpy.backends.emit.names import Names
 from shpy.backends.emit.operations import Operations
-from shpy.backends.emit.plan import Place, Wishes, is_whole, plan
+from shpy.backends.emit.plan import Wishes, is_whole, plan
+from shpy.backends.emit.survey import Place
 from shpy.backends.emit.tree import BOOL, Assign, Declare, Do, Exit, Expr, Index, Literal, Name
 from shpy.ir.nodes import (
     Break,
@@ -40,8 +41,6 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import continues, defined, variables_of, walk
 from shpy.passes.known import Known
-
-__all__ = ["Body"]
 
 
 class Body(Operations):

@@ -14,8 +14,6 @@ from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, S
 from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import regions_of, uses
 
-__all__ = ["Place", "Survey", "changed_variables"]
-
 Place = tuple[int, int]
 """A statement: the number of its region, and its index in it."""
 

@@ -38,8 +38,6 @@ from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
 from shpy.passes.specialise import select_outputs
 
-__all__ = ["GlslBackend", "GlslExecutable", "backend"]
-
 TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, inlines=True)
 _SHARED = (
     "its calls stand in loops, which take longer to run, because OpenGL's compilers copy each function to each call "

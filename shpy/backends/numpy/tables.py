@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from shpy.ir.meaning import floor_mod_int
 
-__all__ = ["Listed", "Place", "TableView", "places_of"]
-
 Array = NDArray[Any]
 Range = tuple[int, int]
 

@@ -19,8 +19,6 @@ from shpy.backends.glsl.device.context import Context
 from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace
 from shpy.ir.types import Base, vec
 
-__all__ = ["collectives"]
-
 _AT_ONCE: Final = 1 << 20
 """Points of a draw; Ctrl-C ends the wait between draws."""
 _EXACT: Final = 1 << 24

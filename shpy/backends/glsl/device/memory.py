@@ -35,8 +35,6 @@ from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["GlslMemory", "GlslSpace", "own"]
-
 _AHEAD: Final = 64
 """Draws that are started before the host waits for them."""
 _BLOCK: Final = 32

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, DeviceCall, TableData, TableMemory
+from shpy.backends.base import Array, Call, DeviceCall, TableMemory
 from shpy.backends.device.pace import Pace
 from shpy.backends.glsl.device.collective import collectives
 from shpy.backends.glsl.device.context import Context, check
@@ -25,6 +25,7 @@ from shpy.backends.glsl.device.textures import Lent, Store, Target, read
 from shpy.backends.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, Type, vec
 
 BAND: Final = 1 << 22

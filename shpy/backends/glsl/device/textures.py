@@ -22,11 +22,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, TableData
+from shpy.backends.base import Array
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.glsl.device.context import Context, check
 from shpy.backends.glsl.text.interface import FOLD
 from shpy.errors import ShpyError
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
 
 FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}

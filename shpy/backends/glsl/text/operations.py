@@ -31,8 +31,6 @@ from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["FAST", "NATIVE", "GlslBody", "GlslUnit"]
-
 NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
 

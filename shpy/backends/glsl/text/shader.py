@@ -44,8 +44,6 @@ from shpy.ir.nodes import Function, Module, Status, Value, Variable
 from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["print_shader"]
-
 _PIXEL = vec(Base.I, 2)
 _FLOAT = vec(Base.F)
 

@@ -16,8 +16,6 @@ from shpy.backends.emit.tree import AnyType, Cast, Construct, Declare, Literal
 from shpy.backends.glsl.text.prologue import spelled
 from shpy.ir.types import Base, Type
 
-__all__ = ["GlslSpeller"]
-
 _WRITTEN_OUT: Final = 16
 """Elements of an array whose zeros are listed; more are stored by a loop."""
 

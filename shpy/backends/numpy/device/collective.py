@@ -15,8 +15,6 @@ from shpy.backends.base import Array, Collectives
 from shpy.backends.numpy.device.memory import NumpyMemory
 from shpy.ir.types import Base, vec
 
-__all__ = ["COLLECTIVES"]
-
 _WORDS: Final = {1: np.uint8, 2: np.uint16, 4: np.uint32, 8: np.uint64}
 
 

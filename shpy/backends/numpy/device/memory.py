@@ -14,21 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import (
-    Array,
-    Call,
-    Collectives,
-    Counts,
-    DeviceCall,
-    TableData,
-    TableMemory,
-    too_large,
-)
+from shpy.backends.base import Array, Call, Collectives, Counts, DeviceCall, TableMemory, too_large
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Status
+from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
-
-__all__ = ["NumpyMemory", "NumpySpace", "over_arrays"]
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)

@@ -17,7 +17,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, DeviceCall, Options, TableData
+from shpy.backends.base import Array, Call, Device, DeviceCall, Options
 from shpy.backends.device.listed import few, is_worth_a_list, run_some
 from shpy.backends.dump import dump
 from shpy.backends.numpy.device.collective import COLLECTIVES
@@ -30,13 +30,12 @@ from shpy.ir import exact
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loc, Module, Status, Value
 from shpy.ir.ops import OPS
+from shpy.ir.tabledata import TableData
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.rejecting import find_rejection
-
-__all__ = ["SPACE", "TILE", "NumpyBackend", "NumpyExecutable", "backend"]
 
 SPACE: Final = NumpySpace(COLLECTIVES)
 """The host's memory."""

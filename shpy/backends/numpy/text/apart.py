@@ -26,8 +26,6 @@ from shpy.passes.lower import lower
 from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import VectorModule, vectorize
 
-__all__ = ["Layout", "lay_out"]
-
 _WORTH_MAKING = 4
 """Operations on whole vectors for each that is made of numbers, from which on it is better to make them."""
 _FREE = frozenset({"const", "load", "swizzle", "param", "grid_index", "grid_shape", "table_size"})

@@ -23,8 +23,6 @@ from shpy.backends.emit import tree
 from shpy.backends.emit.names import Names
 from shpy.backends.emit.tree import BOOL, INT, Assign, Block, Do, Each, Exit, Expr, If, Loop, Name, Stmt, Tuple, Update
 
-__all__ = ["LaneLoop", "compacted"]
-
 _NONE: frozenset[Expr] = frozenset()
 
 

@@ -24,8 +24,6 @@ from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
 from shpy.passes.liveness import Note, annotate, loops
 
-__all__ = ["Iterations", "Sum", "counted", "lanes_alone", "rewritten"]
-
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
 """Operations that may give vectors, whose components come first, or take them."""

@@ -19,8 +19,6 @@ from shpy.ir.nodes import Function, If, Let, Loop, Region, Return, Stmt, Store
 from shpy.ir.traverse import regions_of, uses, walk
 from shpy.passes.liveness import annotate, loops
 
-__all__ = ["ExitCopy", "Plan", "plans"]
-
 
 @dataclass(frozen=True, slots=True)
 class ExitCopy:

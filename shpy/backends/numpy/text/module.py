@@ -20,8 +20,9 @@ from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Needs, Unit, needed_by, needs_of
 from shpy.backends.emit.late import MAX_WIDTH, LateWishes, plan_late, stored_results
 from shpy.backends.emit.names import Names
-from shpy.backends.emit.plan import Place, is_whole
+from shpy.backends.emit.plan import is_whole
 from shpy.backends.emit.spell_python import PythonSpeller
+from shpy.backends.emit.survey import Place
 from shpy.backends.emit.tree import (
     BOOL,
     INT,
@@ -62,8 +63,6 @@ from shpy.ir.types import Base, vec
 from shpy.passes.calls import LaneFacts
 from shpy.passes.liveness import annotate
 from shpy.passes.vectorize import VectorModule
-
-__all__ = ["Printed", "print_python"]
 
 LANES: Final = "lanes", ""
 """The argument of a function that needs the number of lanes."""

@@ -23,18 +23,6 @@ from shpy.ir.nodes import Let
 from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.types import Base, Type
 
-__all__ = [
-    "INFIX",
-    "MEANINGS",
-    "UPDATES",
-    "NumpyOperations",
-    "components_of",
-    "is_row",
-    "is_shared",
-    "own",
-    "zeros",
-]
-
 COMPARISONS: Final = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
 INFIX: Final = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", **COMPARISONS}
 """Operations that are operators of Python."""

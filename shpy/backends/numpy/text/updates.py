@@ -17,8 +17,6 @@ from shpy.ir.nodes import Function, Let, Value
 from shpy.ir.traverse import defined, uses, walk
 from shpy.passes.calls import LaneFacts
 
-__all__ = ["Updates"]
-
 _READERS = frozenset(INFIX) | UPDATES.keys() | {"sqrt", "neg"}
 """Operations that make a new array of those that they read."""
 

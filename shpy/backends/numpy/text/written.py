@@ -18,8 +18,6 @@ from shpy.backends.emit.names import Names
 from shpy.backends.emit.tree import Assign, Block, Exit, Expr, Name, Named, Operator, Tuple, several
 from shpy.ir.nodes import Variable
 
-__all__ = ["written"]
-
 _UFUNCS: Final = {"+": "np.add", "-": "np.subtract", "*": "np.multiply", "/": "np.divide"}
 
 

@@ -26,8 +26,6 @@ from functools import cache, partial
 from queue import Empty, SimpleQueue
 from typing import IO, Any, Final, TypeVar
 
-__all__ = ["Background", "Refused", "background", "serve"]
-
 T = TypeVar("T")
 
 _LINGER: Final = 10.0

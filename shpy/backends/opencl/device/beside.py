@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from shpy.backends.opencl.device.widths import Sized
     from shpy.backends.opencl.text.kernel import Kernel
 
-__all__ = ["Beside", "Compiled", "Facts"]
-
 Facts = dict[str, frozenset[str]]
 """The results of trials of the device, by the names of attributes of its `Machine`."""
 _FACTS: Final = ("wrong", "binary64", "_succeeded")

@@ -14,8 +14,6 @@ import numpy as np
 
 from shpy.backends.device.probe import COUNT, hard_inputs, is_exact_in_binary64
 
-__all__ = ["ABILITIES", "PROBE", "abilities_in_binary64"]
-
 ABILITIES: Final = frozenset({"exact", "fused"})
 """Abilities of a device: every operation is rounded correctly, and fma is quick besides."""
 

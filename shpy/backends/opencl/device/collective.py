@@ -20,8 +20,6 @@ from shpy.backends.opencl.device.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module, Status
 from shpy.ir.types import Base, vec
 
-__all__ = ["collectives"]
-
 _CPU_DIGIT: Final = 11
 _DIGIT: Final = 8
 """Bits of a digit, on a CPU and elsewhere: a CPU's caches hold larger tables, so that there are fewer passes."""

@@ -14,8 +14,6 @@ from shpy.backends.opencl.packets.prologue_wide import try_wide
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.opencl.text.operations import ELEMENTWISE
 
-__all__ = ["TRIALS"]
-
 _ROUNDED = (1.5, -0.5, 2.0, 2.5, -3.0, 0.0, 7.75, 1e9)
 TRIALS: Final = {
     "reduce": Trial("int8", "a[0].x = __builtin_reduce_or(a[0]);", (1, 2, 4, 8, 16, 32, 64, 0), (127, 2, 4)),

@@ -17,8 +17,6 @@ from typing import Any, Final, NamedTuple
 from shpy.backends.device.pace import Pace
 from shpy.backends.opencl.device.driver import Machine
 
-__all__ = ["LOCAL_SIZE", "PACKETS", "Items", "starter"]
-
 LOCAL_SIZE: Final = 64
 """Work items of a group."""
 PACKETS: Final = 16

@@ -23,7 +23,7 @@ from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
 
-from shpy.backends.base import Array, Device, Math
+from shpy.backends.base import Array, Device
 from shpy.backends.device import store
 from shpy.backends.device.pace import Pace
 from shpy.backends.device.pool import Kind, Pool, rounded
@@ -41,6 +41,7 @@ from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.ir.tabledata import TableData
 from shpy.packages import install
 from shpy.passes.library import CORRECTABLE
+from shpy.passes.modes import Math
 from shpy.passes.pipeline import Target
 
 _EXACTNESS = """\

@@ -29,8 +29,6 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type
 
-__all__ = ["MEMORY", "WORDS", "OpenCLMemory", "OpenCLSpace", "held", "own"]
-
 MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """The dtype of a component in a buffer, by base."""
 WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}

@@ -19,8 +19,6 @@ import numpy as np
 from shpy.backends.base import Call, DeviceCall, Executable
 from shpy.backends.opencl.device.memory import OpenCLSpace
 
-__all__ = ["Sample", "sample_of", "sample_on_device"]
-
 Shape = tuple[int, ...]
 
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from shpy.backends.opencl.device.driver import Machine
     from shpy.ir.types import Type
 
-__all__ = ["Staged", "Stages", "is_small"]
-
 _SMALL: Final = 1 << 15
 """Bytes of all inputs and outputs together. More are copied for longer than it takes to lend the arrays themselves."""
 _KEPT: Final = 8

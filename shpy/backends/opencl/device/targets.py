@@ -11,7 +11,5 @@ from typing import Final
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.passes.pipeline import Target
 
-__all__ = ["PACKET_TARGET", "TARGET"]
-
 TARGET: Final = Target("opencl", native=TRANSCENDENTALS)
 PACKET_TARGET: Final = replace(TARGET, vector=True)

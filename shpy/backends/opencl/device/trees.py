@@ -27,8 +27,6 @@ from shpy.ir.types import Base, vec
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
 
-__all__ = ["OpenCLTree", "tree_of"]
-
 _ALONE: Final = 1 << 16
 """Elements that one work item takes: another one would take longer to start."""
 _PARTS: Final = 32

@@ -18,8 +18,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Trial", "Unfinished", "works"]
-
 _SECONDS = 120
 
 

@@ -17,8 +17,6 @@ import threading
 from queue import SimpleQueue
 from typing import Any, Final
 
-__all__ = ["Waiter"]
-
 _GRACE: Final = 1.0
 """Seconds that the end of an interrupted process waits for the device: most dispatches take less."""
 

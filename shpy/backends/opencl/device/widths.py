@@ -30,8 +30,6 @@ from shpy.backends.opencl.device.samples import Sample, sample_of, sample_on_dev
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
 
-__all__ = ["Builder", "Choosing", "Pending", "Sized", "measured_widths", "next_width"]
-
 _ENOUGH, _LONG_ENOUGH = 1 << 14, 1e-3
 """Elements of a run that says something about a width, and seconds of one with fewer: shorter runs are all overhead."""
 _COUNTS: Final = 64

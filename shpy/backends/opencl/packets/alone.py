@@ -31,8 +31,6 @@ from shpy.backends.opencl.packets.prologue_wide import LONGEST
 from shpy.backends.opencl.packets.widen import lanes_of
 from shpy.ir.types import Base, Type
 
-__all__ = ["each_lane"]
-
 _LANE = Name(INT, "k")
 
 

@@ -61,8 +61,6 @@ from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import vectorize
 
-__all__ = ["PacketMaker", "print_packets"]
-
 _LARGE: Final = 400
 """A kernel of more statements is a function that the kernel calls: PoCL generates the code of a kernel three times.
 

@@ -21,8 +21,6 @@ from shpy.backends.opencl.text.operations import NATIVE, ClBody, ClUnit
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
-__all__ = ["PacketBody"]
-
 _PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "ldexp", "sin", "cos", "tan"})
 
 

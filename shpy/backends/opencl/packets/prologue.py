@@ -29,8 +29,6 @@ from shpy.backends.opencl.packets.widen import Lanes, lanes_of, rows_of
 from shpy.backends.opencl.text.prologue import ANY_SIZE, LDEXP, SCALARS, Prologue
 from shpy.ir.types import Base, Type
 
-__all__ = ["IN_REGISTERS", "SIGNS", "Abilities", "PacketPrologue"]
-
 IN_REGISTERS: Final = 8
 """Local arrays of so many elements at most are chosen from by comparing; longer ones are memory."""
 

@@ -24,8 +24,6 @@ from shpy.backends.opencl.packets.widen import rows_of
 from shpy.backends.opencl.text.prologue import NOINLINE, SCALARS
 from shpy.ir.types import Base, Type
 
-__all__ = ["INLINE", "QUAD", "PacketMemory", "element_name", "lane_of", "spelled_wide", "struct_text"]
-
 QUAD: Final = 4
 """Numbers that are loaded, stored and sorted together; the columns of a packet that is a block."""
 _HEX: Final = "0123456789abcdef"

@@ -25,8 +25,6 @@ from shpy.backends.opencl.packets.widen import lanes_of, rows_of
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base, Type
 
-__all__ = ["FOLD", "SCAN", "TreePrologue", "tree_block"]
-
 FOLD: Final = "sh_fold"
 SCAN: Final = "sh_scan"
 _BLOCK_NUMBERS: Final = 1024

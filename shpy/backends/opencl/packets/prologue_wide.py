@@ -24,8 +24,6 @@ from typing import Final
 from shpy.backends.emit import tree
 from shpy.backends.emit.spell_c import Speller
 
-__all__ = ["LONGEST", "Words", "declare_wide", "try_wide"]
-
 LONGEST: Final = 16
 """Numbers of OpenCL C's longest vector."""
 

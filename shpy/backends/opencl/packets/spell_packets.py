@@ -15,8 +15,6 @@ from shpy.backends.opencl.packets.widen import Rows
 from shpy.backends.opencl.text.spell_cl import ClSpeller
 from shpy.ir.types import Type
 
-__all__ = ["PacketSpeller"]
-
 
 class PacketSpeller(ClSpeller):
     """OpenCL C with structs of packets, which `struct` declares."""

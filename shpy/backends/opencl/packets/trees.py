@@ -21,8 +21,6 @@ from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import vectorize
 
-__all__ = ["print_trees"]
-
 
 def print_trees(
     module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool = False

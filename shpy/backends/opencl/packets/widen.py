@@ -29,8 +29,6 @@ from shpy.passes.rewriter import Functions, Rewriter
 from shpy.passes.uniformity import varies
 from shpy.passes.vectorize import VectorModule
 
-__all__ = ["WIDER", "WIDTHS", "Lanes", "Rows", "lanes_of", "rows_of", "widen"]
-
 WIDTHS = (4, 8, 16)
 """Lanes that a packet may have: OpenCL C has vectors of so many numbers, and rows of four fill them."""
 WIDER = (32, 64)

@@ -43,8 +43,6 @@ from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.size import kept_apart
 
-__all__ = ["Kernel", "KernelMaker", "print_kernel"]
-
 INDEX: Final = "grid_index"
 SHAPE: Final = "grid_shape"
 ULONG: Final = Own("ulong")

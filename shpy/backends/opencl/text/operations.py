@@ -43,8 +43,6 @@ from shpy.ir.nodes import Let, Loc, Module, Variable
 from shpy.ir.types import Base, Type
 from shpy.passes.modes import REPRODUCIBLE, Math
 
-__all__ = ["ELEMENTWISE", "FUNCTIONS", "NATIVE", "ClBody", "ClUnit", "as_component"]
-
 FUNCTIONS: Final[Mapping[str, str]] = {
     **{
         op: op

@@ -14,8 +14,6 @@ from shpy.backends.emit.tree import BOOL, Cast, Construct, Declare, Expr, Litera
 from shpy.backends.opencl.text.prologue import spelled
 from shpy.ir.types import Base, Type
 
-__all__ = ["ClSpeller", "element_type"]
-
 
 class ClSpeller(Speller):
     """OpenCL C. A vector of bools is one of ints, -1 for true; a bool in it is written so."""
