@@ -23,8 +23,8 @@ import numpy as np
 
 from shpy import algebra
 from shpy.backends.base import Options, Precision
-from shpy.backends.registry import NAMES, backend as backend_named, default_backend
-from shpy.errors import BackendUnavailable, ShpyTypeError
+from shpy.backends.registry import NAMES, default_backend
+from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
 from shpy.lang.data.params import listed
@@ -34,7 +34,7 @@ from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.method import PerInstance, is_method
 from shpy.lang.programs.record import InputType, Recorded, record
 from shpy.lang.recording.location import here
-from shpy.lang.recording.pickling import OfOneProcess
+from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Leaf, Rows, leaves
@@ -65,7 +65,7 @@ _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 evaluate_with(evaluate)
 
 
-class Program(OfOneProcess, Generic[_P, _R]):
+class Program(Unchanging, Generic[_P, _R]):
     """A recorded function. Call it with arrays to run it on the default backend, with values to inline it.
 
     A type checker knows it as `Program[parameters, result]` of the function: called with values it gives the result,
@@ -75,11 +75,12 @@ class Program(OfOneProcess, Generic[_P, _R]):
     recorded: Recorded
     """The module, with what the host must know to run it: inputs, outputs, params, tables and defaults."""
 
-    _instead_of_pickle = "a module with the program, which the other process imports; or str(program.ir) and sh.parse"
-
     def __init__(self, recorded: Recorded) -> None:
         self.recorded = recorded
         self._kernels: dict[tuple[str, Options], Kernel] = {}
+
+    def __reduce__(self) -> Any:
+        return Program, (self.recorded,)
 
     @classmethod
     def from_ir(cls, module: Module) -> Program:
@@ -177,11 +178,7 @@ class Program(OfOneProcess, Generic[_P, _R]):
             raise ShpyTypeError(f"backend={name!r}", loc=here(), cure=" or ".join(f'backend="{n}"' for n in NAMES))
         kernel = self._kernels.get((name, options))
         if kernel is None:
-            target = backend_named(name)
-            count = len(target.devices())
-            if device is not None and not 0 <= device < count:
-                raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
-            kernel = self._kernels[name, options] = Kernel(self.recorded, target, options)
+            kernel = self._kernels[name, options] = Kernel.on(self.recorded, name, options)
         return kernel
 
     def _options(self, device: Any, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:

@@ -24,7 +24,7 @@ from shpy.ir.listing import table_of_functions, table_of_operations
 ROOT = Path(__file__).parents[1]
 RUN = [
     "README.md", "docs/texts.md", "docs/language.md", "docs/library.md", "docs/streams.md", "docs/testing.md",
-    "docs/accuracy.md",
+    "docs/accuracy.md", "docs/clusters.md",
     "docs/raytracer.md", "docs/raytracer-files.md", "docs/tutorial.md",
 ]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)

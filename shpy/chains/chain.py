@@ -25,20 +25,18 @@ from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.nodes import Loc
 from shpy.lang.programs.record import InputType
 from shpy.lang.recording.location import here
-from shpy.lang.recording.pickling import OfOneProcess
+from shpy.lang.recording.pickling import Unchanging
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 
 
-class Chain(OfOneProcess, ABC):
+class Chain(Unchanging, ABC):
     """Kernels that run one after the other over named streams: see `sh.sequence`, `sh.repeat` and `sh.loop`.
 
     An input of a kernel reads the stream of its name: the element of each run, or, annotated `sh.Table[…]` or
     `sh.Texture2D[…]`, any element by index. An output replaces the stream of its name; a single output without a name
     replaces the stream of the only input of its type. A Table reads what the stream held before the kernel ran.
     """
-
-    _instead_of_pickle = "a module with the chain, which the other process imports"
 
     def __init__(self, members: tuple[Member | Chain, ...]) -> None:
         self.members = members

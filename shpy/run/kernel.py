@@ -19,7 +19,7 @@ from shpy.backends.device.listed import Listed
 from shpy.backends.dump import dump
 from shpy.backends.registry import backend as backend_named
 from shpy.backends.slow import announced
-from shpy.errors import LoopLimitExceeded, ShpyError, ShpyTypeError
+from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Status
@@ -30,7 +30,7 @@ from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.guarded import guarded
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
-from shpy.lang.recording.pickling import OfOneProcess
+from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.values.structure import build_arrays
 from shpy.passes.forget import forget_data
 from shpy.run import host
@@ -44,7 +44,7 @@ _executables: dict[tuple[str, str, Options], Executable] = {}
 _KEPT = 512
 
 
-class Kernel(OfOneProcess):
+class Kernel(Unchanging):
     """A compiled program. Call it with arrays (*S, N), or numbers; outputs come back in the function's structure.
 
     `source` is the emitted text, `notes` what there is to know about this target, `options` how it was compiled.
@@ -52,8 +52,6 @@ class Kernel(OfOneProcess):
 
     recorded: Recorded
     """The program's module, with what the host must know to run it."""
-
-    _instead_of_pickle = "program.compile(backend) in the other process"
 
     def __init__(self, recorded: Recorded, backend: Backend, options: Options) -> None:
         self.recorded = recorded
@@ -79,6 +77,18 @@ class Kernel(OfOneProcess):
         devices = backend.devices()
         self.device = devices[options.device or 0]
         self._rank = grid_rank(recorded.module)
+
+    @classmethod
+    def on(cls, recorded: Recorded, name: str, options: Options) -> Kernel:
+        """Compile for a backend by its name; BackendUnavailable where it, or the device, is not there."""
+        target, device = backend_named(name), options.device
+        count = len(target.devices())
+        if device is not None and not 0 <= device < count:
+            raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
+        return cls(recorded, target, options)
+
+    def __reduce__(self) -> Any:
+        return Kernel.on, (self.recorded, self.backend, self.options)
 
     @property
     def source(self) -> str:

@@ -26,7 +26,7 @@ from shpy.lang.data.tables import CompoundTable, Table, fits_type
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
-from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves
+from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, type_of
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
@@ -239,14 +239,8 @@ class Stream(StreamReductions):
     def __deepcopy__(self, memo: Any) -> Stream:
         return self.copy()
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        if self.backend != "numpy":
-            raise ShpyTypeError(
-                f"{self!r} cannot be pickled: its elements are on a device of this process",
-                loc=here(),
-                cure="stream.to('numpy')",
-            )
-        return _unpickled, (self._type, self._shape, self.place, [memory.read() for memory in self._memories])
+    def __reduce__(self) -> Any:
+        return _sent, (self._layout, self._shape, self.place, [memory.read() for memory in self._memories])
 
     def to(self, backend: str, device: int | None = None) -> Stream:
         """Return a stream with these elements on another device, copied through the host; itself if it is there."""
@@ -455,8 +449,9 @@ def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:
     return found
 
 
-def _unpickled(element: Any, shape: Shape, place: Place, arrays: Sequence[NDArray[Any]]) -> Stream:
-    made = Stream.fresh(shape, element, place)
+def _sent(layout: Layout, shape: Shape, place: Place, arrays: Sequence[NDArray[Any]]) -> Stream:
+    """Return the stream that another process sent, on the same device of this one."""
+    made = Stream.fresh(shape, type_of(layout), _place(place.backend, place.device, place.precision))
     for memory, array in zip(made._memories, arrays, strict=True):
         memory.write(array)
     return made

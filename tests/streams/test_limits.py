@@ -47,33 +47,18 @@ def test_copies_of_streams_have_memory_of_their_own(name):
         assert (made.numpy().tolist(), made.place) == ([1, 2], stream.place)
 
 
-def test_streams_of_numpy_are_pickled():
+@every
+def test_streams_are_pickled(name):
     given = Pair(np.ones((4, 3)), np.arange(4))
-    for stream in (sh.Stream(given, Pair, "numpy"), sh.Stream([[0.1], [0.2]], sh.Attrib1f, "numpy", precision="f64")):
+    for stream in (sh.Stream(given, Pair, name), sh.Stream([[0.1], [0.2]], sh.Attrib1f, name, precision="f16")):
         found = pickle.loads(pickle.dumps(stream))
         assert (found.type, found.shape, found.place) == (stream.type, stream.shape, stream.place)
         assert str(found.numpy()) == str(stream.numpy())
 
 
-@pytest.mark.parametrize("name", ["opencl", "glsl"])
-def test_streams_of_devices_name_the_way(name):
-    with pytest.raises(sh.ShpyTypeError, match="cannot be pickled: its elements are on a device") as caught:
-        pickle.dumps(sh.Stream([1.0], sh.Attrib1f, name))
-    assert caught.value.cure == "stream.to('numpy')"
-
-
 @pytest.mark.parametrize(
-    ("value", "cure"),
-    [
-        (double, "a module with the program, which the other process imports; or str(program.ir) and sh.parse"),
-        (double.compile("numpy"), "program.compile(backend) in the other process"),
-        (sh.repeat(double, 2), "a module with the chain, which the other process imports"),
-    ],
-    ids=["program", "kernel", "chain"],
+    "value", [double, double.compile("numpy"), sh.repeat(double, 2)], ids=["program", "kernel", "chain"]
 )
-def test_programs_kernels_and_chains_are_their_own_copies(value, cure):
+def test_programs_kernels_and_chains_are_their_own_copies(value):
     assert copy.deepcopy(value) is value
     assert copy.copy(value) is value
-    with pytest.raises(sh.ShpyTypeError, match="cannot be pickled") as caught:
-        pickle.dumps(value)
-    assert caught.value.cure == cure

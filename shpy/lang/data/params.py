@@ -64,10 +64,7 @@ class Param:
             _param(leaf, entry, path, name is not None, NOTHING)
             for (path, _, leaf), entry in zip(leaves(layout, known or "param"), entries, strict=True)
         ]
-        whole = _compound(layout, iter(parts), known or "param", about)
-        for part in parts:
-            object.__setattr__(part, "_owner", whole)
-        return whole
+        return _owning(layout, known or "param", about, parts)
 
     @classmethod
     def declared(cls, type_: type[Value], value: Any, name: str, about: About) -> Any:
@@ -168,11 +165,16 @@ def _is_number(x: Any) -> bool:
 
 
 def _param(type_: type[Value], value: Any, name: str | None, named: bool, about: About) -> Any:
+    made = _unset(type_, name, named, about)
+    made.value = value
+    return made
+
+
+def _unset(type_: type[Value], name: str | None, named: bool, about: About, const: tuple[int, ...] = ()) -> Any:
     made: Any = object.__new__(type(type_.__name__, (_ValueParam, type_), {}))
     slots = {"_frame": None, "_variable": -1, "_part": None, "_loc": here(), "_name": name, "named": named}
-    for slot, start in {**slots, "_about": about, "_owner": None}.items():
+    for slot, start in {**slots, "_about": about, "_owner": None, "_const": const}.items():
         object.__setattr__(made, slot, start)
-    made.value = value
     return made
 
 
@@ -187,6 +189,16 @@ class _ValueParam(Param):
 
     def __init__(self, *args: Any, **named: Any) -> None:
         pass
+
+    def __reduce__(self) -> Any:
+        if self._owner is not None:
+            place = next(k for k, leaf in enumerate(self._owner._leaves) if leaf is self)
+            return _leaf_of, (self._owner, place)
+        return _unset, self._state()
+
+    def _state(self) -> tuple[Any, ...]:
+        cls = CLASSES[self.kind, self.size, self.base]  # type: ignore[attr-defined]
+        return cls, self._name, self.named, self._about, self._const  # type: ignore[attr-defined]
 
     @property
     def exact(self) -> Any:
@@ -275,6 +287,9 @@ class _CompoundParam(Param):
     def __init__(self, *args: Any, **named: Any) -> None:
         pass
 
+    def __reduce__(self) -> Any:
+        return _whole, (self._layout, self._name, self._about, [leaf._state() for leaf in self._leaves])
+
     @property
     def value(self) -> Any:
         """The present value: an array (N, N), or a named tuple of the fields' values."""
@@ -317,6 +332,22 @@ def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = NO
         else:
             object.__setattr__(made, attribute, held)
     return made
+
+
+def _owning(layout: Layout, name: str, about: About, parts: list[Any]) -> Any:
+    whole = _compound(layout, iter(parts), name, about)
+    for part in parts:
+        object.__setattr__(part, "_owner", whole)
+    return whole
+
+
+def _whole(layout: Layout, name: str, about: About, states: list[tuple[Any, ...]]) -> Any:
+    """Return the Param that another process sent."""
+    return _owning(layout, name, about, [_unset(*state) for state in states])
+
+
+def _leaf_of(owner: Any, place: int) -> Any:
+    return owner._leaves[place]
 
 
 def _reader(name: str) -> Callable[[Any], Any]:

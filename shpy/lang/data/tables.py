@@ -29,7 +29,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic, coerce
-from shpy.lang.values.structure import Group, Layout, Leaf, build_values, flatten, layout_of, leaves
+from shpy.lang.values.structure import Group, Layout, Leaf, build_values, flatten, layout_of, leaves, type_of
 from shpy.lang.values.value import CLASSES, Value
 
 
@@ -39,6 +39,13 @@ class TableType:
 
     cls: Any
     rank: int
+
+    def __reduce__(self) -> Any:
+        return _table_type, (layout_of(self.cls, "an element"), self.rank)
+
+
+def _table_type(layout: Layout, rank: int) -> TableType:
+    return TableType(type_of(layout), rank)
 
 
 class Table:
@@ -72,6 +79,9 @@ class Table:
         self.rank = self._array.ndim - (self.type.size > 1)
         self._version = 0
         self._data: dict[Any, TableData] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_data": {}}
 
     @classmethod
     def __class_getitem__(cls, key: Any) -> TableType:
@@ -315,6 +325,12 @@ class CompoundTable(Table):
                 f"{what} has fields of several shapes: {listed}", loc=here(), cure="one element of each field a place"
             )
         self._hold(type, layout, known or "table", parts)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: held for name, held in vars(self).items() if name != "type"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, type=type_of(state["_layout"]))
 
     def _hold(self, type: Any, layout: Layout, name: str, parts: Sequence[Table]) -> None:
         self.type = type

@@ -26,6 +26,7 @@ from typing import Any
 
 from shpy.errors import RecordError, ShpyWarning
 from shpy.lang.recording.location import here
+from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.signature import loc_of
 
 
@@ -77,6 +78,12 @@ class PerInstance:
         called = getattr(function, "__name__", "method")
         text = f"{getattr(function, '__qualname__', called)} is recorded for each instance: instance.{called}.{name}"
         raise AttributeError(text, name=name, obj=self)
+
+    def __reduce__(self) -> Any:
+        name = self.function.__name__
+        raise cannot_travel(
+            f"the method {self.function.__qualname__}", "it is recorded for each instance", f"instance.{name}"
+        )
 
     def _of(self, instance: Any) -> Any:
         held = self._made.get(id(instance))

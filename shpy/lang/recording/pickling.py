@@ -1,21 +1,19 @@
-"""Values that belong to one process: `copy` gives the value itself, and `pickle` an error that names the way.
+"""Pickling: values that other processes are given, and the error for those that cannot be sent.
 
-Stage: record, and above.
+Stage: record, and above. Programs, kernels, chains, Params, Tables and streams travel by value: the process that gets
+one needs neither the user's module nor the classes of the user's structs.
 """
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NoReturn, Self
+from typing import Any, Self
 
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 
 
-class OfOneProcess:
-    """A value that does not change, so that its copies are itself, and that cannot be pickled."""
-
-    _instead_of_pickle: ClassVar[str]
-    """The cure that the error names."""
+class Unchanging:
+    """A value that does not change, so that its copies are itself."""
 
     def __copy__(self) -> Self:
         return self
@@ -23,5 +21,7 @@ class OfOneProcess:
     def __deepcopy__(self, memo: Any) -> Self:
         return self
 
-    def __reduce_ex__(self, protocol: Any) -> NoReturn:
-        raise ShpyTypeError(f"{self!r} cannot be pickled", loc=here(), cure=self._instead_of_pickle)
+
+def cannot_travel(what: str, cause: str, cure: str) -> ShpyTypeError:
+    """Return the error for a value that another process cannot be given."""
+    return ShpyTypeError(f"{what} cannot travel: {cause}", loc=here(), cure=cure)

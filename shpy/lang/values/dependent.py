@@ -91,6 +91,12 @@ class Dependent:
         """Return the present value in a kernel of this precision and mode."""
         return _evaluators[0](self, precision, math)
 
+    def __reduce__(self) -> Any:
+        steps = list(nodes_of(self.root))  # one after the other: an expression may be deep
+        places = {id(node): k for k, node in enumerate(steps)}
+        flat = [(n.op, tuple(places[id(a)] for a in n.args), n.type, n.attr, n.source) for n in steps]
+        return _again, (type(self).__bases__[1], flat, self.name)
+
     def _now(self) -> NDArray[Any]:
         return self.at("f32", "strict")
 
@@ -127,6 +133,19 @@ def become_dependent(value: object, root: Node) -> None:
         _classes[cls.__name__] = type(cls.__name__, (Dependent, cls), {"__slots__": ()})
     object.__setattr__(value, "__class__", _classes[cls.__name__])
     object.__setattr__(value, "_const", Expression(root, assigned_name()))
+
+
+def _again(cls: type, flat: list[tuple[Any, ...]], name: str | None) -> Any:
+    """Return the uniform that another process sent, whose nodes refer to those before them."""
+    nodes: list[Node] = []
+    for op, args, type_, attr, source in flat:
+        nodes.append(Node(op, tuple(nodes[k] for k in args), type_, attr, source))
+    made: Any = object.__new__(cls)
+    for slot, start in (("_frame", None), ("_part", None), ("_loc", None), ("_variable", -1)):
+        object.__setattr__(made, slot, start)
+    become_dependent(made, nodes[-1])
+    made._const.name = name
+    return made
 
 
 def name_parts(parts: dict[str, Any]) -> None:

@@ -13,6 +13,8 @@ vectors that the IR knows. The same layout takes apart and puts together values 
 
 from __future__ import annotations
 
+import functools
+import importlib
 import inspect
 import sys
 import typing
@@ -55,6 +57,13 @@ class Group:
     names: tuple[str, ...]
     parts: tuple[Layout, ...]
     cls: Any = None
+
+    def __reduce__(self) -> Any:
+        where = None if self.cls is None else (self.cls.__module__, self.cls.__qualname__)
+        return _group, (self.form, self.names, self.parts, where)
+
+    def __deepcopy__(self, memo: Any) -> Group:
+        return self
 
 
 Layout = Leaf | Rows | Group
@@ -110,6 +119,17 @@ def layout_from(value: Any, what: str) -> Layout:
         loc=here(),
         cure="values, numbers, matrices or structs, or a tuple of them",
     )
+
+
+def type_of(layout: Layout) -> Any:
+    """Return the type whose layout this is, as users annotate it."""
+    match layout:
+        case Leaf(cls) | Rows(cls):
+            return cls
+        case Group(cls=None, parts=parts):
+            return tuple[tuple(map(type_of, parts))]  # type: ignore[misc]
+        case Group(cls=cls):
+            return cls
 
 
 def annotation_of(layout: Layout) -> str:
@@ -285,6 +305,9 @@ class Struct(Symbolic):
             object.__setattr__(made, name, part)
         return made
 
+    def __reduce__(self) -> Any:
+        return _struct_of, (layout_of(type(self), "struct"), {n: getattr(self, n) for n in self._shpy_fields})
+
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self._shpy_fields:
             raise AttributeError(f"{type(self).__name__!r} has no field {name!r}")
@@ -325,7 +348,62 @@ def struct(cls: type) -> Any:
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
     body = {k: v for k, v in cls.__dict__.items() if k not in ("__dict__", "__weakref__", "__annotations__")}
-    made: Any = type(cls.__name__, (Struct,), {**body, "_shpy_fields": fields})
-    made._shpy_class = made
+    made = _struct_class(cls.__name__, fields, body)
     layout_of(made, cls.__name__)
     return made
+
+
+def _struct_class(name: str, fields: dict[str, Any], body: dict[str, Any]) -> Any:
+    made: Any = type(name, (Struct,), {**body, "_shpy_fields": fields})
+    made._shpy_class = made
+    return made
+
+
+# Layouts that another process sent
+
+
+def _group(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], where: tuple[str, str] | None) -> Group:
+    """Return the layout with the user's class, where this process can import it, or else with one like it."""
+    found = None if where is None else _imported(*where)
+    own = Group(form, names, parts, found)
+    if where is not None and not _describes(found, own):
+        own = Group(form, names, parts, _class_like(form, names, parts, *where))
+    return own
+
+
+def _imported(module: str, name: str) -> Any:
+    """Return the class of this name; None where there is no such module or name, as on a machine without it."""
+    try:
+        found: Any = sys.modules[module] if module in sys.modules else importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except (ImportError, AttributeError):
+        return None
+    return found
+
+
+def _describes(cls: Any, group: Group) -> bool:
+    """Return whether a class has the parts of a group: another version of the user's module may have others."""
+    if group.form == "namedtuple" and not getattr(cls, "__annotations__", None):
+        return getattr(cls, "_fields", None) == group.names
+    try:
+        return layout_of(cls, "") == group
+    except ShpyTypeError:
+        return False
+
+
+@functools.cache
+def _class_like(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], module: str, name: str) -> Any:
+    """Return a struct or NamedTuple of these parts: one class for the same parts and name."""
+    types = {n: type_of(part) for n, part in zip(names, parts, strict=True)}
+    plain = name.rpartition(".")[2]
+    if form == "struct":
+        return _struct_class(plain, types, {"__module__": module})
+    make: Any = namedtuple
+    made = make(plain, names, rename=True, module=module)
+    made.__annotations__ = types
+    return made
+
+
+def _struct_of(layout: Group, parts: dict[str, Any]) -> Any:
+    return layout.cls._of(parts)

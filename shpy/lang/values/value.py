@@ -22,6 +22,7 @@ from shpy.ir.constants import encode, to_array
 from shpy.ir.types import vec
 from shpy.lang.mistakes.foreign import value_cure
 from shpy.lang.recording.location import here
+from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue
@@ -58,6 +59,15 @@ class Value(Operators, AbstractValue):
         else:
             emitter = arithmetic.emitter_of(*parts)
             self._become(frame, emitter, arithmetic.assemble(emitter, self.type, parts, type(self)))
+
+    def __reduce__(self) -> Any:
+        if self._frame is not None:
+            raise cannot_travel(
+                f"a value of {self._frame.recording.name}",
+                "the program is being recorded, and the value is known only when it runs",
+                "an output of the program, whose arrays travel",
+            )
+        return _constant, (CLASSES[self.kind, self.size, self.base], self._const)
 
     # Reading
 
@@ -289,6 +299,13 @@ class Value(Operators, AbstractValue):
         if self._frame is None:
             return f"{type(self).__name__}({', '.join(map(str, np.atleast_1d(np.asarray(self)).tolist()))})"
         return f"<{type(self).__name__} {self._called()}>"
+
+
+def _constant(cls: type[Value], const: tuple[int, ...]) -> Value:
+    """Return the constant that another process sent."""
+    made = object.__new__(cls)
+    made._become(None, const=const)
+    return made
 
 
 def _swizzle(name: str, size: int) -> tuple[int, ...] | None:
