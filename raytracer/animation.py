@@ -17,12 +17,16 @@ from pathlib import Path
 from typing import Any, Final, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.appearance.materials import Material
+from raytracer.cluster import tasks
+from raytracer.cluster.connection import connected
+from raytracer.cluster.job import check_alike, probed
+from raytracer.cluster.store import kept
 from raytracer.errors import SceneError
-from raytracer.image import Image
-from raytracer.integrators.integrator import Given, Options
+from raytracer.integrators.integrator import Given, Integrator, Options, chosen
 from raytracer.integrators.renderer import Renderer, checked_size
 from raytracer.meshes.shapes import box, floor, sphere
 from raytracer.scene.camera import Camera
@@ -42,22 +46,23 @@ def animate(
     integrator: Given = "whitted",
     backend: str | None = None,
     resume: bool = False,
+    cluster: Any = None,
     **options: Unpack[Options],
 ) -> Iterator[int]:
     """Render `frames` frames to `output`: .gif, .webp, .mp4, or else a folder; yield how many are done after each.
 
     `make(time)` gives the scene at a time in seconds. Where frames differ only in their cameras and in places, normals
     and colours at the vertices of meshes, accelerators of what stays and the kernel are kept; see `Renderer.show`.
-    `resume` keeps the frames that a folder has. The other arguments are those of `render`. The file is written when
+    `resume` keeps the frames that a folder has. With a `cluster`, as in `render`, frames are rendered by its workers,
+    to which `make` travels. The other arguments are those of `render`. The file is written when
     the iterator ends. Raises SceneError for numbers and outputs that make no animation, where ffmpeg is missing for an
     .mp4 file, and as `render` does.
     """
     size = checked_size(size)
-    drawn = _Drawing(make, size, fps, {"integrator": integrator, "backend": backend, **options})
+    drawing = _Drawing(make, size, fps, chosen(integrator, options), backend or sh.default_backend())
+    mapping = map if cluster is None else _by_workers(drawing, cluster)
     with _as_scene_errors():
-        steps = sh.videos.writing(
-            Path(output), frames, fps, size, lambda number: drawn.frame(number).srgb, resume=resume
-        )
+        steps = sh.videos.writing(Path(output), frames, fps, size, drawing.frame, resume=resume, mapping=mapping)
     return _checked(steps)
 
 
@@ -78,20 +83,41 @@ def _as_scene_errors() -> Iterator[None]:
 class _Drawing:
     """The frames, drawn by one Renderer that is made with the first of them."""
 
-    def __init__(self, make: Make, size: tuple[int, int], fps: float, options: dict[str, Any]) -> None:
-        self.make, self.size, self.fps, self.options = make, size, fps, options
+    def __init__(self, make: Make, size: tuple[int, int], fps: float, integrator: Integrator, backend: str) -> None:
+        self.make, self.size, self.fps, self.integrator, self.backend = make, size, fps, integrator, backend
         self.renderer: Renderer | None = None
 
-    def frame(self, number: int) -> Image:
-        """Return the picture of a frame."""
+    def frame(self, number: int) -> NDArray[np.uint8]:
+        """Return the pixels of a frame in sRGB."""
         scene = self.make(number / self.fps)
         if not isinstance(scene, Scene):
             raise SceneError(f"scene({number / self.fps:g}) gives a {type(scene).__name__}, not a raytracer.Scene")
         if self.renderer is None:
-            self.renderer = Renderer(scene, **self.options)
+            self.renderer = Renderer(scene, integrator=self.integrator, backend=self.backend)
         else:
             self.renderer.show(scene)
-        return self.renderer.render(self.size)
+        return self.renderer.render(self.size).srgb
+
+
+def _by_workers(drawing: _Drawing, cluster: Any) -> Callable[..., Iterator[Any]]:
+    """Return the function that draws frames by the workers of a cluster, to the same bits; it takes what `map` does."""
+
+    def mapping(_: Any, numbers: Sequence[int]) -> Iterator[Any]:
+        if not numbers:
+            return
+        before = None
+        with connected(cluster) as client, tasks.spread(client, drawing) as sent:
+            for digest, pixels in tasks.in_order(client, _frame, numbers, sent, tasks.key_of(drawing)):
+                before = check_alike(before, digest, drawing.integrator, drawing.backend)
+                yield pixels
+
+    return mapping
+
+
+def _frame(drawing: _Drawing, key: str, number: int) -> tuple[str, Any]:
+    """Return the `probed` of a worker and the pixels of a frame, which it draws with the first drawing of this key."""
+    with kept(key, lambda: (drawing, probed(drawing.backend, drawing.integrator))) as (here, digest):
+        return digest, here.frame(number)
 
 
 def spread(seconds: float, frames: int | None, fps: float | None) -> tuple[int, float]:
@@ -110,23 +136,33 @@ def made_by(path: Path) -> Make:
     """Return the function `scene` that a Python file defines; SceneError for a file without one, or with mistakes."""
     if not path.is_file():
         raise SceneError(f"there is no file {path}")
-    names: dict[str, Any] = {"__name__": "scene", "__file__": str(path)}
-    try:
-        exec(compile(path.read_bytes(), str(path), "exec"), names)  # the user's own file
-    except Exception as error:
-        raise _mistake(path, error) from error
-    make = names.get("scene")
-    if not callable(make):
-        raise SceneError(f"{path} defines no function scene: def scene(time): return raytracer.Scene(...)")
+    return _Made(path, path.read_bytes())
 
-    def checked(time: float) -> Scene:
+
+class _Made:
+    """The function `scene` of a Python file; it travels as the file's text."""
+
+    def __init__(self, path: Path, text: bytes) -> None:
+        self.path, self.text = path, text
+        names: dict[str, Any] = {"__name__": "scene", "__file__": str(path)}
         try:
-            found: Scene = make(time)
-            return found
+            exec(compile(text, str(path), "exec"), names)  # the user's own file
         except Exception as error:
             raise _mistake(path, error) from error
+        self.make = names.get("scene")
+        if not callable(self.make):
+            raise SceneError(f"{path} defines no function scene: def scene(time): return raytracer.Scene(...)")
 
-    return checked
+    def __reduce__(self) -> Any:
+        return _Made, (self.path, self.text)
+
+    def __call__(self, time: float) -> Scene:
+        assert callable(self.make)  # else it would not have been made
+        try:
+            found: Scene = self.make(time)
+            return found
+        except Exception as error:
+            raise _mistake(self.path, error) from error
 
 
 def _mistake(path: Path, error: Exception) -> SceneError:

@@ -23,13 +23,13 @@ import shpy as sh
 from raytracer import viewing
 from raytracer.accel.choice import check
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, spread
-from raytracer.errors import SceneError
+from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
 from raytracer.integrators import integrator
 from raytracer.integrators.renderer import Progress, Renderer
 from raytracer.layered.cube import is_layered
-from raytracer.memory import check_fits
+from raytracer.memory import PIXEL, check_fits
 from raytracer.meshes.folder import shown
 from raytracer.rendering import render
 from raytracer.scene.animated_file import AnimatedFile
@@ -61,7 +61,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             return int(options.run(options))
     except BrokenPipeError:
         raise
-    except (SceneError, sh.ShpyError, OSError) as error:
+    except (SceneError, ClusterError, sh.ShpyError, OSError) as error:
         print(f"raytracer: {error}", file=sys.stderr)
         return 1
 
@@ -149,6 +149,7 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--bounces", type=_whole, help="as of render")
     command.add_argument("--samples", type=_positive, help="as of render")
     _add_math(command)
+    _add_cluster(command)
     command.add_argument("--resume", action="store_true", help="keep the frames that the folder has")
     command.set_defaults(run=_animate)
 
@@ -196,6 +197,7 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
     _add_math(command)
+    _add_cluster(command)
     viewing.add_arguments(command)
     command.set_defaults(run=_render)
 
@@ -203,6 +205,14 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
 def _add_math(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"
+    )
+
+
+def _add_cluster(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--cluster",
+        metavar="WHERE",
+        help="render by a Dask cluster: tcp://host:8786, or local:4 for four processes of this machine",
     )
 
 
@@ -229,7 +239,7 @@ def _render(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.png")
     writer(output, options.size)  # complains now about a path that cannot be written later
     width, height = options.size
-    check_fits(width, height, SAVING[output.suffix.lower()])
+    check_fits(width, height, SAVING[output.suffix.lower()], PIXEL if options.cluster is None else 0)
     said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
     wanted = integrator.chosen(options.integrator, said)
     viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path))
@@ -248,6 +258,7 @@ def _render(options: argparse.Namespace) -> int:
             backend=options.backend,
             max_error=options.error,
             progress=progress,
+            cluster=options.cluster,
         )
     if image.stats.picked:
         print(f"within {options.error:g}/255: {image.stats.picked}")
@@ -256,16 +267,30 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Scene, output: Path) -> int:
-    """Render in passes, and write what there is every few minutes, after Ctrl-C, and at the end."""
+    """Render the path traced picture of a scene, or add samples to it."""
     if options.error is not None:
         raise SceneError("--error is for --integrator whitted")
     if options.resume and output.suffix.lower() not in READING:
         raise SceneError(f"{output}: samples are added to files that hold all numbers: {' or '.join(READING)}")
-    renderer, samples = Renderer(scene, integrator=wanted, backend=options.backend), wanted.samples
     found = output if options.resume and output.exists() else None
+    title = f"{scene.name}, {scene.triangles:,} triangles, {wanted.samples:,} samples"
+    if options.cluster is not None:
+        given: dict[str, Any] = {"integrator": wanted, "backend": options.backend, "resume": found}
+        with progress_bar(title) as progress:
+            image = render(scene, options.size, cluster=options.cluster, progress=progress, **given)
+        print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")
+        return 0
+    return _render_passes(options, Renderer(scene, integrator=wanted, backend=options.backend), output, found, title)
+
+
+def _render_passes(
+    options: argparse.Namespace, renderer: Renderer, output: Path, found: Path | None, title: str
+) -> int:
+    """Render in passes, and write what there is every few minutes, after Ctrl-C, and at the end."""
+    samples = renderer.integrator.samples
     stop: KeyboardInterrupt | None = None
     image, kept, due = None, 0, time.monotonic() + _SAVING
-    with progress_bar(f"{scene.name}, {scene.triangles:,} triangles, {samples:,} samples") as progress:
+    with progress_bar(title) as progress:
         try:
             for image in renderer.passes(options.size, progress=progress, resume=found):
                 started = time.monotonic()
@@ -342,7 +367,7 @@ def _gallery(options: argparse.Namespace) -> int:
 def _animate(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
     given = {name: value for name in ("bounces", "samples", "math") if (value := getattr(options, name)) is not None}
-    asked = {name: getattr(options, name) for name in ("size", "integrator", "backend", "resume")}
+    asked = {name: getattr(options, name) for name in ("size", "integrator", "backend", "resume", "cluster")}
     make, frames, fps = _moving(options)
     steps = animate(make, output, frames, fps=fps, **asked, **given)
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:

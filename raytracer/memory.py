@@ -24,12 +24,14 @@ _GROUPS = (
 contents of files, which Linux gives up first."""
 
 
-def check_fits(width: int, height: int, saving: int = 0) -> None:
+def check_fits(width: int, height: int, saving: int = 0, held: int = PIXEL) -> None:
     """Raise SceneError if a picture of this size, with `saving` bytes more a pixel for its file, exceeds free memory.
+
+    `held` is how many bytes a pixel's layers take of it.
 
     Where the system does not tell how much memory is free, nothing is raised.
     """
-    needed, free = width * height * (PIXEL + saving), free_bytes()
+    needed, free = width * height * (held + saving), free_bytes()
     if free is not None and needed > free:
         raise SceneError(
             f"a picture of {width} x {height} pixels takes {needed:,} bytes of memory, and {free:,} are free: "

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +25,9 @@ from shpy.packages import install
 
 Draw = Callable[[int], NDArray[np.uint8]]
 """Gives the pixels of a frame by its number: (height, width, 3) bytes in sRGB."""
+Mapping = Callable[[Draw, Sequence[int]], Iterator[NDArray[np.uint8]]]
+"""Gives the pixels of the frames of these numbers, in order, as the function `map` does."""
+_Drawn = Callable[[Sequence[int]], Iterator[NDArray[np.uint8]]]
 
 VIDEOS: Final = (".gif", ".webp", ".mp4")
 FPS: Final = 24.0
@@ -36,13 +39,20 @@ class VideoError(ShpyError):
 
 
 def writing(
-    path: Path, frames: int, fps: float, size: tuple[int, int], draw: Draw, *, resume: bool = False
+    path: Path,
+    frames: int,
+    fps: float,
+    size: tuple[int, int],
+    draw: Draw,
+    *,
+    resume: bool = False,
+    mapping: Mapping = map,
 ) -> Iterator[int]:
     """Write `frames` frames of `size` (width, height) to a file or folder; yield how many are done after each.
 
-    `resume` keeps the frames that a folder has. A file is written when the iterator ends. Raises VideoError at once for
-    numbers and outputs that make no animation, and where Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a
-    path that cannot be written.
+    `resume` keeps the frames that a folder has. `mapping` runs `draw` for all frames that are to be drawn. A file is
+    written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation, and where
+    Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a path that cannot be written.
     """
     if not (isinstance(frames, int) and frames > 0):
         raise VideoError(f"an animation has one frame or more, not {frames}")
@@ -51,14 +61,18 @@ def writing(
         raise VideoError(
             f"{path}: animations are written as {', '.join(VIDEOS)} or into a folder, not as {path.suffix}"
         )
+
+    def drawn(numbers: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
+        return mapping(draw, numbers)
+
     if not path.suffix:
-        return _into_folder(path, frames, draw, resume)
+        return _into_folder(path, frames, drawn, resume)
     if resume:
         raise VideoError(f"{path}: frames are resumed in a folder of PNG files alone")
     check_writable(path)
     if path.suffix.lower() == ".mp4":
-        return _as_mp4(path, frames, fps, size, draw, _ffmpeg(path, size))
-    return _as_picture(path, frames, fps, draw)
+        return _as_mp4(path, frames, fps, size, drawn, _ffmpeg(path, size))
+    return _as_picture(path, frames, fps, drawn)
 
 
 def check_pace(fps: float) -> None:
@@ -75,7 +89,7 @@ def _pillow(ending: str) -> Any:
     return Image
 
 
-def _into_folder(folder: Path, frames: int, draw: Draw, resume: bool) -> Iterator[int]:
+def _into_folder(folder: Path, frames: int, drawn: _Drawn, resume: bool) -> Iterator[int]:
     digits = max(4, len(str(frames - 1)))
     if folder.exists() and not folder.is_dir():
         raise VideoError(f"{folder} is a file: name a folder, or a .gif, .webp or .mp4 file")
@@ -85,9 +99,12 @@ def _into_folder(folder: Path, frames: int, draw: Draw, resume: bool) -> Iterato
     check_writable(paths[0])
 
     def run() -> Iterator[int]:
+        missing = [number for number, path in enumerate(paths) if not (resume and path.exists())]
+        pictures = zip(missing, drawn(missing), strict=True)
         for number, path in enumerate(paths):
-            if not (resume and path.exists()):
-                picture = pillow.fromarray(np.ascontiguousarray(draw(number)))
+            if number in missing:
+                _, pixels = next(pictures)
+                picture = pillow.fromarray(np.ascontiguousarray(pixels))
                 with replacing(path) as temporary:
                     picture.save(str(temporary), "PNG", optimize=True)
             yield number + 1
@@ -95,7 +112,7 @@ def _into_folder(folder: Path, frames: int, draw: Draw, resume: bool) -> Iterato
     return run()
 
 
-def _as_picture(path: Path, frames: int, fps: float, draw: Draw) -> Iterator[int]:
+def _as_picture(path: Path, frames: int, fps: float, drawn: _Drawn) -> Iterator[int]:
     """Write a GIF or WebP file by Pillow, once all frames are drawn; it repeats for ever."""
     pillow = _pillow(path.suffix)
     kind = path.suffix[1:].upper()
@@ -105,8 +122,8 @@ def _as_picture(path: Path, frames: int, fps: float, draw: Draw) -> Iterator[int
 
     def run() -> Iterator[int]:
         held = []
-        for number in range(frames):
-            picture = pillow.fromarray(np.ascontiguousarray(draw(number)))
+        for number, pixels in enumerate(drawn(range(frames))):
+            picture = pillow.fromarray(np.ascontiguousarray(pixels))
             held.append(_in_256_colors(pillow, picture) if kind == "GIF" else picture)
             if number + 1 < frames:
                 yield number + 1
@@ -135,7 +152,7 @@ def _ffmpeg(path: Path, size: tuple[int, int]) -> str:
     return found
 
 
-def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], draw: Draw, ffmpeg: str) -> Iterator[int]:
+def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], drawn: _Drawn, ffmpeg: str) -> Iterator[int]:
     """Write an MP4 file: frames go to ffmpeg as they are drawn."""
     width, height = size
     given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
@@ -146,8 +163,8 @@ def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], draw: Dr
             assert process.stdin is not None
             assert process.stderr is not None
             try:
-                for number in range(frames):
-                    process.stdin.write(np.ascontiguousarray(draw(number)).tobytes())
+                for number, pixels in enumerate(drawn(range(frames))):
+                    process.stdin.write(np.ascontiguousarray(pixels).tobytes())
                     if number + 1 < frames:
                         yield number + 1
                 process.stdin.close()

@@ -8,7 +8,10 @@ Stage: cluster. Dask is imported when a cluster is asked for.
 
 from __future__ import annotations
 
+import asyncio
+import json
 import logging
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -50,7 +53,6 @@ def connected(cluster: Any) -> Iterator[Any]:
             yield client
         return
     with _workers(count) as here, distributed.Client(here, set_as_default=False) as client:
-        client.register_plugin(_like_here(sys.path))
         yield client
 
 
@@ -69,28 +71,36 @@ def _count_of(cluster: Any) -> int | None:
 
 
 def _workers(count: int) -> Any:
-    """Start workers of one thread each on this machine.
+    """Start workers of one thread each on this machine, and their scheduler in this process."""
+    from distributed import Scheduler, SpecCluster
 
-    They are started by the command `dask`, so that a user's script is not imported again as with multiprocessing.
-    """
-    from distributed.deploy.subprocess import SubprocessCluster
-
-    return SubprocessCluster(
-        n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+    host = {"host": "127.0.0.1"}
+    worker = {"cls": _worker_class(), "options": {"worker_kwargs": {**host, "nthreads": 1, "dashboard": False}}}
+    return SpecCluster(
+        scheduler={"cls": Scheduler, "options": {**host, "dashboard": False}},
+        workers=dict.fromkeys(range(count), worker),
+        worker=worker,
+        silence_logs=logging.CRITICAL,
     )
 
 
-def _like_here(folders: list[str]) -> Any:
-    """Return what makes workers find the modules that this process finds, and leave it to this one to show errors."""
-    from distributed import WorkerPlugin
+def _worker_class() -> Any:
+    from distributed.deploy.subprocess import SubprocessWorker
 
-    class LikeHere(WorkerPlugin):  # type: ignore[misc]
-        def setup(self, worker: Any) -> None:
-            sys.path += [folder for folder in folders if folder not in sys.path]
-            logging.getLogger("distributed").setLevel(logging.CRITICAL)
-            logging.getLogger("distributed.worker").setLevel(logging.CRITICAL)
+    class LocalWorker(SubprocessWorker):  # type: ignore[misc]
+        """A worker that the command `dask` starts, so that no script is imported again as with multiprocessing.
 
-    return LikeHere()
+        It finds the modules that this process finds, says nothing, and hears no Ctrl-C: this process ends it.
+        """
+
+        async def _start(self) -> None:
+            words = [sys.executable, "-m", "dask", "spec", self.scheduler, "--spec"]
+            spec = json.dumps({"cls": self.worker_class, "opts": self.worker_kwargs})
+            folders = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
+            environment = {**os.environ, "PYTHONPATH": folders, "DASK_LOGGING__DISTRIBUTED": "critical"}
+            self.process = await asyncio.create_subprocess_exec(*words, spec, env=environment, start_new_session=True)
+
+    return LocalWorker
 
 
 def _distributed() -> Any:

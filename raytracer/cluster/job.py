@@ -6,22 +6,17 @@ Stage: cluster. A task is handed a `Job` and its key; the first one of a process
 from __future__ import annotations
 
 import hashlib
-import threading
-from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import shpy as sh
+from raytracer.errors import ClusterError
 from raytracer.integrators.integrator import Integrator
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.scene import Scene
 
-KEPT = 2
-"""Renderers that a process keeps."""
 _PROBES = 4096
 
 
@@ -34,33 +29,13 @@ class Job:
     backend: str
 
 
-@dataclass
-class Kept:
+class Prepared:
     """The Renderer of a job in this process, the fingerprint of what it computes, and its `Renderer.origin`."""
 
-    renderer: Renderer
-    fingerprint: str
-    origin: str
-    lock: Any = field(default_factory=threading.Lock)
-
-
-_kept: OrderedDict[str, Kept] = OrderedDict()
-_making = threading.Lock()
-
-
-@contextmanager
-def kept(job: Job, key: str) -> Iterator[Kept]:
-    """Give the Renderer of a job, for one thread at a time; it is made once in a process."""
-    with _making:
-        if key not in _kept:
-            while len(_kept) >= KEPT:
-                _kept.popitem(last=False)
-            renderer = Renderer(job.scene, integrator=job.integrator, backend=job.backend)
-            _kept[key] = Kept(renderer, fingerprint(renderer), renderer.origin())
-        _kept.move_to_end(key)
-        found = _kept[key]
-    with found.lock:
-        yield found
+    def __init__(self, job: Job) -> None:
+        self.renderer = Renderer(job.scene, integrator=job.integrator, backend=job.backend)
+        self.fingerprint = fingerprint(self.renderer)
+        self.origin = self.renderer.origin()
 
 
 class _Probed(NamedTuple):
@@ -93,15 +68,27 @@ def fingerprint(renderer: Renderer) -> str:
     layout = renderer.layout
     if layout is None:
         return ""
-    digest = hashlib.sha256()
     tables = layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.glass
-    for table in (*tables, layout.lights, *_probed(renderer)):
+    return probed(renderer.backend, renderer.integrator, *tables, layout.lights)
+
+
+def probed(backend: str, integrator: Integrator, *tables: Any) -> str:
+    """Return a digest of the results of `probe` in an integrator's arithmetic, and of tables."""
+    numbers = np.arange(1, 2 * _PROBES + 1, dtype=np.uint64) * 2654435761 % (1 << 24)  # Knuth's multiplicative hash
+    x, y = ((numbers + 1) / np.float32(1 << 24)).astype(np.float32).reshape(2, -1)
+    options: dict[str, Any] = {"precision": integrator.precision, "math": integrator.math}
+    found = probe.compile(backend, **options)(x, y)
+    digest = hashlib.sha256()
+    for table in (*tables, *found):
         digest.update(b"-" if table is None else np.ascontiguousarray(table).tobytes())
     return digest.hexdigest()[:16]
 
 
-def _probed(renderer: Renderer) -> Any:
-    options: dict[str, Any] = {"precision": renderer.integrator.precision, "math": renderer.integrator.math}
-    numbers = np.arange(1, 2 * _PROBES + 1, dtype=np.uint64) * 2654435761 % (1 << 24)  # Knuth's multiplicative hash
-    x, y = ((numbers + 1) / np.float32(1 << 24)).astype(np.float32).reshape(2, -1)
-    return probe.compile(renderer.backend, **options)(x, y)
+def check_alike(before: str | None, found: str, integrator: Integrator, backend: str) -> str:
+    """Return a worker's fingerprint; ClusterError if that of another worker, `before`, differs."""
+    if before is not None and found != before:
+        raise ClusterError(
+            f"the cluster's workers compute different bits with math={integrator.math!r} on {backend}, as their "
+            'processors or drivers differ: choose math="strict" or "portable", or workers that are alike'
+        )
+    return found

@@ -15,14 +15,17 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
+from raytracer.appearance.programs import examine_shade, examine_surface
 from raytracer.cluster.canvas import canvas
-from raytracer.cluster.job import Job, kept
+from raytracer.cluster.job import Job, Prepared, check_alike
+from raytracer.cluster.store import kept
 from raytracer.cluster.tasks import finished, key_of, spread
-from raytracer.errors import ClusterError, SceneError
+from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Path
 from raytracer.integrators.progressive import Layers, resumed
 from raytracer.integrators.renderer import Progress, Resume, check_scene, whole_size
+from raytracer.scene.scene import Scene
 
 TILE = 1 << 16
 """Pixels of a tile, at most."""
@@ -60,6 +63,7 @@ def render_tiles(
     started = time.perf_counter()
     width, height = whole_size(size)
     check_scene(job.scene, job.integrator)
+    _check_programs(job.scene)
     if resume is not None and not isinstance(job.integrator, Path):
         raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
     layers, tile, done = canvas(width, height), None, 0
@@ -69,7 +73,7 @@ def render_tiles(
         rows = tile_rows or _suiting_rows(client, width, height)
         pieces = [_piece(top, min(rows, height - top), begun) for top in range(0, height, rows)]
         for (top, count, _), found in finished(client, _tile, pieces, sent, key, (width, height)):
-            _check_alike(job, tile, found)
+            check_alike(tile.fingerprint if tile else None, found.fingerprint, job.integrator, job.backend)
             for name, layer in found.layers.items():
                 layers[name][top : top + count] = layer
             tile, done = _joined(tile, found), done + count
@@ -80,17 +84,26 @@ def render_tiles(
     return Image(**layers, stats=stats, samples=job.integrator.samples, origin=tile.origin)
 
 
+def _check_programs(scene: Scene) -> None:
+    """Record the materials' programs by themselves: here mistakes are shown with their lines."""
+    materials = {mesh.material for mesh in scene.meshes}
+    for surface in {material.surface for material in materials} - {None}:
+        examine_surface(surface)
+    for shade in {material.shade for material in materials} - {None}:
+        examine_shade(shade)
+
+
 def _tile(job: Job, key: str, size: tuple[int, int], piece: tuple[int, int, _Begun | None]) -> Tile:
     """Render rows in a worker."""
     top, count, begun = piece
-    with kept(job, key) as here:
+    with kept(key, lambda: Prepared(job)) as here:
         started = time.perf_counter()
         layers = here.renderer.rows(size, top, count, start=begun)
         return Tile(layers, here.renderer.stats(layers, started), here.fingerprint, here.origin)
 
 
 def _origin(job: Job, key: str, _: Any) -> str:
-    with kept(job, key) as here:
+    with kept(key, lambda: Prepared(job)) as here:
         return here.origin
 
 
@@ -111,14 +124,6 @@ def _piece(top: int, count: int, begun: _Begun | None) -> tuple[int, int, _Begun
 def _suiting_rows(client: Any, width: int, height: int) -> int:
     threads: int = sum(client.nthreads().values())
     return max(1, min(TILE // width, height // (TILES * max(1, threads))))
-
-
-def _check_alike(job: Job, before: Tile | None, found: Tile) -> None:
-    if before is not None and found.fingerprint != before.fingerprint:
-        raise ClusterError(
-            f"the cluster's workers compute different bits with math={job.integrator.math!r} on {job.backend}, as "
-            'their processors or drivers differ: choose math="strict" or "portable", or workers that are alike'
-        )
 
 
 def _joined(before: Tile | None, found: Tile) -> Tile:

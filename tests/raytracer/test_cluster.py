@@ -3,14 +3,14 @@
 import os
 import signal
 import sys
+import threading
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-import raytracer
 import shpy as sh
-from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, render
+from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, cli, render
 from raytracer.cluster import connection
 from raytracer.meshes.shapes import box
 
@@ -52,12 +52,18 @@ def test_tiles_of_any_size_make_the_same_picture(client):
         assert progress.call_args.args == (13, 13)
 
 
+def renderers():
+    from raytracer.cluster import store
+
+    return {key: id(thing.renderer) for key, (thing, _) in store._things.items()}
+
+
 def test_a_scene_is_compiled_once_in_a_process(client):
     scene = Scene.builtin("mirror-box")
     before = render(scene, (6, 40), backend="numpy", cluster=client, tile_rows=1)
-    kept = client.run(lambda: {key: id(one.renderer) for key, one in raytracer.cluster.job._kept.items()})
+    kept = client.run(renderers)
     again = render(Scene.builtin("mirror-box"), (6, 40), backend="numpy", cluster=client, tile_rows=1)
-    assert kept == client.run(lambda: {key: id(one.renderer) for key, one in raytracer.cluster.job._kept.items()})
+    assert kept == client.run(renderers)
     assert_same(again, before)
 
 
@@ -76,13 +82,57 @@ def test_an_empty_scene_is_its_background(client):
     assert_same(render(Scene(), (5, 4), cluster=client), render(Scene(), (5, 4)))
 
 
-def broken(hit):
-    where = 1 / 0  # the user's mistake
-    return Surface(color=where)
+SCENES = """
+from raytracer import Material, Scene
+from raytracer.meshes.shapes import box
+
+def scene(time):
+    if time > 0.3:
+        missing
+    return Scene(box((1, 1, 1), Material()).moved((time, 0, 0)))
+"""
+
+
+def test_the_commands_write_what_they_write_without_a_cluster(client, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    here = ["--cluster", client.scheduler.address]
+    line = ["--size", "12x9", "--backend", "numpy", "-o"]
+    for words in (["boxes"], ["cornell", "--integrator", "path", "--samples", "5", "--seed", "5"]):
+        assert cli.main(["render", *words, *line, "one.png"]) == 0
+        assert cli.main(["render", *words, *here, *line, "several.png"]) == 0
+        assert (tmp_path / "several.png").read_bytes() == (tmp_path / "one.png").read_bytes()
+    (tmp_path / "moves.py").write_text(SCENES)
+    frames = ["animate", "moves.py", "--fps", "10", *line]
+    assert cli.main([*frames, "one", "--frames", "3"]) == 0
+    assert cli.main([*frames, "several", "--frames", "3", *here]) == 0
+    made = {path.name: path.read_bytes() for path in (tmp_path / "one").iterdir()}
+    assert {path.name: path.read_bytes() for path in (tmp_path / "several").iterdir()} == made
+    (tmp_path / "several/0001.png").unlink()
+    (tmp_path / "several/0002.png").write_bytes(b"kept")
+    assert cli.main([*frames, "several", "--frames", "3", "--resume", *here]) == 0
+    assert (tmp_path / "several/0001.png").read_bytes() == made["0001.png"]
+    assert (tmp_path / "several/0002.png").read_bytes() == b"kept"
+    capsys.readouterr()
+    assert cli.main([*frames, "more", "--frames", "6", *here]) == 1
+    assert capsys.readouterr().err == "raytracer: moves.py:7: NameError: name 'missing' is not defined\n"
+    assert cli.main(["render", "boxes", "--cluster", "nowhere", *line, "one.png"]) == 1
+    assert capsys.readouterr().err.startswith("raytracer: a cluster is a dask.distributed.Client, an address")
+
+
+HERE = int(os.environ.setdefault("TEST_CLUSTER_PID", str(os.getpid())))
+
+
+def broken_on_workers(hit):
+    color = 1 if os.getpid() == HERE else 1 / 0  # the user's mistake
+    return Surface(color=sh.Color3f(color))
+
+
+def forgetful(hit):
+    return None
 
 
 def test_an_error_of_a_shader_is_shown_with_its_line_alone(client):
-    scene = Scene(box((1, 1, 1), Material(surface=broken)))
+    scene = Scene(box((1, 1, 1), Material(surface=broken_on_workers)))
     with pytest.raises(ZeroDivisionError) as caught:
         render(scene, (4, 4), cluster=client)
     files = [entry.path.name for entry in caught.traceback]
@@ -92,10 +142,6 @@ def test_an_error_of_a_shader_is_shown_with_its_line_alone(client):
     assert len(files) <= 8
     with pytest.raises(SceneError, match=r"forgetful \(test_cluster.py:\d+\): a surface gives a raytracer.Surface"):
         render(Scene(box((1, 1, 1), Material(surface=forgetful))), (4, 4), cluster=client)
-
-
-def forgetful(hit):
-    return None
 
 
 def test_what_a_cluster_cannot_do_is_refused_before_anything_runs():
@@ -137,10 +183,11 @@ def test_without_dask_the_command_that_installs_it_is_named(monkeypatch):
 
 def changed(name):
     """Make this process one whose processor rounds differently; None: itself again."""
-    from raytracer.cluster import job
+    from raytracer.cluster import job, store
 
-    job._kept.clear()
-    job.fingerprint = (lambda renderer: name) if name else job.__dict__.setdefault("own", job.fingerprint)
+    store.forget()
+    own = job.__dict__.setdefault("own", job.probed)
+    job.probed = (lambda *_: name) if name else own
 
 
 def test_workers_that_compute_different_bits_are_refused(client):
@@ -167,3 +214,19 @@ def test_a_worker_that_is_killed_costs_its_unfinished_tasks_alone(client):
     found = render(scene, (20, 30), cluster=client, tile_rows=1, progress=kill, **given)
     assert killed
     assert_same(found, render(scene, (20, 30), **given))
+
+
+@pytest.mark.slow
+def test_pictures_with_workers_killed_at_twenty_moments_are_the_same(client):
+    """Each run loses a worker after another number of tiles, or of milliseconds within one."""
+    scene, given = Scene.builtin("cornell"), {"integrator": Path(samples=5, seed=5), "backend": "numpy"}
+    wanted = render(scene, (20, 30), **given)
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        client.wait_for_workers(2, timeout=120)
+        pid = int(random.choice(list(client.run(os.getpid).values())))
+        timer = threading.Timer(random.uniform(0, 4), os.kill, (pid, signal.SIGKILL))
+        timer.start()
+        found = render(scene, (20, 30), cluster=client, tile_rows=1, **given)
+        timer.join()
+        assert_same(found, wanted)

@@ -1,0 +1,40 @@
+"""The things that a worker process keeps from task to task, such as the Renderer of a scene.
+
+Stage: cluster.
+
+    with kept(key, lambda: Renderer(scene)) as renderer:
+        ...
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+KEPT = 2
+"""Things that a process keeps."""
+_things: OrderedDict[str, tuple[Any, Any]] = OrderedDict()
+_making = threading.Lock()
+
+
+@contextmanager
+def kept(key: str, make: Callable[[], T]) -> Iterator[T]:
+    """Give the thing of a key, for one thread at a time; `make()` makes it once in a process."""
+    with _making:
+        if key not in _things:
+            while len(_things) >= KEPT:
+                _things.popitem(last=False)
+            _things[key] = make(), threading.Lock()
+        _things.move_to_end(key)
+        thing, lock = _things[key]
+    with lock:
+        yield thing
+
+
+def forget() -> None:
+    """Drop all things."""
+    _things.clear()
