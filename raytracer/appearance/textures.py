@@ -29,6 +29,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 LARGEST: Final = 16384
 """Pixels along a side."""
+AT_ONCE: Final = 1 << 16
+"""Pixels that are converted at once."""
 MOST_SCANS: Final = 100
 """Scans of a JPEG file; ten are usual."""
 FORMATS: Final = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF", "PPM")
@@ -156,16 +158,30 @@ def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.fl
     whole = pixels.dtype.kind in "iub"
     if pixels.dtype.kind not in "iubf" or (whole and pixels.dtype != np.uint8):
         raise SceneError(f"{name} holds floats or uint8, not {pixels.dtype}")
-    numbers = pixels[..., :3]
     encoded = whole if srgb is None else srgb
-    if whole:  # a table, as a picture's numbers in f64 would take eight times its memory
-        levels = np.arange(256) / 255
-        numbers = (decoded(levels) if encoded else levels).astype(np.float32)[numbers]
-    elif not np.all(np.isfinite(numbers)) or numbers.min() < 0:
+    if not whole and (not np.all(np.isfinite(pixels[..., :3])) or pixels[..., :3].min() < 0):
         raise SceneError(f"{name} holds numbers that are negative or not finite")
-    elif encoded:
-        numbers = decoded(numbers.astype(np.float64))
-    return np.ascontiguousarray(np.broadcast_to(numbers, (*numbers.shape[:2], 3)), dtype=np.float32)
+    return linear(pixels, encoded=encoded)
+
+
+def linear(pixels: NDArray[Any], *, encoded: bool, channels: int = 3) -> NDArray[np.float32]:
+    """Return linear numbers (H, W, channels) of pixels (H, W, 1, 3 or 4), uint8 or floats, which are sRGB if `encoded`.
+
+    Some rows are converted at a time, as formulas in binary64 take several times the memory of the pixels.
+    """
+    height, width = pixels.shape[:2]
+    found = np.empty((height, width, channels), np.float32)
+    levels = np.arange(256) / 255
+    table = (decoded(levels) if encoded else levels).astype(np.float32)
+    rows = max(1, AT_ONCE // width)
+    for top in range(0, height, rows):
+        part = pixels[top : top + rows, :, :3]
+        if part.dtype == np.uint8:
+            part = table[part]
+        elif encoded:
+            part = decoded(part.astype(np.float64))
+        found[top : top + rows] = part
+    return found
 
 
 def decoded(numbers: NDArray[np.float64]) -> NDArray[np.float64]:

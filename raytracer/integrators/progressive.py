@@ -62,7 +62,7 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     if layout.secondary is not None:
         digest.update(repr(layout.secondary.options).encode())
     for array in arrays:
-        digest.update(b"-" if array is None else np.ascontiguousarray(array).tobytes())
+        digest.update(b"-" if array is None else np.ascontiguousarray(array).data)
     return digest.hexdigest()[:16]
 
 

@@ -5,10 +5,11 @@ Stage: kernel. The filters are those of OpenGL 3.3 (section 3.8.11), in the lang
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.appearance.textures import WRAPS, Texture
@@ -16,6 +17,8 @@ from shpy import SH_IF
 
 LINEAR = 4
 """Added to the number of the wrap in the mode of a texture."""
+PART = 1 << 16
+"""Texels that are copied at once."""
 
 
 class Atlas:
@@ -23,13 +26,14 @@ class Atlas:
 
     def __init__(self, textures: Sequence[Texture]) -> None:
         starts = np.cumsum([0, *(t.image.size // 3 for t in textures)])
-        texels = np.zeros((starts[-1], 4), np.float32)
+        # A table copies what it is made of; parts are copied into its own memory, of which textures may take gigabytes.
+        self.texels = sh.Table(np.broadcast_to(np.float32(0), (starts[-1], 4)), sh.Attrib4f, "texels")
         rows = []
-        for start, end, t in zip(starts[:-1], starts[1:], textures, strict=True):
-            texels[start:end, :3] = t.image.reshape(-1, 3)
+        for start, t in zip(starts[:-1], textures, strict=False):
+            for part, colors in _parts(t):
+                self.texels.update(colors, start=int(start) + part)
             mode = WRAPS.index(t.wrap) + LINEAR * (t.filter == "linear")
             rows.append((start, t.image.shape[1], t.image.shape[0], mode))
-        self.texels = sh.Table(texels, sh.Attrib4f, "texels")
         self.pictures = sh.Table(np.array(rows, np.int32), sh.Attrib4i, "pictures")
         self.wraps = {t.wrap for t in textures}
         self.filters = {t.filter for t in textures}
@@ -84,3 +88,11 @@ class Atlas:
         for wrap in used[1:]:
             found = sh.cond((mode & (LINEAR - 1)) == WRAPS.index(wrap), ways[wrap], found)
         return found
+
+
+def _parts(texture: Texture) -> Iterator[tuple[int, NDArray[np.float32]]]:
+    """Yield the texels of a picture, some (n, 4) at a time, each with the number of those before."""
+    texels = texture.image.reshape(-1, 3)
+    for start in range(0, len(texels), PART):
+        part = texels[start : start + PART]
+        yield start, np.pad(part, ((0, 0), (0, 1)))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.materials import CUTOFF, Triple
-from raytracer.appearance.textures import Filter, Texture, Wrap, alpha_of, decoded, opened, pixels_of
+from raytracer.appearance.textures import Filter, Texture, Wrap, alpha_of, linear, opened, pixels_of
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Notices, shown
 
@@ -62,12 +62,16 @@ class Picture:
 
     def color(self, factor: Triple) -> Texture:
         """Return the sRGB colours of the picture times a linear factor; the same Texture for the same factor."""
-        if factor == (1.0, 1.0, 1.0):
-            made: Texture = self.made(factor, lambda: self.texture(self.fitting(1), srgb=True))
-        else:
-            scale = np.asarray(factor, np.float32)
-            made = self.made(factor, lambda: self.texture(_linear(self.fitting(1)) * scale, srgb=False))
-        return made
+
+        def texture() -> Texture:
+            if factor == (1.0, 1.0, 1.0):
+                return self.texture(self.fitting(1), srgb=True)
+            numbers = linear(self.fitting(1), encoded=True)
+            numbers *= np.asarray(factor, np.float32)
+            return self.texture(numbers, srgb=False)
+
+        found: Texture = self.made(factor, texture)
+        return found
 
     def cutout(self, factor: float) -> Texture | None:
         """Return the Texture of a material's `cutout`, the mean of the channels as they are times a factor.
@@ -119,8 +123,13 @@ class Picture:
     def mean(self) -> NDArray[np.float64]:
         """Return the mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
         step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))
-        found = self.made("mean", lambda: _linear(self.pixels[::step, ::step]).mean(axis=(0, 1), dtype=np.float64))
-        return np.asarray(np.broadcast_to(found, 3))
+
+        def mean() -> NDArray[np.float64]:
+            numbers = linear(self.pixels[::step, ::step], encoded=True, channels=self.pixels.shape[2])
+            found: NDArray[np.float64] = numbers.mean(axis=(0, 1), dtype=np.float64)
+            return found
+
+        return np.asarray(np.broadcast_to(self.made("mean", mean), 3))
 
     def fitting(self, count: int) -> Pixels:
         """Return the pixels (h, w, 1 or 3) for `count` textures to be made of, fewer of them where the budget ends."""
@@ -145,13 +154,6 @@ def channel(pixels: Pixels, number: int) -> NDArray[np.float32]:
     """Return one channel of pixels (H, W, 1 or 3) without decoding, (H, W) in [0, 1]."""
     found = pixels[..., min(number, pixels.shape[2] - 1)]
     return found.astype(np.float32) / np.float32(255 if found.dtype == np.uint8 else 1)
-
-
-def _linear(pixels: Pixels) -> NDArray[np.float32]:
-    """Convert sRGB pixels to linear ones."""
-    if pixels.dtype == np.uint8:
-        return decoded(np.arange(256) / 255).astype(np.float32)[pixels]
-    return decoded(pixels.astype(np.float64)).astype(np.float32)
 
 
 class Pictures:

@@ -186,9 +186,11 @@ class Table:
         return held
 
     def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range."""
-        array = self._working(self._array, dtype)
-        frozen = np.ascontiguousarray(array.copy() if np.may_share_memory(array, self._array) else array)
+        """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range.
+
+        It is the Table's own memory where the dtype is its own: `_change` writes the same numbers to both.
+        """
+        frozen = np.ascontiguousarray(self._working(self._array, dtype)).view()
         frozen.flags.writeable = False
         return frozen
 
