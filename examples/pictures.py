@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+import shpy as sh
+
 
 def save(name, pixels):
     """Write pixels (H, W) or (H, W, 3) in [0, 1] into the current folder and say where."""
@@ -17,3 +19,8 @@ def save(name, pixels):
         path = Path(f"{name}.png")
         Image.fromarray(shades).save(path, optimize=True)
     print(f"wrote {path}: {shades.shape[1]} x {shades.shape[0]}")
+
+
+def save_program(program, size, backend=None):
+    """Draw a program of pixels over (width, height) at the time 0, its inputs filled by their names."""
+    save(program.name, sh.screen.drawn(program, sh.screen.Moment(size), backend=backend))

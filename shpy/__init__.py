@@ -75,7 +75,7 @@ __all__ = sorted(
     for name, thing in globals().items()
     if str(getattr(thing, "__module__", "")).startswith("shpy.") and not (name[0] == "_" or hasattr(_builtins, name))
 )
-_LATER = ("accuracy", "command", "files", "library", "packages", "testing", "videos")
+_LATER = ("accuracy", "command", "files", "library", "packages", "screen", "testing", "videos")
 
 
 def __getattr__(name: str) -> Any:

@@ -17,6 +17,7 @@ from shpy import command as command
 from shpy import files as files
 from shpy import packages as packages
 from shpy import library as library
+from shpy import screen as screen
 from shpy import testing as testing
 from shpy import videos as videos
 from shpy.animation import animate as animate

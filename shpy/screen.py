@@ -28,6 +28,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.backends.base import Math
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
@@ -144,6 +145,19 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
             loc=here(),
             cure=f"one of {', '.join([*program.inputs, *program.params]) or 'none'}",
         )
+
+
+def drawn(
+    program: Program, moment: Moment, *, backend: str | None = None, math: Math = "strict", **given: Any
+) -> NDArray[Any]:
+    """Return the numbers of a program of pixels at a moment: (height, width), or (height, width, components).
+
+    `given` are the inputs that are not filled by their names. Raises ShpyTypeError as `check_pictures` does.
+    """
+    check_pictures(program, moment.size, given)
+    named = filled(program.inputs, moment, given=given)
+    output: NDArray[Any] = first_output(program.compile(backend, math=math)(**given, **named, shape=moment.shape))
+    return output
 
 
 def first_output(outputs: Any) -> Any:

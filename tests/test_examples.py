@@ -25,6 +25,18 @@ def example(name):
     return importlib.import_module(name)
 
 
+def pixels_of(program, size, backend="numpy", time=0.0, mouse=(0, 0, 0, 0), **params):
+    """The numbers of a program of pixels, with other values of its Params."""
+    before = {name: program.params[name].value for name in params}
+    try:
+        for name, value in params.items():
+            program.params[name].value = value
+        return sh.screen.drawn(program, sh.screen.Moment(size, time=time, mouse=mouse), backend=backend)
+    finally:
+        for name, value in before.items():
+            program.params[name].value = value
+
+
 def test_no_example_goes_untested():
     tested = Path(__file__).read_text()
     assert NAMES
@@ -58,6 +70,9 @@ SHOWN = {
     "heat": lambda m, backend: m.steady(*m.plate(12, 18), backend)[0],
     "particles": lambda m, backend: m.life(1500, 3, 40, backend)[1].numpy(),
     "equalize": lambda m, backend: m.equalized(m.photograph(40, 30, backend)).numpy(),
+    "raymarch": lambda m, backend: pixels_of(m.raymarch, (40, 24), backend, time=1.5),
+    "voronoi": lambda m, backend: pixels_of(m.voronoi, (60, 40), backend, time=1.5),
+    "warp": lambda m, backend: pixels_of(m.warp, (60, 40), backend, time=1.5),
 }
 
 
@@ -254,6 +269,66 @@ def test_algebra(backend):
     np.testing.assert_allclose(m.BALLS[0].compile(backend)(at)[0], expected, rtol=1e-4)
     assert marble.std() > blue.std()
     assert np.abs(dented - red).max() > 0.2
+
+
+def test_raymarch():
+    m = example("raymarch")
+    size = (64, 36)
+    picture = pixels_of(m.raymarch, size)
+    assert picture[0].argmax(axis=-1).min() == 2  # the sky
+    reddish = picture[..., 0] > 1.3 * picture[..., 2]
+    assert 0.15 < reddish.mean() < 0.5
+    assert np.all(pixels_of(m.raymarch, size, clay=(0.05, 0.05, 0.9))[reddish].argmax(axis=-1) == 2)
+    around = pixels_of(m.raymarch, size, mouse=(size[0], 0, 0, 0))
+    assert np.mean(np.abs(around - picture) > 0.05) < 0.02  # a whole turn
+    sharp, soft = (pixels_of(m.raymarch, size, blur=blur) for blur in (0.02, 0.5))
+    assert not np.any(np.abs(sharp - soft)[0] > 0)
+    # What a soft shadow covers in part is darker; its core stays as it is.
+    assert soft.sum() < sharp.sum() - 1
+    assert soft.max() <= sharp.max() + 1e-6
+
+
+def test_voronoi():
+    m = example("voronoi")
+    size = (80, 40)
+    share = {
+        width: np.isclose(pixels_of(m.voronoi, size, width=width, cells=4), m.border.value, atol=1e-3)
+        .all(axis=-1)
+        .mean()
+        for width in (0.0, 0.15, 0.3)
+    }
+    assert share[0.0] < 0.01 < share[0.15] < 0.5 * share[0.3]
+    # A pixel is 0.1 wide: what numpy finds nearer to a border than 0.2 has its colour, and nothing beyond 0.4.
+    y, x = (np.indices((40, 80)) + 0.5 - np.array([20, 40]).reshape(2, 1, 1)) / 40 * 4 + 40
+    cell = np.stack(np.meshgrid(np.arange(25, 55), np.arange(30, 50)), axis=-1).reshape(-1, 2)
+
+    @sh.program
+    def point(cell: sh.Attrib2f) -> sh.Attrib2f:
+        return m.point_in(cell, 0.0)
+
+    where = point(cell.astype(np.float32))
+    away = where[None] - np.stack([x, y], axis=-1).reshape(-1, 1, 2)
+    nearest = away[np.arange(len(away)), np.argmin(np.sum(away**2, axis=-1), axis=1)]
+    between = away - nearest[:, None]
+    with np.errstate(invalid="ignore"):
+        lines = np.sum(0.5 * (away + nearest[:, None]) * between, axis=-1) / np.linalg.norm(between, axis=-1)
+    edge = np.nanmin(np.where(np.linalg.norm(between, axis=-1) > 1e-3, lines, np.nan), axis=1).reshape(40, 80)
+    inked = np.isclose(pixels_of(m.voronoi, size, width=0.3, cells=4, rings=False), m.border.value, atol=1e-3).all(
+        axis=-1
+    )
+    assert np.all(inked[edge < 0.19])
+    assert not np.any(inked[(edge > 0.41) & (np.linalg.norm(nearest, axis=-1).reshape(40, 80) > 0.3)])
+
+
+def test_warp():
+    m = example("warp")
+    plain, warped = (pixels_of(m.warp, (80, 45), strength=strength) for strength in (0, 4))
+    steps = [np.abs(np.diff(picture, axis=1)).mean() for picture in (plain, warped)]
+    assert steps[1] > 2 * steps[0]
+    smooth = pixels_of(m.warp, (80, 45), octaves=1, strength=0)
+    assert np.abs(np.diff(smooth, axis=1)).mean() < 0.6 * steps[0]
+    assert plain.min() >= 0
+    assert plain.max() <= 1
 
 
 def test_trace():
