@@ -28,10 +28,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Math
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
+from shpy.passes.modes import Math
 from shpy.program import Program
 
 SIZES: Final[dict[str, tuple[int, ...]]] = {
