@@ -92,6 +92,22 @@ def test_for_with_continue() -> None:
     assert f.compile("opencl")(n).tolist() == expected
 
 
+def test_a_continue_that_goes_to_the_test_of_a_do() -> None:
+    @sh.program
+    def f(n: sh.Attrib1i) -> sh.Attrib1i:
+        k, total = sh.Attrib1i(0), sh.Attrib1i(0)
+        with SH_DO():
+            k += 1
+            SH_CONTINUE(k == 5)
+            total += k
+            SH_UNTIL(lambda: k >= n)
+        return total
+
+    assert "            continue;\n        }\n        total += (uint)k;\n    } while (k < n);\n" in text(f)
+    n = np.arange(8, dtype=np.int32)
+    assert f.compile("opencl", lanes=1)(n).tolist() == [1, 1, 3, 6, 10, 10, 16, 23]
+
+
 def test_a_continue_that_goes_to_a_test_with_statements() -> None:
     b = Builder("skip")
     x = b.input(INT, "x")

@@ -317,8 +317,8 @@ class Body(Operations):
 
     def branch(self, s: If, place: Place) -> bool:
         """Append a choice; return whether what follows cannot be reached."""
-        condition = self.exprs[s.condition]
         self.settle(place)
+        condition = self.exprs[s.condition]
         made, ended = [], []
         for region, number in zip((s.then, s.orelse), self.planned.inner[place], strict=True):
             with self.block() as out:

@@ -404,7 +404,6 @@ class _PythonBody(NumpyOperations):
 
     def branch(self, s: If, place: Place) -> bool:
         """Append a choice, unless both sides are empty."""
-        self.settle(place)
         return bool(s.then or s.orelse) and super().branch(s, place)
 
     def leave(self, loc: Loc | None = None) -> tree.Stmt:
