@@ -26,7 +26,6 @@ from shpy.passes.modes import MODES
 
 CALLS = 8
 ROUNDS = 7
-BINARY = ("pow", "atan2")
 
 
 def repeated(function: Callable[..., Any], arguments: int) -> sh.Program:
@@ -52,7 +51,7 @@ def repeated(function: Callable[..., Any], arguments: int) -> sh.Program:
 
 def named(name: str) -> sh.Program:
     """Return the program of one of shpy's functions."""
-    return repeated(getattr(sh, name), 1 + (name in BINARY))
+    return repeated(getattr(sh, name), len(OPS[name].takes))
 
 
 def core_seconds(kernel: Any, x: Any) -> float:
@@ -83,7 +82,7 @@ def greatest_error(name: str, stride: int, mode: str) -> tuple[float, str]:
     kept = np.isfinite(x) & (np.abs(x) >= 2.0**-126)
     x = x[kept]
     others = ()
-    if name in BINARY:
+    if len(OPS[name].takes) == 2:
         rng = np.random.default_rng(1)
         x = (rng.uniform(0.5, 2, len(x)) * 2.0 ** rng.integers(-9, 10, len(x))).astype(np.float32)
         others = ((rng.standard_normal(len(x)) * 9).astype(np.float32),)

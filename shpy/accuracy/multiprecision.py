@@ -131,6 +131,7 @@ _SCALAR: dict[str, Callable[..., Any]] = {
     "atanh": _real(MP.atanh, lambda x: abs(x) < 1),
     "pow": _power,
     "atan2": _atan2,
+    "hypot": MP.hypot,
 }
 """The primitive operations, on scalars."""
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, Final
@@ -133,3 +134,33 @@ asin, acos, atan = _exact("asin", np.arcsin), _exact("acos", np.arccos), _exact(
 sinh, cosh, tanh = _exact("sinh", np.sinh), _exact("cosh", np.cosh), _exact("tanh", np.tanh)
 asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), _exact("atanh", np.arctanh)
 rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out), decides=True)
+
+
+@wraps(np.hypot)
+def hypot(x: Array, y: Array) -> Array:
+    """Return sqrt(x * x + y * y) as C99 has it, rounded once; the exact value in binary32 and binary16.
+
+    The squares are exact in binary64. With binary16 the sum is exact too, wherever the root is close to the middle of
+    two; with binary32 it can be so close to one that fractions have to decide.
+    """
+    if x.dtype == np.float64:
+        return np.asarray(np.hypot(x, y))
+    a, b = np.float64(x), np.float64(y)
+    wide = np.sqrt(a * a + b * b)
+    wide = np.asarray(np.where(np.isinf(a) | np.isinf(b), np.inf, wide))
+    if x.dtype != np.float32:
+        return wide.astype(x.dtype)
+    low, high = _around(lambda v, out: v, wide)
+    sides = np.broadcast_arrays(a, b)
+    for k in np.flatnonzero(low < high):
+        low.flat[k] = _nearest_root(sum((Fraction(float(s.flat[k])) ** 2 for s in sides), Fraction(0)), low.flat[k])
+    return low
+
+
+def _nearest_root(square: Fraction, low: Any) -> np.float32:
+    """Return the binary32 nearest to the root of `square`, which lies between `low` and the next one."""
+    unit = Fraction(2) ** (max(math.frexp(float(low))[1], -125) - 24)
+    middle = Fraction(float(low)) + unit / 2
+    if square == middle**2:
+        return np.float32(float(middle))
+    return low if square < middle**2 else np.float32(float(low) + float(unit))

@@ -276,6 +276,8 @@ _NEARLY = 0.5000001
 _pow = "Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."
 _transcendental("pow", m.through_f64(m.power), 1, 16, 1, _pow, "x y", _NEARLY)
 _atan2 = "Return the angle of the point (x, y) in radians, -pi to pi, quadrants and signed zeros as in C99."
+_hypot = "Return sqrt(x * x + y * y), where no square overflows or vanishes; infinite beside NaN too (C99)."
+_transcendental("hypot", exact.hypot, 1, 4, 1, _hypot, "x y")
 _transcendental("atan2", m.through_f64(np.arctan2), 1, 6, 1, _atan2, "y x", _NEARLY)
 
 TRANSCENDENTALS: Final = frozenset(name for name, op in OPS.items() if op.relaxed.ulp)

@@ -9,12 +9,10 @@ from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.lang.values.arithmetic import operand
-from shpy.lang.values.builtins import cond, isinf, isnan, length, log10, mix
-from shpy.lang.values.coerce import common_kind, common_size
+from shpy.lang.values.builtins import hypot, isinf, isnan, log10, mix
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.value import CLASSES, Value
-from shpy.library.operands import float_base, vector
+from shpy.library.operands import vector
 
 __all__ = ["hypot", "isfinite", "lerp", "log10", "outer"]
 
@@ -30,22 +28,6 @@ def lerp(a: Any, b: Any, t: Any) -> Any:
 def isfinite(x: Any) -> Any:
     """Return whether x is neither infinite nor NaN, component-wise."""
     return ~(isnan(x) | isinf(x))
-
-
-def hypot(a: Any, b: Any) -> Any:
-    """Return sqrt(a * a + b * b), component-wise, as C99 does: infinite where one of them is, beside NaN too.
-
-    In strict mode no square overflows or vanishes: hypot(3e30, 4e30) is 5e30. The error is that of `sh.length`.
-    """
-    what = "sh.library.hypot"
-    operands = [operand(a, what), operand(b, what)]
-    base = float_base(operands, what)
-    size = common_size([o.size for o in operands], what)
-    kind = common_kind([getattr(o, "kind", "Attrib") for o in operands])
-    x, y = (CLASSES["Attrib", size, base](value) for value in (a, b))
-    pair = CLASSES["Attrib", 2, base]
-    lengths = CLASSES[kind, size, base](*(length(pair(x[i], y[i])) for i in range(size)))
-    return cond(isinf(x) | isinf(y), float("inf"), lengths)
 
 
 def outer(a: Any, b: Any) -> Any:

@@ -83,7 +83,7 @@ class _Half(Rebase):
 
     def _transcendental(self, let: Let, value: Value) -> None:
         """Emit a function whose exact value is rounded once: by formulas that need no binary64, or by the target."""
-        from shpy.passes.strict.halves import EXCEPTIONS
+        from shpy.passes.strict.halves import CORRECTED
 
         types = (value.type,) * len(let.args)
         if let.op in self.exact:
@@ -91,7 +91,7 @@ class _Half(Rebase):
         else:
             formula = self.library.use(let.op, types)
             whole = self.make_unrounded("call", let.args, Let(value, "call", let.args, formula.name), value.type)
-        if let.op in EXCEPTIONS:
+        if let.op in CORRECTED:
             callee = self.library.use(f"{let.op}_half", (*types, value.type))
             self.emit(Let(value, "call", (*let.args, whole), callee.name))
         else:

@@ -47,6 +47,23 @@ def test_all_binary16_are_the_exact_value_rounded_everywhere(name: str) -> None:
         assert not wrong.any(), [(backend, x, y) for x, y in zip(ALL[wrong], found[wrong], strict=True)][:5]
 
 
+def test_hypotenuses_of_binary16_are_the_exact_value_rounded_everywhere() -> None:
+    # In binary64 the sum of the squares is exact wherever the root is close to the middle of two binary16.
+    rng = np.random.default_rng(4)
+    x = rng.integers(0, 1 << 16, 1 << 18, dtype=np.uint16)
+    y = (x + rng.integers(-6 << 10, 6 << 10, 1 << 18)).astype(np.uint16)
+    x, y = (np.concatenate([v.view(np.float16), ALL[k::64]]) for v, k in ((x, 0), (y, 7)))
+    with np.errstate(all="ignore"):
+        root = np.sqrt(x.astype(np.float64) ** 2 + y.astype(np.float64) ** 2).astype(np.float16)
+    wanted = np.where(np.isinf(x) | np.isinf(y), np.float16(np.inf), root)
+    for backend, options in (("numpy", {}), ("opencl", {"lanes": 1}), ("opencl", {"lanes": 16}), ("glsl", {})):
+        found = program("hypot").compile(backend, precision="f16", **options)(x, y)
+        wrong = differing(found, wanted)
+        if flushes_denormals(backend):
+            wrong &= (np.abs(x) >= 2.0**-14) & (np.abs(y) >= 2.0**-14)
+        assert not wrong.any(), [(backend, *row) for row in zip(x[wrong], y[wrong], found[wrong], strict=True)][:5]
+
+
 def test_each_exception_is_rounded_wrong_by_way_of_binary32() -> None:
     for name, exceptions in EXCEPTIONS.items():
         x, values = np.array(exceptions, np.float16).T

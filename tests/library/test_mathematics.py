@@ -49,16 +49,17 @@ def test_lerp_is_exact_at_its_ends(backend):
 def test_hypot_is_that_of_c99(backend):
     found = numbers.compile(backend)(X, Y)[3]
     with np.errstate(over="ignore"):
-        exact = np.hypot(X.astype(np.float64), Y.astype(np.float64))
-        np.testing.assert_allclose(found, exact.astype(np.float32), rtol=2.0**-22)
+        exact = np.hypot(X.astype(np.longdouble), Y.astype(np.longdouble))
+        np.testing.assert_array_equal(found, exact.astype(np.float32))
     assert numbers.compile(backend)(np.inf, np.nan)[3] == np.inf
     assert np.isnan(numbers.compile(backend)(1, np.nan)[3])
     np.testing.assert_array_equal(
-        numbers.compile(backend)([3e30, -5, 0], [4e30, 12, -0.0])[3], np.float32([5e30, 13, 0])
+        numbers.compile(backend)([3 * 2.0**100, -5, 0], [2.0**102, 12, -0.0])[3], np.float32([5 * 2.0**100, 13, 0])
     )
 
 
 def test_hypot_broadcasts_and_widens():
+    assert library.hypot is sh.hypot
     assert np.asarray(library.hypot((3, 5), (4, 12))).tolist() == [5, 13]
     assert np.asarray(library.hypot(sh.Vector2f(3, 8), 15)).tolist() == pytest.approx([math.hypot(3, 15), 17])
     assert type(library.hypot(sh.Vector2f(3, 8), 15)) is sh.Vector2f
@@ -98,7 +99,7 @@ def test_outer_refuses_vectors_of_two_sizes():
 
 
 def test_what_lies_in_the_library_is_named_where_shpy_is_asked_for_it():
-    for name in ("isfinite", "hypot", "outer", "fbm"):
+    for name in ("isfinite", "outer", "fbm"):
         with pytest.raises(AttributeError) as error:
             getattr(sh, name)
         assert error.value.cure.startswith(f"sh.library.{name}")

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shpy.ir.exact import EVEN, ODD, hard_cases
+from shpy.ir.exact import EVEN, ODD, hard_cases, hypot
+from shpy.ir.ops import OPS
 from shpy.ir.types import Base, vec
 from shpy.passes import exact
 from shpy.passes.terms import define
 from shpy.testing.conformance.exact import apply
 
-UNARY = sorted(exact.FUNCTIONS.keys() - {"pow", "atan2"})
+UNARY = sorted(name for name in exact.FUNCTIONS if len(OPS[name].takes) == 1)
 NUMPY = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "rsqrt": lambda x: 1 / np.sqrt(x),
          "asinh": np.arcsinh, "acosh": np.arccosh, "atanh": np.arctanh}  # fmt: skip
 SPECIAL = np.float32([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 1e-45, -1e-45, 1e-38, 3.4e38, -3.4e38])
@@ -69,6 +70,43 @@ def test_functions_of_two_are_the_exact_value_rounded(name, fused):
     held = (name == "pow") & np.isin(b, [2, 3])
     assert held.sum() == (name == "pow") * len(a) * 2 // 5
     assert (made[held] == near[held].astype(np.float32)).all()
+
+
+HYPOTENUSES = [
+    (14784729, 7946000, 16784728),  # that of 16784729, an odd number of 25 bits, is the middle itself
+    (14784729 * 2.0**-140, 7946000 * 2.0**-140, 16784728 * 2.0**-140),
+    (12525682, 3539.1640625, 12525683),  # a little beyond the middle, by less than binary64 can tell
+    (8481962, 2912.380859375, 8481963),
+    (8408513, 2899.74365234375, 8408513),  # a little below it
+    (14430761, 3798.7841796875, 14430761),
+    (3.4028235e38, 2.0**115, 3.4028235e38),
+    (3.4028235e38, 1.7e35, np.inf),
+]
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_a_hypotenuse_next_to_the_middle_is_rounded_to_its_own_side(fused):
+    x, y, wanted = np.float32(HYPOTENUSES).T
+    formula = define("hypot", exact.rounded("hypot"), (vec(Base.F),) * 2, fused=fused)
+    for a, b in ((x, y), (-y, x)):
+        np.testing.assert_array_equal(apply(formula, a, b), wanted)
+        with np.errstate(over="ignore"):
+            np.testing.assert_array_equal(hypot(a, b), wanted)
+    with np.errstate(over="ignore"):
+        rounded_twice = np.sqrt(np.float64(x) ** 2 + np.float64(y) ** 2).astype(np.float32)
+    assert (rounded_twice != wanted).sum() == 4
+
+
+@pytest.mark.parametrize("fused", [False, True])
+def test_hypotenuses_of_random_sides_are_the_exact_value_rounded(fused):
+    # The lengths differ by up to 2**14, and the squares are often beyond binary32.
+    rng = np.random.default_rng(12)
+    x = rng.uniform(1, 2, 20_000) * 2.0 ** rng.integers(-126, 127, 20_000)
+    y = (np.minimum(x * 2.0 ** rng.uniform(-14, 14, 20_000), 3e38)).astype(np.float32)
+    x = x.astype(np.float32)
+    made = apply(define("hypot", exact.rounded("hypot"), (vec(Base.F),) * 2, fused=fused), x, y)
+    with np.errstate(over="ignore"):
+        np.testing.assert_array_equal(made, np.hypot(x.astype(np.longdouble), y.astype(np.longdouble)).astype("f"))
 
 
 def test_a_quotient_between_two_denormal_numbers_is_rounded_down():

@@ -42,7 +42,7 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (hyperbolic.asinh, hyperbolic.acosh, hyperbolic.atanh)},
     **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
     "pow": power.pow_,
-    "rsqrt": root.rsqrt,
+    **{f.__name__: f for f in (root.rsqrt, root.hypot)},
 }
 
 _SELECTED: Final[Mapping[str, tuple[str, ...]]] = {

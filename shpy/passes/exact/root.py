@@ -1,11 +1,17 @@
-"""The reciprocal of a square root, by what the square of an estimate lacks.
+"""The reciprocal of a square root, by what the square of an estimate lacks, and the hypotenuse.
 
-Stage: improve. near is 1 / sqrt(x) in binary32, lack is 1 - x near**2, at most 2**-22, and the exact value is
+Stage: improve. Of rsqrt, near is 1 / sqrt(x) in binary32, lack is 1 - x near**2, at most 2**-22, and the exact value is
 near (1 + lack / 2 + 3 lack**2 / 8 + ...). In binary64, or in binary32 with fma, lack has an error near 2**-47.
 """
 
+from typing import Final
+
 from shpy.ir.types import Base
-from shpy.passes.terms import Term, where
+from shpy.passes.strict.parts import two_sum
+from shpy.passes.terms import Term, replaced, where
+
+_ERROR: Final = 2.0**-51
+"""More than the relative error of a root of a sum in binary64, of which each is rounded."""
 
 
 def rsqrt(x: Term) -> Term:
@@ -26,3 +32,26 @@ def _in_binary64(x: Term, near: Term) -> Term:
     """Return 1 - x near**2, rounded."""
     d = near.based(Base.D)
     return (1 - x.based(Base.D) * (d * d)).based(Base.F)
+
+
+def hypot(x: Term, y: Term) -> Term:
+    """sqrt(x * x + y * y): correctly rounded.
+
+    Squares of binary32 are exact in binary64. Where the error of the root leaves two binary32 to choose from, the exact
+    sum of the squares is compared with the square of the middle, which is exact too.
+    """
+    square, other = (v.based(Base.D) * v.based(Base.D) for v in (x, y))
+    root = (square + other).op("sqrt").named("root")
+    low = (root * (1 - _ERROR)).based(Base.F).named("low")
+    high = (root * (1 + _ERROR)).based(Base.F).named("high")
+
+    def decided() -> list[Term]:
+        total, rest = two_sum(square, other)
+        # What rounds to infinity does so as if the next number were 2**128.
+        upper = where(high.op("isinf"), square.constant(2.0**128), high.based(Base.D))
+        middle = (0.5 * (low.based(Base.D) + upper)).named("middle")
+        above = ((total - middle * middle) + rest).named("above")
+        near = where(above > 0, high, where(above < 0, low, middle.based(Base.F)))
+        return [where(x.op("isinf") | y.op("isinf"), x.constant(float("inf")), near)]
+
+    return replaced(low.differs(high).named("unsure"), {"result": low}, decided)[0]

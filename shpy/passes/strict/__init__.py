@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from shpy.passes.strict import circular, exponential, logarithm
+from shpy.passes.strict import circular, exponential, logarithm, root
 from shpy.passes.terms import Term
 
 __all__ = ["FUNCTIONS"]
@@ -24,4 +24,5 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (logarithm.asinh, logarithm.acosh, logarithm.atanh)},
     "pow": logarithm.pow_,
     "rsqrt": exponential.rsqrt,
+    "hypot": root.hypot,
 }

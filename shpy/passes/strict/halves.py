@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from shpy.passes.rounding import with_exceptions
+from shpy.passes.rounding import to_odd, with_exceptions
+from shpy.passes.strict.parts import two_product, two_sum
 from shpy.passes.terms import Term
 
-__all__ = ["EXCEPTIONS", "correction"]
+__all__ = ["CORRECTED", "EXCEPTIONS", "correction"]
 
 EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
     "acos": (
@@ -49,9 +50,21 @@ EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
 }
 """Inputs, and the exact values rounded to binary16; of odd and even functions positive inputs only."""
 
+CORRECTED: Final = frozenset({*EXCEPTIONS, "hypot"})
+"""Functions whose results need more than one rounding: `correction` has it."""
+
+
+def _hypot(x: Term, y: Term, result: Term) -> Term:
+    """Round sqrt(x * x + y * y) to binary16: the result in binary32 to odd first, by what its square lacks."""
+    total, rest = two_sum((x * x).named("square"), y * y)
+    product, lost = two_product(result, result)
+    return to_odd(result, ((total - product) - lost) + rest).op("half", type=x.type)
+
 
 def correction(name: str) -> Callable[..., Term]:
     """Return the function of an input x and the result in binary32 that gives the exact value rounded to binary16."""
+    if name == "hypot":
+        return _hypot
 
     def meaning(x: Term, result: Term) -> Term:
         return with_exceptions(name, x, result, EXCEPTIONS[name]).op("half", type=x.type)

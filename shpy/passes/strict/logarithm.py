@@ -37,6 +37,7 @@ from shpy.passes.strict.parts import (
     polynomial,
     scaled_by,
     sign_bit,
+    square_root,
     two_product,
     two_sum,
     whole_and_shifted,
@@ -144,7 +145,7 @@ def asinh(x: Term) -> Term:
     b = where(large, x.constant(1), a).named("b")
     square, square_low = two_product(b, b)
     t, t_low = two_sum(square, x.constant(1))
-    root, root_low = _root(t, t_low + square_low)
+    root, root_low = square_root(t, t_low + square_low)
     u, u_low = two_sum(root, b)
     far = _log_sum(large, a, u, u_low + root_low).named("size")
     z = (x * x).named("z")
@@ -158,18 +159,10 @@ def acosh(x: Term) -> Term:
     t = (where(large, x.constant(2), x) - 1).named("t")
     square, square_low = two_product(t, t)
     v, v_low = two_sum(t + t, square)
-    root, root_low = _root(v, v_low + square_low)
+    root, root_low = square_root(v, v_low + square_low)
     p, p_low = fast_two_sum(root, t)
     u, u_low = two_sum(x.constant(1), p)
     return where(x < 1, x.constant(NAN), _log_sum(large, x, u, u_low + (p_low + root_low)))
-
-
-def _root(t: Term, low: Term) -> Pair:
-    """Return the root of t + low in two parts."""
-    root = t.op("sqrt").named("root")
-    square, lost = two_product(root, root)
-    rest = ((t - square) - lost) + low
-    return root, where(root > 0, rest / (root + root), 0.0).named("root_low")
 
 
 def _log_sum(large: Term, x: Term, u: Term, low: Term) -> Term:

@@ -16,7 +16,7 @@ import numpy as np
 
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base
-from shpy.passes.terms import Term
+from shpy.passes.terms import Term, where
 
 Pair = tuple[Term, Term]
 Numbers = Mapping[Base, tuple[float, ...]]
@@ -89,6 +89,14 @@ def exact_quotient_rest(n: Term, d: Term, q: Term) -> Term:
     """n - q * d, where q is n / d rounded: exact."""
     product, rest = two_product(q, d)
     return (n - product) - rest
+
+
+def square_root(t: Term, low: Term) -> Pair:
+    """Return the square root of t + low in two parts."""
+    root = t.op("sqrt").named("root")
+    square, lost = two_product(root, root)
+    rest = ((t - square) - lost) + low
+    return root, where(root > 0, rest / (root + root), 0.0).named("root_low")
 
 
 def whole_and_shifted(x: Term) -> Pair:

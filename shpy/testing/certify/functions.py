@@ -200,7 +200,7 @@ def _doubles(name: str) -> tuple[Array, ...]:
             return (1 + np.ldexp(1 + np.abs(u), (30 * v).astype(np.int32)),)
         case "pow":
             return np.ldexp(1 + np.abs(u), (12 * v).astype(np.int32)), 60 * v
-        case "atan2":
+        case "atan2" | "hypot":
             return 1000 * u, v
     return (np.ldexp(u, (20 * v).astype(np.int32)),)
 

@@ -89,6 +89,13 @@ def atan2_as_c99(y: sh.Attrib1f, x: sh.Attrib1f) -> sh.Attrib1f:
     return sh.atan2(y, x)
 
 
+@case(x=f(3, -5, 0, INF, NAN, NAN, 1, 3 * 2.0**110, 2.0**126, 3.4028235e38, 14784729, 12525682),
+      y=f(4, 12, -0.0, NAN, -INF, 0, INF, 2.0**112, 2.0**126, 3.4028235e38, 7946000, 3539.1640625),
+      expected=f(5, 13, 0, INF, INF, NAN, INF, 5 * 2.0**110, 2**0.5 * 2.0**126, INF, 16784728, 12525683))  # fmt: skip
+def hypot_as_c99(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.hypot(x, y)
+
+
 @case(v=np.array([[0, 0, 0], [-0.0, 0, 0], [3, 0, 4], [0, -2, 0]], np.float32),
       expected=np.array([[0, 0, 0], [0, 0, 0], [0.6, 0, 0.8], [0, -1, 0]], np.float32))  # fmt: skip
 def normalize_of_zero_is_zero(v: sh.Vector3f) -> sh.Vector3f:

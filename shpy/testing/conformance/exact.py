@@ -18,6 +18,7 @@ from shpy.ir.nodes import Function, If, Let, Region, Store, Value
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, vec
 from shpy.passes.library import PARTS, definition
+from shpy.passes.strict.halves import CORRECTED
 
 
 def exact(name: str) -> Callable[..., Array]:
@@ -30,7 +31,7 @@ def _strict(name: str, *arrays: Array) -> Array:
     base = next(b for b, t in DTYPES.items() if np.dtype(t) == given[0].dtype)
     if base is not Base.H:
         return apply(definition(name, (vec(base),) * len(given)), *given)
-    if len(given) == 1:
+    if len(given) == 1 or name in CORRECTED:
         return np.asarray(OPS[name].meaning(*given))
     formula = definition(name, (vec("f"),) * len(given), "portable")
     return apply(formula, *(a.astype(np.float32) for a in given)).astype(np.float16)

@@ -35,7 +35,7 @@ NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
 
 GEOMETRIC: Final = frozenset({"dot", "length", "distance", "normalize", "cross", "reflect", "refract", "faceforward"})
-FAST: Final = (TRANSCENDENTALS - {"log10"}) | GEOMETRIC
+FAST: Final = (TRANSCENDENTALS - {"hypot", "log10"}) | GEOMETRIC
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _KEPT: Final = frozenset({"add", "sub", "mul", "div", "sqrt", "neg", *COMPARISONS})

@@ -41,7 +41,7 @@ _UNARY: Final = (
     "asinh acosh atanh native_sqrt native_rsqrt native_exp native_exp2 native_log native_log2 native_log10 native_sin "
     "native_cos native_tan".split()
 )
-_FLOAT_ARGUMENTS: Final = {**dict.fromkeys(_UNARY, 1), "pow": 2, "atan2": 2, "fma": 3}
+_FLOAT_ARGUMENTS: Final = {**dict.fromkeys(_UNARY, 1), "pow": 2, "atan2": 2, "hypot": 2, "fma": 3}
 _INT_ARGUMENTS: Final = {"min": 2, "max": 2, "clamp": 3, "clz": 1, "popcount": 1}
 _TESTS: Final = ("isnan", "isinf")
 

@@ -48,7 +48,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
         op: op
         for op in (
             "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 log10 sin cos tan asin acos atan "
-            "sinh cosh tanh asinh acosh atanh pow atan2 rsqrt"
+            "sinh cosh tanh asinh acosh atanh pow atan2 hypot rsqrt"
         ).split()
     },
     "count_leading_zeros": "clz",
