@@ -56,7 +56,7 @@ from shpy.files import replacing
 from shpy.outputs import check_file, check_output, write_json
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
-CHAINS = {w.name: w for w in (*(m.WORK for m in (gray_scott, jacobi, life, particles)), *collectives.WORKS)}
+CHAINS = {w.name: w for w in (*gray_scott.WORKS, *(m.WORK for m in (jacobi, life, particles)), *collectives.WORKS)}
 WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES, *paths.NAMES)
 """The names of what is run side by side."""
 STUDIES = (
