@@ -198,6 +198,9 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
     _add_math(command)
     _add_cluster(command)
+    command.add_argument(
+        "--partitions", type=_positive, help="cluster: cut the scene into so many parts, each held by one worker"
+    )
     viewing.add_arguments(command)
     command.set_defaults(run=_render)
 
@@ -259,6 +262,7 @@ def _render(options: argparse.Namespace) -> int:
             max_error=options.error,
             progress=progress,
             cluster=options.cluster,
+            partitions=options.partitions,
         )
     if image.stats.picked:
         print(f"within {options.error:g}/255: {image.stats.picked}")
@@ -276,6 +280,7 @@ def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Sc
     title = f"{scene.name}, {scene.triangles:,} triangles, {wanted.samples:,} samples"
     if options.cluster is not None:
         given: dict[str, Any] = {"integrator": wanted, "backend": options.backend, "resume": found}
+        given["partitions"] = options.partitions
         with progress_bar(title) as progress:
             image = render(scene, options.size, cluster=options.cluster, progress=progress, **given)
         print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")

@@ -39,7 +39,8 @@ class Stats:
     """The cost of a picture: times in seconds, numbers of rays and triangles, and the `features` of its kernel.
 
     `picked` is the variant that `max_error` chose, if it was given. Of the staged tracer `calls` says how often each
-    kernel ran, and `alive` how many rays each round began with.
+    kernel ran, and `alive` how many rays each round began with. Of a picture in partitions
+    `moved` says how many records of rays went from worker to worker, their bytes, and in how many rounds.
     """
 
     backend: str
@@ -53,6 +54,7 @@ class Stats:
     picked: str = ""
     calls: Mapping[str, int] = field(default_factory=dict)
     alive: tuple[int, ...] = ()
+    moved: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from typing import Any, Unpack
 import shpy as sh
 from raytracer.cluster.connection import connected
 from raytracer.cluster.job import Job
+from raytracer.cluster.partitioned import check_partitions, render_partitioned
 from raytracer.cluster.replicated import render_tiles
 from raytracer.errors import SceneError
 from raytracer.image import Image
@@ -34,6 +35,7 @@ def render(
     progress: Progress | None = None,
     cluster: Any = None,
     tile_rows: int | None = None,
+    partitions: int | None = None,
     **options: Unpack[Options],
 ) -> Image:
     """Render a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
@@ -53,6 +55,8 @@ def render(
     `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
     address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
     `tile_rows` rows each, and the picture's arrays lie in temporary files.
+    With `partitions` the scene is cut into so many parts, each held by one worker, between which rays travel; this is
+    for `Whitted` without glass. `image.stats.moved` counts the records of rays.
 
     Raises SceneError for sizes and numbers that make no picture, pictures that do not fit into memory, options that do
     not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for
@@ -65,10 +69,16 @@ def render(
         if not (tile_rows is None or (isinstance(tile_rows, int) and tile_rows > 0)):
             raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
         job = Job(scene, wanted, backend or sh.default_backend())
+        if partitions is not None:
+            check_partitions(job, partitions)
+            if resume is not None or tile_rows is not None:
+                raise SceneError("resume and tile_rows are for scenes that every worker holds: leave out partitions")
         with connected(cluster) as client:
+            if partitions is not None:
+                return render_partitioned(client, job, size, partitions, progress=progress)
             return render_tiles(client, job, size, tile_rows=tile_rows, resume=resume, progress=progress)
-    if tile_rows is not None:
-        raise SceneError("tile_rows is for the tasks of a cluster: leave it out")
+    if tile_rows is not None or partitions is not None:
+        raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, wanted, backend, progress)

@@ -77,7 +77,7 @@ def _workers(count: int) -> Any:
     host = {"host": "127.0.0.1"}
     worker = {"cls": _worker_class(), "options": {"worker_kwargs": {**host, "nthreads": 1, "dashboard": False}}}
     return SpecCluster(
-        scheduler={"cls": Scheduler, "options": {**host, "dashboard": False}},
+        scheduler={"cls": Scheduler, "options": {**host, "dashboard": False, "dashboard_address": ":0"}},
         workers=dict.fromkeys(range(count), worker),
         worker=worker,
         silence_logs=logging.CRITICAL,

@@ -22,11 +22,11 @@ _making = threading.Lock()
 
 
 @contextmanager
-def kept(key: str, make: Callable[[], T]) -> Iterator[T]:
-    """Give the thing of a key, for one thread at a time; `make()` makes it once in a process."""
+def kept(key: str, make: Callable[[], T], room: int = KEPT) -> Iterator[T]:
+    """Give the thing of a key, for one thread at a time; `make()` makes it once in a process, which keeps `room`."""
     with _making:
         if key not in _things:
-            while len(_things) >= KEPT:
+            while len(_things) >= room:
                 _things.popitem(last=False)
             _things[key] = make(), threading.Lock()
         _things.move_to_end(key)

@@ -393,28 +393,35 @@ class Renderer:
 
     def _band(self, band: Pixel, top: int, fine: int) -> None:
         """Trace the rows of the picture from `top` on into `band`."""
+        assert self.layout is not None
         self.params["first_row"].value = top * fine
         count, width = np.shape(band.depth)
         if fine == 1 and self.staged is None and self.kernel.options.precision == "f32":
             self.kernel.run(shape=(count, width), out=band)
-            self._unscale(band)
+            unscale(band, self.layout.scale)
             return
         shape = (count * fine, width * fine)
         found = self.kernel(shape=shape) if self.staged is None else self.staged.trace(shape)
-        middle = slice(fine // 2, None, fine)
-        for layer, given in zip(band, found, strict=True):
-            layer[:] = given[middle, middle]
-        if fine > 1:
-            band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
-            band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
-        self._unscale(band)
+        take_samples(band, found, fine)
+        unscale(band, self.layout.scale)
 
-    def _unscale(self, band: Pixel) -> None:
-        """Give distances in the scene's own units again."""
-        assert self.layout is not None
-        if self.layout.scale != 1:
-            depth = np.asarray(band.depth)
-            depth[:] = depth.astype(np.float64) / self.layout.scale
+
+def take_samples(band: Pixel, found: Any, fine: int) -> None:
+    """Put into the layers of a band what its `fine` x `fine` eye rays for each pixel found."""
+    count, width = np.shape(band.depth)
+    middle = slice(fine // 2, None, fine)
+    for layer, given in zip(band, found, strict=True):
+        layer[:] = given[middle, middle]
+    if fine > 1:
+        band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
+        band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+
+
+def unscale(band: Pixel, scale: float) -> None:
+    """Give distances in the scene's own units again."""
+    if scale != 1:
+        depth = np.asarray(band.depth)
+        depth[:] = depth.astype(np.float64) / scale
 
 
 def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:

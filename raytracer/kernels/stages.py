@@ -20,7 +20,7 @@ from raytracer.accel.bounds import FAR
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridIntersector, is_over
 from raytracer.kernels.tracer import PathState, Pixel, Tracer
-from raytracer.kernels.triangle import RayHit, TriangleTest, is_ray
+from raytracer.kernels.triangle import RayHit, TriangleTest, Walk, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 ACTIVE, WAIT, DEAD, INACTIVE, OVERFLOW, FINISHED = range(6)
@@ -161,11 +161,11 @@ def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
     assert isinstance(walk, GridIntersector)
     at_once = sh.Param(sh.Attrib1i, AT_ONCE, name="at_once")
     return {
-        "generate": _generator(tracer, rays),
+        "generate": generator(tracer, rays),
         "precalculate": _precalculation(walk),
         "traverse": _traverser(walk, at_once),
         "intersect": _intersector(walk, at_once),
-        "shade": _shading(tracer),
+        "shade": shading(tracer),
         "waiting": waiting,
         "moving": moving,
         "unfinished": unfinished,
@@ -191,7 +191,9 @@ def unfinished(state: sh.Attrib1i) -> sh.Attrib1b:
     return sh.Attrib1b(state != FINISHED)
 
 
-def _generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
+def generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
+    """Record the program that makes the eye rays of a band."""
+
     @sh.program
     def generate() -> Generated:
         row, column = sh.grid_index(2)
@@ -240,6 +242,18 @@ def _traverser(walk: GridIntersector, at_once: Any) -> Any:
     return traverse
 
 
+def meeting(walk: Walk) -> Any:
+    """Record the program that goes on with a ray through other triangles: its nearest hit so far may be any."""
+
+    @sh.program
+    def meet(ray: Ray, nearest: Nearest) -> Nearest:
+        hit = RayHit.held_in(nearest, walk.accept)
+        walk.collect(hit, ray.direction, ray.eye, 0.0, 0.0, ~ray.tracing)
+        return nearest
+
+    return meet
+
+
 def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
     def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
@@ -259,7 +273,8 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     return intersect
 
 
-def _shading(tracer: Tracer) -> Any:
+def shading(tracer: Tracer) -> Any:
+    """Record the program that takes in what rays met, and makes the rays that come next."""
     types = SHADED | {"point": point_of(tracer)}
     shaded = cast(Any, NamedTuple("Shaded", list(types.items())))
 

@@ -1,0 +1,184 @@
+"""A part of a scene in a worker: its triangles with an accelerator of their own, and what happens there to rays.
+
+Stage: cluster. The stages are those of the staged tracer (`kernels.stages`), so the pictures are the same to the bit.
+A ray visits parts one after the other, as it enters their boxes, and takes its nearest hit along; of triangles at the
+same distance the lowest number of the whole scene is hit, in whatever order it comes to them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.accel.choice import build
+from raytracer.cluster.job import probed
+from raytracer.cluster.records import Records, joined, next_part
+from raytracer.integrators.integrator import Whitted
+from raytracer.kernels import stages
+from raytracer.kernels.bvh_walk import BvhIntersector
+from raytracer.kernels.eye_rays import eye_rays_of
+from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.scene.camera import Camera
+from raytracer.scene.layout import Layout
+
+
+@dataclass(frozen=True, eq=False)
+class PartData:
+    """What a worker is sent of a scene: the layout of the part `number`, and what all parts share.
+
+    `numbers` are those of its triangles in the whole scene, ascending; `low` and `high` (k, 3) are the boxes of all
+    parts; `black` is `SurfaceTables.black` of the whole scene, and `uniforms` are those of its eye rays.
+    """
+
+    number: int
+    layout: Layout
+    numbers: NDArray[np.int32]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    black: bool
+    camera: Camera
+    background: Any
+    ambient: float
+    uniforms: dict[str, Any]
+    integrator: Whitted
+    backend: str
+
+
+@dataclass
+class Stepped:
+    """The records that go to each other part, those that are finished, and the fingerprint of the worker's arithmetic.
+
+    `visits` counts the rays that were intersected.
+    """
+
+    sent: dict[int, Records]
+    done: Records
+    visits: int
+    fingerprint: str
+
+
+class Part:
+    """The compiled stages of a part."""
+
+    def __init__(self, data: PartData) -> None:
+        self.data, integrator = data, data.integrator
+        corners = data.layout.triangles[:, :3].reshape(-1, 3, 3)
+        structure = build(integrator.structure, corners, integrator.precision)
+        layout = dataclasses.replace(data.layout, structure=structure)
+        tracer = Tracer(layout, data.background, data.ambient, integrator.bounces, data.backend)
+        tracer.surfaces.black = data.black
+        walk = tracer.intersector
+        assert isinstance(walk, BvhIntersector)
+        walk.leaves.numbers = sh.Table(data.numbers[structure.items], sh.Attrib1i, "items")
+        self.eyes = stages.generator(tracer, eye_rays_of(data.camera))
+        programs = {"generate": self.eyes, "meet": stages.meeting(walk), "shade": stages.shading(tracer)}
+        options: dict[str, Any] = {"precision": integrator.precision, "math": integrator.math, "loop_limit": None}
+        self.kernels = {name: program.compile(data.backend, **options) for name, program in programs.items()}
+        for name, value in data.uniforms.items():
+            self.eyes.params[name].value = value
+        self.point = stages.point_of(tracer)
+        self.fingerprint = probed(data.backend, integrator)
+        self.visits, self.done = 0, list[Records]()
+
+    def begin(self, top: int, count: int, width: int, first: int) -> Records:
+        """Make the eye rays of rows from `top` on; `first` is the number of the first pixel."""
+        self.eyes.params["first_row"].value = top
+        made = self.kernels["generate"](shape=(count, width))
+        records, size = Records({}), count * width
+        for name in stages.Generated._fields:
+            records.take(name, getattr(made, name))
+        for name, column in records.columns.items():
+            records.columns[name] = column.reshape(size, *column.shape[2:])
+        records.take("point", sh.Stream.empty(size, self.point, backend="numpy").numpy())
+        records.columns["place"] = np.arange(first, first + size)
+        return records
+
+    def first_step(self, *band: int) -> Stepped:
+        """Make eye rays and take them as far as they go here; the arguments are those of `begin`."""
+        return self._follow([self._aimed(self.begin(*band))])
+
+    def step(self, incoming: Records) -> Stepped:
+        """Take rays that have come here as far as they go here."""
+        return self._follow(self._advanced(incoming))
+
+    def _follow(self, batches: list[Records]) -> Stepped:
+        sent: dict[int, list[Records]] = {}
+        while len(found := joined(batches)):
+            goals = found.columns["goal"]
+            for goal in np.unique(goals).tolist():
+                if goal != self.data.number:
+                    sent.setdefault(goal, []).append(found[goals == goal])
+            batches = self._advanced(found[goals == self.data.number])
+        done, visits = joined(self.done), self.visits
+        self.done, self.visits = [], 0
+        return Stepped({goal: joined(parts) for goal, parts in sent.items()}, done, visits, self.fingerprint)
+
+    def _advanced(self, records: Records) -> list[Records]:
+        """Shade the rays that are to be shaded here, and let the others meet the triangles; return where they go."""
+        if not len(records):
+            return []
+        shading, batches = records.columns["shading"], []
+        if shading.any():
+            shaded = self._shade(records[shading])
+            finished = shaded.columns["state"] == stages.FINISHED
+            self.done.append(_pixels(shaded[finished]))
+            batches.append(self._aimed(shaded[~finished]))
+        if not shading.all():
+            batches.append(self._meet(records[~shading]))
+        return batches
+
+    def _aimed(self, records: Records) -> Records:
+        """Send new rays on their way: they have met nothing."""
+        size, columns = len(records), records.columns
+        columns["nearest.l"] = columns["ray.limit"].copy()
+        columns["nearest.uv"] = np.zeros((size, 2), np.float32)
+        columns["nearest.id"] = np.full(size, -1, np.int32)
+        columns["visited"] = np.zeros(size, np.int64)
+        columns["owner"] = np.full(size, -1, np.int64)
+        return self._routed(records)
+
+    def _meet(self, records: Records) -> Records:
+        """Let rays meet the triangles of this part."""
+        before = records.columns["nearest.id"]
+        self.visits += len(records)
+        found = self.kernels["meet"](ray=records.given("ray"), nearest=records.given("nearest"))
+        records.take("nearest", found)
+        mine = records.columns["nearest.id"] != before
+        records.columns["owner"] = np.where(mine, self.data.number, records.columns["owner"])
+        records.columns["visited"] = records.columns["visited"] | (1 << self.data.number)
+        return self._routed(records)
+
+    def _routed(self, records: Records) -> Records:
+        """Set the part to which each ray goes next, and whether it is to be shaded there."""
+        columns = records.columns
+        goal = next_part(records, self.data.low, self.data.high)
+        tracing = columns["ray.tracing"].astype(bool)
+        met = columns["nearest.id"] >= 0
+        columns["shading"] = (goal < 0) | (met & ~tracing)  # any hit ends a shadow ray
+        owner = np.where(met & tracing, columns["owner"], self.data.number)
+        columns["goal"] = np.where(columns["shading"], owner, goal)
+        return records
+
+    def _shade(self, records: Records) -> Records:
+        """Take in what rays have met; the triangles that eye and mirrored rays have met are this part's."""
+        columns = records.columns
+        met = columns["nearest.id"] >= 0
+        own = np.searchsorted(self.data.numbers, columns["nearest.id"]).clip(0, len(self.data.numbers) - 1)
+        columns["nearest.id"] = np.where(met, own, -1).astype(np.int32)
+        program = self.kernels["shade"]
+        names = ("ray", "nearest", "light", "point", "pixel", "state")
+        found = program(**{name: records.given(name) for name in names})
+        for name in stages.SHADED:
+            records.take(name, getattr(found, name))
+        return records
+
+
+def _pixels(records: Records) -> Records:
+    """Return the layers of pixels that are finished, in the order of `Pixel`, and their places."""
+    names = [f"pixel.{name}" for name in Pixel._fields]
+    return Records({name: records.columns[name] for name in (*names, "place")})

@@ -1,0 +1,122 @@
+"""Pictures of scenes that are cut into parts, each held by one worker, have the bits of one process."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from raytracer import ClusterError, Material, Path, PointLight, Scene, SceneError, Staged, Surface, Texture, render
+from raytracer.cluster import connection
+from raytracer.cluster.job import Job
+from raytracer.cluster.partitioned import _groups, render_partitioned
+from raytracer.cluster.records import Records, next_part
+from raytracer.integrators.integrator import Whitted
+from raytracer.meshes.shapes import box, floor, sphere
+
+LAYERS = ("pixels", "depth", "normal", "object_id", "rays")
+
+
+@pytest.fixture(scope="module")
+def client():
+    with connection.connected("local:2") as found:
+        yield found
+
+
+def striped(hit):
+    return Surface(color=sh.cond(sh.fract(4 * hit.position.x) < 0.5, sh.Color3f(0.9), sh.Color3f(0.1)))
+
+
+def mirrors():
+    """Boxes and balls that share faces, edges and corners, with lights, mirrors, a program and a texture."""
+    mirror = Material((0.9, 0.9, 0.9), reflectivity=0.7)
+    picture = Material(Texture(np.random.default_rng(0).random((4, 4, 3))))
+    meshes = (
+        box((1, 1, 1), mirror),
+        box((1, 1, 1), Material(surface=striped)).moved((1, 0, 0)),
+        box((1, 1, 1), mirror).moved((1, 0, 0)),  # each of its triangles twice: ties are broken by the number
+        sphere(0.7, Material((0.8, 0.2, 0.1), specular=0.6), rings=6, segments=8).moved((-0.5, 1.2, 0)),
+        floor(9, picture).moved((0, -0.5, 0)),
+    )
+    return Scene(meshes, (PointLight((3, 6, 5), (0.8, 0.8, 0.7)), PointLight((-4, 5, 3), (0.3, 0.3, 0.4))))
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4, 8])
+def test_any_number_of_parts_makes_the_same_picture(client, parts):
+    given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
+    found = render(mirrors(), (18, 13), cluster=client, partitions=parts, **given)
+    wanted = render(mirrors(), (18, 13), **given)
+    for name in LAYERS:
+        a, b = found.layers[name], wanted.layers[name]
+        np.testing.assert_array_equal(a.view(np.uint32), b.view(np.uint32), err_msg=name)
+    assert found.stats.rays == wanted.stats.rays
+    moved = found.stats.moved
+    assert moved["traced"] >= found.stats.rays - 18 * 13
+    assert (moved["records"] > 0) == (moved["bytes"] > 0) == (parts > 1)
+    assert (moved["rounds"] == 1) == (parts == 1)
+
+
+def test_a_part_holds_its_own_triangles_alone():
+    random = np.random.default_rng(3)
+    centres = random.random((1000, 3)) * (9, 1, 1)
+    groups = _groups(centres, np.arange(1000), 7)
+    assert sorted(np.concatenate(groups).tolist()) == list(range(1000))
+    assert max(map(len, groups)) - min(map(len, groups)) <= 3
+    ends = sorted((centres[group, 0].min(), centres[group, 0].max()) for group in groups[:2])
+    assert ends[0][1] <= ends[1][0]
+
+
+def test_a_ray_goes_to_the_part_that_it_enters_next():
+    low = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    high = low + 1
+
+    def goals(eye, ray, reach=np.inf, visited=0):
+        columns = {"ray.eye": [eye], "ray.direction": [ray], "nearest.l": [reach], "visited": [visited]}
+        return next_part(Records({name: np.array(value) for name, value in columns.items()}), low, high).tolist()
+
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0)) == [0]
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), visited=0b001) == [1]
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), visited=0b111) == [-1]
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), reach=1.5, visited=0b001) == [-1]
+    assert goals((4.0, 0.5, 0.5), (-1.0, 0.0, 0.0)) == [2]
+    assert goals((1.5, 0.5, 0.5), (0.0, 0.0, 1.0)) == [1]
+    assert goals((1.5, 1.5, 0.5), (0.0, 0.0, 1.0)) == [-1]
+    assert goals((1.5, 0.5, 0.5), (np.nan, 0.0, 1.0)) == [-1]
+
+
+def triangles(hit):
+    return Surface(color=sh.Color3f(sh.Attrib1f(hit.triangle)))
+
+
+@pytest.mark.parametrize(
+    ("material", "given", "message"),
+    [
+        (Material(transmission=1.0), {}, "this scene has glass"),
+        (Material(cutout=Texture(np.ones((1, 1)))), {}, "partitions have no cutouts"),
+        (Material(surface=triangles), {}, "a program reads Hit.triangle"),
+        (Material(), {"partitions": 0}, "a scene is cut into 1 to 62 partitions, not 0"),
+        (Material(), {"integrator": Path()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
+        (Material(), {"integrator": Staged()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
+        (Material(), {"accel": "grid"}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
+        (Material(), {"accel": "ldc:32"}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
+        (Material(), {"precision": "f16"}, 'partitions work at precision="f32" or "f64"'),
+        (Material(), {"tile_rows": 2}, "resume and tile_rows are for scenes that every worker holds"),
+        (Material(), {"cluster": None}, "tile_rows and partitions are for the workers of a cluster"),
+    ],
+)
+def test_what_partitions_cannot_render_is_refused(client, material, given, message):
+    scene = Scene(box((1, 1, 1), material))
+    with pytest.raises(SceneError, match=message):
+        render(scene, (4, 4), backend="numpy", **{"cluster": client, "partitions": 2, **given})
+
+
+def test_the_loss_of_a_worker_with_a_part_is_told(client):
+    pid = next(iter(client.run(os.getpid).values()))
+
+    def kill(done, rows):
+        os.kill(pid, signal.SIGKILL)
+
+    job = Job(mirrors(), Whitted(bounces=2), "numpy")
+    with pytest.raises(ClusterError, match="lost"):
+        render_partitioned(client, job, (400, 700), 2, progress=kill)
