@@ -66,23 +66,36 @@ def render(
     if cluster is not None:
         if max_error is not None:
             raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
-        if not (tile_rows is None or (isinstance(tile_rows, int) and tile_rows > 0)):
-            raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
         job = Job(scene, wanted, backend or sh.default_backend())
-        if partitions is not None:
-            check_partitions(job, partitions)
-            if resume is not None or tile_rows is not None:
-                raise SceneError("resume and tile_rows are for scenes that every worker holds: leave out partitions")
-        with connected(cluster) as client:
-            if partitions is not None:
-                return render_partitioned(client, job, size, partitions, progress=progress)
-            return render_tiles(client, job, size, tile_rows=tile_rows, resume=resume, progress=progress)
+        return _by_workers(cluster, job, size, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, wanted, backend, progress)
     return Renderer(scene, integrator=wanted, backend=backend).render(size, progress=progress, resume=resume)
+
+
+def _by_workers(
+    cluster: Any,
+    job: Job,
+    size: tuple[int, int],
+    tile_rows: int | None,
+    partitions: int | None,
+    resume: Resume,
+    progress: Progress | None,
+) -> Image:
+    """Render by the workers of a cluster, which hold the scene or, with `partitions`, parts of it."""
+    if not (tile_rows is None or (isinstance(tile_rows, int) and tile_rows > 0)):
+        raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
+    if partitions is not None:
+        check_partitions(job, partitions)
+        if resume is not None or tile_rows is not None:
+            raise SceneError("resume and tile_rows are for scenes that every worker holds: leave out partitions")
+    with connected(cluster) as client:
+        if partitions is not None:
+            return render_partitioned(client, job, size, partitions, progress=progress)
+        return render_tiles(client, job, size, tile_rows=tile_rows, resume=resume, progress=progress)
 
 
 def _within(

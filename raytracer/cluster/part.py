@@ -29,7 +29,7 @@ from raytracer.scene.layout import Layout
 
 @dataclass(frozen=True, eq=False)
 class PartData:
-    """What a worker is sent of a scene: the layout of the part `number`, and what all parts share.
+    """The layout of the part `number` of a scene, and what all parts share, as a worker is sent them.
 
     `numbers` are those of its triangles in the whole scene, ascending; `low` and `high` (k, 3) are the boxes of all
     parts; `black` is `SurfaceTables.black` of the whole scene, and `uniforms` are those of its eye rays.
