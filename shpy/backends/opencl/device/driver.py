@@ -201,7 +201,7 @@ class Machine:
         self.pool = Pool()
         self._uploads: list[Any] = []
         """Copies to the device that may be under way: they keep their arrays."""
-        self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any]]] = WeakKeyDictionary()
+        self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any, bool]]] = WeakKeyDictionary()
         self.may_take_long = False
         """True if a run over streams that may not be brief was started since its end was last waited for."""
 
@@ -322,32 +322,30 @@ class Machine:
         `size`: the components of an element; `padded`: each vector is followed by a number that nobody reads.
         """
         copies = self._tables.setdefault(data, {})
-        version, buffer = copies.get((dtype, padded), (None, None))
+        version, buffer, sent = copies.get((dtype, padded), (None, None, False))
         if version == data.version:
             return buffer
-        changed = data.changed_since(version)
+        changed = data.changed_since(version) if sent else None
         if changed is not None:
-            for start, stop in changed:
-                self._send_part(buffer, _as_held(data.array[start:stop], dtype, padded), start)
-            self.queue.finish()
-            copies[dtype, padded] = (data.version, buffer)
+            self._send(buffer, {start: _as_held(data.array[start:stop], dtype, padded) for start, stop in changed})
         else:
             array = _as_held(data.array, dtype, padded)
             buffer = self.lend(array, size)
+            # What is lent, or small, is taken anew after a change: commands to a queue would take longer.
+            sent = buffer is None and array.nbytes >= _WORTH_LENDING
             if buffer is None:
                 flags = self.cl.mem_flags
                 buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
-            copies[dtype, padded] = (data.version, buffer)
+        copies[dtype, padded] = (data.version, buffer, sent)
         return buffer
 
-    def _send_part(self, buffer: Any, part: Array, start: int) -> None:
-        """Write elements to their places in a buffer. It is mapped, as it may be an array's own memory."""
-        offset = start * part[0].nbytes
-        mapped, _ = self.cl.enqueue_map_buffer(
-            self.queue, buffer, self.cl.map_flags.WRITE, offset, part.shape, part.dtype
-        )
-        mapped[...] = part
-        mapped.base.release(self.queue)
+    def _send(self, buffer: Any, parts: dict[int, Array]) -> None:
+        """Write parts to their places along the first axis of a buffer."""
+        copy, copied = self.cl.enqueue_copy, []
+        for start, part in parts.items():
+            offset = start * part[0].nbytes
+            copied.append(copy(self.queue, buffer, part, dst_offset=offset, is_blocking=False))
+        self.cl.wait_for_events(copied)
 
     @property
     def lanes(self) -> int:
