@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from raytracer.accel.planes import by_components, largest_of
+from raytracer.accel.planes import largest_of
 
 Floats = NDArray[np.float32]
 Bounds = NDArray[np.floating]
@@ -68,16 +68,13 @@ def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> B
 
 def grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
     """Round boxes to `dtype` and grow them by a rounding of their coordinates, so that no triangle lies in a face."""
-    largest = largest_of(np.maximum(np.abs(lows), np.abs(highs)))[:, None]
-    grow = float(np.finfo(dtype).eps) * largest + GROWTH
+    grow = growth_of(largest_of(np.maximum(np.abs(lows), np.abs(highs))), dtype)[:, None]
     return (lows - grow).astype(dtype), (highs + grow).astype(dtype)
 
 
-def boxes_of(corners: NDArray[np.floating], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
-    """Return the boxes that leaves hold of triangles with `corners` (N, 3, 3): the lower and the upper corners."""
-    a, b, c = by_components(np.asarray(corners, dtype=np.float64))
-    low, high = grown(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c), dtype)
-    return np.ascontiguousarray(low), np.ascontiguousarray(high)
+def growth_of(largest: NDArray[np.floating], dtype: np.dtype[Any]) -> NDArray[np.float64]:
+    """Return by how much boxes are grown of which these are the largest coordinates, (N,)."""
+    return float(np.finfo(dtype).eps) * largest.astype(np.float64) + GROWTH
 
 
 def unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:

@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, DESCENT, END, Bvh, boxes_of, build_bvh, half_area
+from raytracer.accel.bvh import COUNT_BITS, DESCENT, END, Bvh, build_bvh, growth_of, half_area
+from raytracer.accel.planes import copy_columns
+from raytracer.accel.shape import Shape
 
 Corners = NDArray[np.floating]
 Ints = NDArray[np.int64]
@@ -37,8 +38,8 @@ class Forest:
     """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
 
     `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those
-    (octant, first, past) of nodes whose links did, `stale_items` the ranges of `bvh.items`. `rebuilt` counts
-    hierarchies of objects that were built anew.
+    (octant, first, past) of nodes whose links did, `stale_items` the ranges of `bvh.items`. `shapes` are those that
+    objects have taken, and `rebuilt` counts hierarchies of objects that were built anew.
     """
 
     def __init__(self, corners: Corners, moving: Sequence[tuple[int, int]], dtype: DTypeLike = np.float32) -> None:
@@ -62,6 +63,7 @@ class Forest:
         self.objects = [_Object(self.bvh, *place) for place in zip(roots, places, [m[0] for m in moving], strict=False)]
         for known, (first, past) in zip(self.objects, self.moving, strict=True):
             known.put(build_bvh(corners[first:past], dtype))
+        self.shapes = [Shape(size, self.dtype) for size in sizes]
         self.past_objects = END
         if self.still is not None:
             self.past_objects = int(roots[-1])
@@ -76,15 +78,15 @@ class Forest:
         self.stale_links: list[tuple[int, int, int]] = []
         self.stale_items: list[tuple[int, int]] = []
 
-    def change(self, number: int, corners: Corners) -> None:
-        """Take new corners (n, 3, 3) of the moving object of this number."""
-        known = self.objects[number]
-        known.refit(corners, self.dtype)
+    def change(self, number: int) -> None:
+        """Fit the hierarchy of the moving object of this number to its shape, which has changed."""
+        known, shape = self.objects[number], self.shapes[number]
+        known.refit(shape.sides)
         if known.cost() > DEGRADED * known.built_cost:
-            known.put(build_bvh(corners, self.dtype))
+            known.put(build_bvh(shape.corners, self.dtype))
             self.rebuilt += 1
             self.stale_links += [(octant, known.root, known.root + known.count) for octant in range(8)]
-        self.stale_items.append((known.item, known.item + len(corners)))
+        self.stale_items.append((known.item, known.item + len(shape)))
         self.stale_boxes.append((known.root, known.root + known.count))
 
     def join(self) -> None:
@@ -123,25 +125,30 @@ class _Object:
         starts, counts = code >> COUNT_BITS, code & ((1 << COUNT_BITS) - 1)
         # The first triangle of each leaf, the second, and so on; of a leaf with fewer, the last one again.
         self.members = [built.items[starts + np.minimum(k, counts - 1)] for k in range(int(counts.max()))]
-        self.levels = _levels(np.where(inner, first, -1), np.where(inner, past[np.maximum(first, 0)], -1))
+        self.order, self.levels = _levels(np.where(inner, first, -1), np.where(inner, past[np.maximum(first, 0)], -1))
+        self.place = np.argsort(self.order)
+        self.leaf_places = self.place[self.leaves]
+        self.ordered, self.placed = (np.empty((self.count, 6), built.low.dtype) for _ in range(2))
         self.weights = np.full(self.count, DESCENT)
         self.weights[self.leaves] = counts
         self.ends = [np.flatnonzero(links[:, 1] == END) + self.root for links in built.links]
         self.next: list[int | None] = [None] * 8
         self.built_cost = self.cost()
 
-    def refit(self, corners: Corners, dtype: np.dtype[Any]) -> None:
-        """Fit the boxes to new corners (n, 3, 3)."""
-        lows, highs = boxes_of(corners, dtype)
-        span = slice(self.root, self.root + self.count)
-        low, high = self.bvh.low[span], self.bvh.high[span]
+    def refit(self, sides: NDArray[np.floating]) -> None:
+        """Fit the boxes to those of triangles in other places; see `Shape`."""
         # Member by member of all leaves: several times as fast as `reduceat`, which goes number by number. `take` is
         # several times as fast as an index.
-        low[self.leaves] = reduce(np.minimum, (lows.take(members, axis=0) for members in self.members))
-        high[self.leaves] = reduce(np.maximum, (highs.take(members, axis=0) for members in self.members))
-        for nodes, left, right in self.levels:
-            low[nodes] = np.minimum(low.take(left, axis=0), low.take(right, axis=0))
-            high[nodes] = np.maximum(high.take(left, axis=0), high.take(right, axis=0))
+        held = reduce(np.minimum, (sides.take(members, axis=0) for members in self.members))
+        held -= growth_of(reduce(np.maximum, np.abs(held.T)), sides.dtype).astype(sides.dtype)[:, None]
+        ordered, placed = self.ordered, self.placed
+        ordered[self.leaf_places] = held
+        for inner, first, middle, past in self.levels:
+            ordered[inner] = np.minimum(ordered[first:middle], ordered[middle:past])
+        ordered.take(self.place, axis=0, out=placed, mode="clip")
+        span = slice(self.root, self.root + self.count)
+        copy_columns(self.bvh.low[span], placed[:, :3])
+        copy_columns(self.bvh.high[span], -placed[:, 3:])
 
     def cost(self) -> float:
         """Return the expected cost of a ray that meets the root, by the surface area heuristic."""
@@ -211,11 +218,18 @@ def _put(bvh: Bvh, part: Bvh, root: int, item: int, past: int) -> None:
     bvh.links[:, span, 1] = np.where(after == END, past, after + root)
 
 
-def _levels(left: Ints, right: Ints) -> list[tuple[Ints, Ints, Ints]]:
-    """Return the inner nodes level by level from the bottom up, with their children; -1 for those of leaves."""
-    levels = []
-    nodes = np.zeros(1, np.int64)
-    while len(nodes := nodes[left[nodes] >= 0]):
-        levels.append((nodes, left[nodes], right[nodes]))
-        nodes = np.concatenate([left[nodes], right[nodes]])
-    return levels[::-1]
+def _levels(left: Ints, right: Ints) -> tuple[Ints, list[tuple[Ints, int, int, int]]]:
+    """Return the order of nodes level by level, and from the bottom up what joins each level to the one below.
+
+    `left` and `right` are the children, -1 for those of leaves. In the order a level has the left children of the inner
+    nodes above it, then the right ones: from `first` to `middle` and from there to `past`. `inner` are these nodes'
+    places in the order.
+    """
+    order, levels, nodes, begin = [], [], np.zeros(1, np.int64), 0
+    while len(nodes):
+        order.append(nodes)
+        inner = np.flatnonzero(left[nodes] >= 0)
+        first = begin + len(nodes)
+        levels.append((begin + inner, first, first + len(inner), first + 2 * len(inner)))
+        nodes, begin = np.concatenate([left[nodes[inner]], right[nodes[inner]]]), first
+    return np.concatenate(order), levels[-2::-1]

@@ -29,8 +29,10 @@ class Motion:
         self.meshes = list(meshes)
         self.changed: set[int] = set()
         self._given = list(meshes)
+        self._shown = list(meshes)
         self._transforms: dict[int, NDArray[np.float64]] = {}
         self._bounds: dict[int, NDArray[np.float64]] = {}
+        self._used: dict[int, tuple[Any, Any]] = {}
 
     def move(self, name: str | int, transform: ArrayLike) -> None:
         """Transform all meshes of a name, or the one of a number, as they were given."""
@@ -82,6 +84,16 @@ class Motion:
         return found
 
     @property
+    def changes(self) -> dict[int, tuple[Mesh, Mesh]]:
+        """The meshes that changed by their numbers, each with the one that the picture shows."""
+        return {number: (self.meshes[number], self._shown[number]) for number in sorted(self.changed)}
+
+    def settle(self) -> None:
+        """Take the meshes for those that the picture shows."""
+        self._shown = list(self.meshes)
+        self.changed.clear()
+
+    @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The corners of the box round all triangles."""
         boxes = [self._box(number) for number, mesh in enumerate(self.meshes) if len(mesh)]
@@ -96,11 +108,22 @@ class Motion:
     def _box(self, number: int) -> Any:
         if number not in self._bounds:
             mesh = self.meshes[number]
-            used = np.zeros(len(mesh.vertices), bool)
-            used[mesh.faces] = True
-            by_axis = mesh.vertices[used].T.copy()  # min and max of contiguous numbers are ten times as fast
+            by_axis = mesh.vertices[
+                self._used_by(number)
+            ].T.copy()  # min and max of contiguous numbers are ten times as fast
             self._bounds[number] = np.stack([by_axis.min(axis=1), by_axis.max(axis=1)])
         return self._bounds[number]
+
+    def _used_by(self, number: int) -> Any:
+        """Return an index of the vertices that faces have, which no move changes."""
+        faces, used = self._used.get(number, (None, None))
+        mesh = self.meshes[number]
+        if faces is not mesh.faces:
+            found = np.zeros(len(mesh.vertices), bool)
+            found[mesh.faces] = True
+            used = slice(None) if found.all() else np.flatnonzero(found)
+            self._used[number] = mesh.faces, used
+        return used
 
 
 _AT_VERTICES = ("normals", "colors", "uv")

@@ -43,6 +43,8 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     It does not tell programs of materials and lights from each other.
     """
     environment = scene.environment
+    if layout.forest is not None:
+        layout = layout.exact(scene)
     places: dict[Texture, int] = {}
     used = [
         {name: places.setdefault(texture, len(places)) for name, texture in material.textures.items()}

@@ -177,14 +177,13 @@ class Renderer:
         origin, scale = frame_of(*motion.bounds, precision)
         stays = np.array_equal(origin, layout.origin) and scale == layout.scale
         if stays and motion.changed <= set(self._moving):
-            changed = {number: motion.meshes[number] for number in sorted(motion.changed)}
-            stays = self._tracer.renew(layout, layout.put(self._moving, changed, precision))
+            stays = self._tracer.renew(layout, layout.put(self._moving, motion.changes, precision))
         else:
             self._moving = tuple(sorted(motion.changed | set(self._moving)))
             stays = False
         if not stays:
             self._prepare()
-        motion.changed.clear()
+        motion.settle()
 
     def _tracer_of(self, layout: Layout) -> Tracer | PathTracer:
         """Return the tracer of the integrator and of what the scene has."""

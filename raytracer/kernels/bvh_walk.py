@@ -20,7 +20,9 @@ import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import COUNT_BITS, Bvh
 from raytracer.accel.forest import Forest
+from raytracer.accel.planes import copy_columns
 from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest, Walk, farther, is_ray
+from raytracer.scene.layout import Change
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
 
 MARGIN = 8.0
@@ -37,6 +39,8 @@ class BvhIntersector(Walk):
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
         levels = Triangles.levels_in(triangles)
+        if bvh.low.dtype == np.float32:
+            triangles = np.asarray(triangles, np.float32)  # half the memory, and a table need not keep it twice
         self.triangles = Triangles(triangles, levels=levels)
         leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
         self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
@@ -51,18 +55,19 @@ class BvhIntersector(Walk):
         self.steepest = min(float(working.max), FAR)
         self.vote = sh.any_lane if together else sh.Attrib1b
 
-    def renew(self, forest: Forest, triangles: Any, ranges: Sequence[tuple[int, int]]) -> None:
-        """Update the parts of the tables that changed, of `forest.bvh` and of the triangles in `ranges`.
+    def renew(self, forest: Forest, changes: Sequence[Change]) -> None:
+        """Update the parts of the tables that changed: of `forest.bvh`, and of the triangles.
 
-        The ranges are those of the objects that `forest.change` was given, in the same order.
+        The changes are those that `forest.change` was told, in the same order.
         """
         bvh, nodes = forest.bvh, len(forest.bvh.low)
-        for (first, past), (item, end) in zip(ranges, forest.stale_items, strict=True):
-            rows, items = triangles[3 * first : 3 * past], bvh.items[item:end]
-            levels, order = Triangles.levels_in(rows), items - first
-            self.triangles.renew(rows, levels, first)
+        for (first, _, shape, _), (item, end) in zip(changes, forest.stale_items, strict=True):
+            items = bvh.items[item:end]
+            order = items - first
+            self.triangles.renew(shape.rows, shape.levels, first)
             self.items.update(items, start=item)
-            self.leaves.renew(np.reshape(rows, (-1, 12)).take(order, axis=0).reshape(-1, 4), levels[order], item)
+            leaves = shape.rows.reshape(-1, 12).take(order, axis=0).reshape(-1, 4)
+            self.leaves.renew(leaves, shape.levels.take(order), item)
         for first, past in forest.stale_boxes:
             self.boxes.update(box_rows(bvh.low[first:past], bvh.high[first:past]), start=2 * first)
         for octant, first, past in forest.stale_links:
@@ -132,7 +137,8 @@ class BvhIntersector(Walk):
 def box_rows(low: Any, high: Any) -> Any:
     """Return rows (2M, 4) of the lower and the upper corner of M boxes, and a component of padding."""
     rows = np.zeros((len(low), 2, 4), low.dtype)
-    rows[:, 0, :3], rows[:, 1, :3] = low, high
+    copy_columns(rows[:, 0], low)
+    copy_columns(rows[:, 1], high)
     return rows.reshape(-1, 4)
 
 

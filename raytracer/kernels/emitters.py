@@ -80,7 +80,7 @@ class Emitters:
 
     def _choices(self, layout: Layout) -> Choices:
         """Return what can be chosen: the placed lights, the triangles that shine, what is around."""
-        corners = layout.triangles[:, :3].reshape(-1, 3, 3)
+        corners = layout.triangles[:, :3].astype(np.float64).reshape(-1, 3, 3)
         size = float(np.linalg.norm(np.ptp(corners, axis=(0, 1))))
         fading = layout.lights[1::2, 3] > 0
         shining, areas, glows = shining_triangles(layout, self.surfaces)
@@ -261,7 +261,8 @@ def shining_triangles(
     """Return the numbers of the triangles that shine, their areas, and their expected brightness."""
     glows = surfaces.glow[layout.material_of, 3]
     shining = np.flatnonzero(glows > 0)
-    a, b, c = layout.triangles[:, :3].reshape(-1, 3, 3)[shining].swapaxes(0, 1)
+    corners = layout.triangles[:, :3].reshape(-1, 3, 3)[shining]
+    a, b, c = corners.astype(np.float64).swapaxes(0, 1)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     there = areas > 0
     return shining[there], areas[there], glows[shining[there]]

@@ -26,7 +26,7 @@ from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER, meet, renew_walk, scene_walk
-from raytracer.scene.layout import Layout
+from raytracer.scene.layout import Change, Layout
 from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -121,10 +121,10 @@ class PathTracer:
             "cutouts": self.surfaces.accept is not None,
         }
 
-    def renew(self, layout: Layout, ranges: Sequence[tuple[int, int]]) -> bool:
-        """Update the tables for triangles in `ranges` that changed; return False where a kernel must be made anew."""
-        renew_walk(self.intersector, layout, ranges)
-        self.surfaces.renew(layout, ranges)
+    def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
+        """Update the tables after changes; return False where a kernel must be made anew."""
+        renew_walk(self.intersector, layout, changes)
+        self.surfaces.renew(layout, changes)
         return self.emitters.renew(layout)
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:

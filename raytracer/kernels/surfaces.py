@@ -20,7 +20,7 @@ from raytracer.appearance.materials import CUTOFF
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
-from raytracer.scene.layout import Layout, is_programmed
+from raytracer.scene.layout import Change, Layout, is_programmed
 
 ROUNDINGS = 7
 """The largest distance of a triangle's point from its plane, in roundings of its coordinates: 2 as the weights may not
@@ -63,14 +63,14 @@ class SurfaceTables:
     def __init__(self, layout: Layout, triangles: Triangles) -> None:
         self.triangles = triangles
         self.roundoff = layout.roundoff
-        self.normals = None if layout.normals is None else sh.Table(layout.normals, sh.Attrib4f, "normals")
-        self.colors = None if layout.colors is None else sh.Table(layout.colors, sh.Attrib4f, "colors")
+        self.normals = None if layout.normals is None else sh.Table(layout.held(layout.normals), sh.Attrib4f, "normals")
+        self.colors = None if layout.colors is None else sh.Table(layout.held(layout.colors), sh.Attrib4f, "colors")
         self.appearance = Appearance(layout)
         self.tints = any(map(is_programmed, layout.materials))
         self.uvs = (
             None
             if layout.uvs is None or "uv" not in self.appearance.reads
-            else sh.Table(layout.uvs, sh.TexCoord2f, "uvs")
+            else sh.Table(layout.held(layout.uvs), sh.TexCoord2f, "uvs")
         )
         self.layout = layout
         self.glow = glow_rows(layout, self.appearance)
@@ -88,12 +88,13 @@ class SurfaceTables:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
 
-    def renew(self, layout: Layout, ranges: Sequence[tuple[int, int]]) -> None:
-        """Update the normals, colours and uv coordinates of the triangles in `ranges` (first, past)."""
-        for table, rows in ((self.normals, layout.normals), (self.colors, layout.colors), (self.uvs, layout.uvs)):
-            if table is not None and rows is not None:
-                for first, past in ranges:
-                    table.update(rows[3 * first : 3 * past], start=3 * first)
+    def renew(self, layout: Layout, changes: Sequence[Change]) -> None:
+        """Update the normals, colours and uv coordinates that changed."""
+        for name in ("normals", "colors", "uvs"):
+            table, rows = getattr(self, name), getattr(layout, name)
+            for first, past, _, stale in changes:
+                if table is not None and name in stale:
+                    table.update(layout.held(rows[3 * first : 3 * past]), start=3 * first)
 
     @cached_property
     def scale(self) -> Any:

@@ -23,7 +23,7 @@ from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, renew_walk, scene_walk
-from raytracer.scene.layout import Layout
+from raytracer.scene.layout import Change, Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 
@@ -102,10 +102,10 @@ class Tracer:
             self.features["cutouts"] = True
         self.loops = self.reflects or self.lights.count > 0
 
-    def renew(self, layout: Layout, ranges: Sequence[tuple[int, int]]) -> bool:
-        """Update the tables for triangles in `ranges` that changed; return True: the kernel stays."""
-        renew_walk(self.intersector, layout, ranges)
-        self.surfaces.renew(layout, ranges)
+    def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
+        """Update the tables after changes; return True: the kernel stays."""
+        renew_walk(self.intersector, layout, changes)
+        self.surfaces.renew(layout, changes)
         return True
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:

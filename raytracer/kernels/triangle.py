@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
-from raytracer.accel.planes import levels_of
+from raytracer.accel.planes import levels_of, normals_of
 from shpy import SH_IF
 
 REACH = 2.0**-10
@@ -169,7 +169,9 @@ class Triangles:
     def levels_in(rows: NDArray[Any]) -> NDArray[np.float64]:
         """Return how far the planes of the triangles in `rows` are from 0."""
         parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
-        return levels_of(parts[..., :3], parts[..., 3])
+        corners = parts[..., :3]
+        # Rows that were rounded to another precision hold the corners exactly, which were so before, but not normals.
+        return levels_of(corners, parts[..., 3] if rows.dtype == np.float64 else normals_of(corners))
 
     def renew(self, rows: NDArray[Any], levels: NDArray[np.float64], first: int) -> None:
         """Replace the triangles from the place `first` on; `levels` are those in `rows`."""

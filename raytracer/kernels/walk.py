@@ -20,7 +20,7 @@ from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, RayHit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
-from raytracer.scene.layout import Layout
+from raytracer.scene.layout import Change, Layout
 from shpy import SH_ELSE, SH_IF
 
 Structure = Grid | Bvh | LayeredCube
@@ -95,11 +95,11 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     return exact
 
 
-def renew_walk(walk: Walk | SplitWalk, layout: Layout, ranges: Sequence[tuple[int, int]]) -> None:
-    """Update the tables of a walk through moving objects, whose triangles in `ranges` (first, past) changed."""
+def renew_walk(walk: Walk | SplitWalk, layout: Layout, changes: Sequence[Change]) -> None:
+    """Update the tables of a walk through moving objects after changes."""
     assert isinstance(walk, BvhIntersector)
     assert layout.forest is not None
-    walk.renew(layout.forest, layout.triangles, ranges)
+    walk.renew(layout.forest, changes)
 
 
 def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> RayHit:

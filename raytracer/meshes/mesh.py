@@ -37,7 +37,7 @@ _STEPS = 16
 """Into how many steps components of normals are cut for that."""
 _PAIRS_AT_ONCE = 1 << 20
 _ROWS = 1 << 12
-"""Rows that are multiplied by a matrix at once, at most."""
+"""Rows that are multiplied by a matrix or measured at once, at most."""
 _AT_ONCE = 1 << 12
 """Triangles that are searched for an area at once: the first ones have some, as a rule."""
 
@@ -124,10 +124,10 @@ class Mesh:
 
         What has length 1 already, but for rounding to binary32, stays as it is.
         """
-        length = lengths_of(normals)[..., None]
-        right = np.abs(length - 1) <= 1e-6
-        if right.all():
+        parts = (normals[start : start + _ROWS] for start in range(0, len(normals), _ROWS))  # which a cache holds
+        if all(_has_unit_length(part).all() for part in parts):
             return normals
+        right = _has_unit_length(normals)[..., None]
         kept = np.where(right, normals, unit(normals))
         return np.where(normals.any(axis=-1, keepdims=True), kept, self.face_normals[:, None])
 
@@ -280,6 +280,11 @@ def _places(vertices: Floats) -> Ints:
     number = np.zeros(len(order), np.int64)
     number[order[1:]] = np.cumsum((ordered[1:] != ordered[:-1]).any(axis=1))
     return number
+
+
+def _has_unit_length(vectors: Floats) -> NDArray[np.bool_]:
+    """Return which vectors have length 1, but for rounding to binary32."""
+    return np.asarray(np.abs(lengths_of(vectors) - 1) <= 1e-6)
 
 
 def _product(vectors: Floats, matrix: Floats) -> Floats:

@@ -11,7 +11,8 @@ mesh needs is not there, and `kernels.tracer` records no code for it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build
 from raytracer.accel.forest import Forest
 from raytracer.accel.grid import Grid
+from raytracer.accel.planes import copy_columns
+from raytracer.accel.shape import Shape
 from raytracer.accel.space import WORKING, Rows, rounded, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
 from raytracer.layered.cube import LayeredCube
@@ -28,12 +31,21 @@ from raytracer.scene.lights import PlacedLight, PointLight
 from raytracer.scene.scene import Scene
 
 
+class Change(NamedTuple):
+    """The triangles `first` to `past` - 1 in another `shape`; `stale` names the other tables of which rows changed."""
+
+    first: int
+    past: int
+    shape: Shape
+    stale: frozenset[str]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """The tables of a scene of N triangles, M materials and L lights.
 
     All positions are relative to `origin` (3,), and multiplied by `scale`, a power of two. `structure` is the
-    accelerator, `roundoff` the largest relative error of one rounding.
+    accelerator, `dtype` the working precision of the kernels, `roundoff` its largest relative error of one rounding.
 
     `triangles` (3N, 4), see `triangle_rows`; `normals` (3N, 4) the normals at the corners, None if every mesh is flat;
     `colors` (3N, 4) the colours at the corners, those of the materials included unless a texture or program makes
@@ -47,13 +59,14 @@ class Layout:
 
     `secondary` is the cube that all rays but those from the eye go through, None where they go through `structure`.
 
-    `forest` is the hierarchy of moving objects, of which `structure` is the joined one; None if none moves.
+    `forest` is the hierarchy of moving objects, of which `structure` is the joined one; None if none moves. Where one
+    does, rows are held in the working precision.
     """
 
     origin: NDArray[np.float64]
     scale: float
     structure: Grid | Bvh
-    roundoff: float
+    dtype: np.dtype[Any]
     triangles: Rows
     normals: Rows | None
     colors: Rows | None
@@ -88,12 +101,13 @@ class Layout:
         places = [k for k, mesh in enumerate(scene.meshes) if len(mesh)]
         object_of = np.repeat(places, sizes).astype(np.int32)
         ranges = [_range(object_of, number) for number in moving]
-        forest = Forest(corners, ranges, WORKING.get(precision, np.float32)) if moving else None
-        return cls(
+        dtype = np.dtype(WORKING.get(precision, np.float32))
+        forest = Forest(corners, ranges, dtype) if moving else None
+        found = cls(
             origin=origin,
             scale=scale,
             structure=build(accel, corners, precision, across) if forest is None else forest.bvh,
-            roundoff=float(np.finfo(WORKING.get(precision, np.float32)).eps) / 2,
+            dtype=dtype,
             triangles=triangle_rows(corners),
             normals=_normals(meshes),
             colors=_colors(meshes),
@@ -106,29 +120,61 @@ class Layout:
             uvs=_uvs(meshes) if any(m.textures or m.surface for m in materials) else None,
             forest=forest,
         )
+        return found if forest is None else found.in_working_precision()
 
-    def put(self, moving: Sequence[int], meshes: Mapping[int, Mesh], precision: str) -> list[tuple[int, int]]:
-        """Take other meshes, of as many triangles, in the place of those of these numbers, all of them in `moving`.
+    def in_working_precision(self) -> Layout:
+        """Return the layout with rows as tables hold them: those of objects that move are often computed anew."""
+        normals, colors, uvs = (
+            None if rows is None else self.held(rows) for rows in (self.normals, self.colors, self.uvs)
+        )
+        return replace(self, triangles=self.held(self.triangles), normals=normals, colors=colors, uvs=uvs)
 
-        Return the ranges (first, past) of their triangles. The origin and the scale stay.
+    def exact(self, scene: Scene) -> Layout:
+        """Return the layout of the scene as it would be if nothing moved in it, but for its accelerator."""
+        meshes = [mesh for mesh in scene.meshes if len(mesh)]
+        corners = self.triangles[:, :3].astype(np.float64).reshape(-1, 3, 3)
+        uvs = None if self.uvs is None else _uvs(meshes)
+        return replace(
+            self, triangles=triangle_rows(corners), normals=_normals(meshes), colors=_colors(meshes), uvs=uvs
+        )
+
+    def put(self, moving: Sequence[int], meshes: Mapping[int, tuple[Mesh, Mesh]], precision: str) -> list[Change]:
+        """Take meshes, of as many triangles, in the place of those of these numbers, all of them in `moving`.
+
+        Each comes with the mesh that was in its place. Return what changed. The origin and the scale stay.
         """
         assert self.forest is not None
-        ranges = []
-        for number, mesh in meshes.items():
+        changes = []
+        for number, (mesh, before) in meshes.items():
             first, past = _range(self.object_of, number)
-            corners = rounded((mesh.corners - self.origin) * self.scale, precision)
+            vertices = rounded((mesh.vertices - self.origin) * self.scale, precision)
             rows = slice(3 * first, 3 * past)
-            self.triangles[rows] = triangle_rows(corners)
+            place = list(moving).index(number)
+            shape = self.forest.shapes[place]
+            shape.take(vertices, mesh.faces, self.triangles[rows])
+            stale = set()
             if self.normals is not None:
-                self.normals[rows, :3] = _corner_normals(mesh).reshape(-1, 3)
-            if self.colors is not None:
-                self.colors[rows, :3] = _corner_colors(mesh, self.materials).reshape(-1, 3)
-            if self.uvs is not None:
-                self.uvs[rows] = _uvs([mesh])
-            self.forest.change(list(moving).index(number), corners)
-            ranges.append((first, past))
+                copy_columns(self.normals[rows], _corner_normals(mesh).reshape(-1, 3))
+                stale.add("normals")
+            if self.colors is not None and mesh.colors is not before.colors:
+                copy_columns(self.colors[rows], _corner_colors(mesh, self.materials).reshape(-1, 3))
+                stale.add("colors")
+            if self.uvs is not None and mesh.uv is not before.uv:
+                copy_columns(self.uvs[rows], _uvs([mesh]))
+                stale.add("uvs")
+            self.forest.change(place)
+            changes.append(Change(first, past, shape, frozenset(stale)))
         self.forest.join()
-        return ranges
+        return changes
+
+    def held(self, rows: Rows) -> NDArray[Any]:
+        """Return rows as a table holds them: in binary32 where kernels work so, which takes half the memory."""
+        return rows.astype(np.float32, copy=False) if self.dtype == np.float32 else rows
+
+    @property
+    def roundoff(self) -> float:
+        """The largest relative error of one rounding."""
+        return float(np.finfo(self.dtype).eps) / 2
 
     @property
     def glass(self) -> Rows:

@@ -166,7 +166,8 @@ class Table:
     def _change(self, part: NDArray[Any], start: int) -> None:
         held = {key: data for key, data in self._data.items() if data.version == self._version}
         converted = [self._working(part, key) for key in held]  # before anything changes: it may refuse a number
-        self._array[start : start + len(part)] = part
+        if not any(np.may_share_memory(data.array, self._array) for data in held.values()):
+            self._array[start : start + len(part)] = part
         self._version += 1
         for data, found in zip(held.values(), converted, strict=True):
             data.change(start, found)
@@ -188,7 +189,7 @@ class Table:
     def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range.
 
-        It is the Table's own memory where the dtype is its own: `_change` writes the same numbers to both.
+        Data of the dtype that the table has are the table's own: each change is written once.
         """
         frozen = np.ascontiguousarray(self._working(self._array, dtype)).view()
         frozen.flags.writeable = False
