@@ -1,4 +1,4 @@
-"""What the tables hold of the triangles of one object that has moved: computed anew between two pictures.
+"""The tables of the triangles of one object that moves or is deformed, computed anew between two pictures.
 
 Stage: accelerate. Takes the vertices (V, 3) of an object in a kernel's coordinates, rounded to its working precision,
 and faces (F, 3); a `Shape` keeps the tables of them. A few thousand triangles at a time are computed, whose numbers the
