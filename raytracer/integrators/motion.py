@@ -12,11 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.errors import SceneError
-from raytracer.meshes.folder import shown
+from raytracer.meshes.folder import named
 from raytracer.meshes.mesh import Mesh, affine
-
-_NAMED = 20
-"""Names that a message lists."""
 
 
 class Motion:
@@ -78,9 +75,7 @@ class Motion:
             found = [int(name)] if 0 <= name < len(self.meshes) else []
         if not found:
             names = list(dict.fromkeys(mesh.name for mesh in self.meshes))
-            more = f" and {len(names) - _NAMED:,} more" if len(names) > _NAMED else ""
-            listed = ", ".join(map(shown, names[:_NAMED])) + more
-            raise SceneError(f"the scene has no mesh {name!r}: its meshes are {listed or 'none'}")
+            raise SceneError(f"the scene has no mesh {name!r}: its meshes are {named(names) or 'none'}")
         return found
 
     @property

@@ -12,6 +12,7 @@ others. What a reader leaves out is counted in `Notices`, which says it in one l
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Final
 
@@ -21,6 +22,8 @@ LARGEST: Final = 1 << 30
 """Bytes of a file that another one names."""
 _LISTED = 16
 """Entries of a list in a message."""
+_NAMED = 20
+"""Names of meshes in a message."""
 _LONGEST = 60
 """Characters of a name from a file that are shown."""
 
@@ -101,6 +104,15 @@ def shown(text: str, longest: int = _LONGEST) -> str:
     return line if len(line) <= longest else f"{line[:cut]}...{line[-cut:]}"
 
 
-def _listed(entries: list[str]) -> str:
-    more = f" and {len(entries) - _LISTED} more" if len(entries) > _LISTED else ""
-    return ", ".join(entries[:_LISTED]) + more
+def _listed(entries: Sequence[str]) -> str:
+    """Return entries in one line; of many, the first ones."""
+    return ", ".join(entries[:_LISTED]) + _rest(entries, _LISTED)
+
+
+def named(names: Sequence[str]) -> str:
+    """Return names of meshes in one line, each as it is shown; of many, the first ones."""
+    return ", ".join(map(shown, names[:_NAMED])) + _rest(names, _NAMED)
+
+
+def _rest(entries: Sequence[str], told: int) -> str:
+    return f" and {len(entries) - told:,} more" if len(entries) > told else ""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
-from raytracer.meshes.folder import Notices, shown
+from raytracer.meshes.folder import Notices, named
 from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
@@ -33,8 +33,6 @@ from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import Contents, load_contents
 
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
-_NAMED = 20
-"""Names of meshes that a message shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +81,12 @@ class Scene:
 
     def __repr__(self) -> str:
         lights = f"{len(self.lights)} light{'' if len(self.lights) == 1 else 's'}"
-        return f"<Scene {self.name}: {_listed(self.names)}; {self.triangles:,} triangles, {lights}>"
+        return f"<Scene {self.name}: {named(self.names) or 'no meshes'}; {self.triangles:,} triangles, {lights}>"
 
     def with_material(self, name: str, material: Material) -> Scene:
         """Return the scene with another material for all meshes of this name; SceneError if there are none."""
         if name not in self.names:
-            raise SceneError(f"{self.name} has no mesh {name!r}: its meshes are {_listed(self.names)}")
+            raise SceneError(f"{self.name} has no mesh {name!r}: its meshes are {named(self.names) or 'no meshes'}")
         meshes = [mesh.with_material(material) if mesh.name == name else mesh for mesh in self.meshes]
         return dataclasses.replace(self, meshes=meshes)
 
@@ -226,12 +224,6 @@ def _stranger(thing: Any) -> SceneError:
     cure = "; Scene.load reads a file" if isinstance(thing, str) or hasattr(thing, "__fspath__") else ""
     made = "a Mesh, Instance, trimesh.Trimesh or trimesh.Scene, or several of them"
     return SceneError(f"a scene is made of {made}, not of {type(thing).__name__} {str(thing)[:60]!r}{cure}")
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names in one line; of many, the first ones."""
-    more = len(names) - _NAMED
-    return (", ".join(map(shown, names[:_NAMED])) or "no meshes") + (f" and {more:,} more" if more > 0 else "")
 
 
 BUILTIN: dict[str, Callable[[], Scene]] = {}
