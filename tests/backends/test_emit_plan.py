@@ -1,11 +1,16 @@
 """The plan of a function's text: which value gets a name, and what stands in the head of a loop."""
 
+import numpy as np
 import pytest
 
-from shpy.backends.emit.plan import Wishes, plan
-from shpy.ir.nodes import Let, Store
+from shpy.backends.emit.plan import Wishes, _letters_of, plan
+from shpy.backends.emit.tree import Literal
+from shpy.backends.opencl.text.spell_cl import ClSpeller
+from shpy.ir.constants import encode
+from shpy.ir.nodes import Let, Store, Value
 from shpy.ir.parser import parse
 from shpy.ir.traverse import walk
+from shpy.ir.types import Base, vec
 
 BEGIN = """
 module f
@@ -133,3 +138,10 @@ def test_a_plan_names_each_value_at_most_once():
     assert made.named.isdisjoint(settled)
     assert made.named | set(settled) <= lets
     assert any(isinstance(s, Store) for s in walk(module.entry.body))
+
+
+@pytest.mark.parametrize("x", [0.5, 2.0, -3.0, 1e10, 1.25e-7, 0.1, 65536.0, np.nan])
+def test_the_letters_of_a_number_are_known_before_it_is_spelled(x):
+    const = Let(Value(0, vec(Base.F)), "const", (), encode(vec(Base.F), [x]))
+    spelled = ClSpeller().text(Literal(vec(Base.F), float(np.float32(x))))
+    assert abs(_letters_of(const) - len(spelled)) <= 1, spelled

@@ -261,3 +261,16 @@ def test_a_shift_is_an_operator_where_it_is_known_to_be_less_than_32() -> None:
     assert found[1].tolist() == [((int(k) << m) + 1) % 2**32 for k, m in zip(u, n, strict=True)]
     wanted = [(int(k) >> (int(k) & 31)) + (int(k) << (m & 15)) for k, m in zip(i, n, strict=True)]
     assert found[2].tolist() == [(w + 2**31) % 2**32 - 2**31 for w in wanted]
+
+
+def test_a_vector_of_equal_numbers_is_written_at_each_use() -> None:
+    @sh.program
+    def f(x: sh.Color3f, n: sh.Attrib1i) -> sh.Color3f:
+        grey = sh.Color3f(0.5, 0.5, 0.5)
+        with SH_IF(n > 2):
+            x += grey
+        return x * grey + grey
+
+    source = f.compile("numpy").source
+    assert "    x = select(n > 2, x + 0.5, x)" in source
+    assert "    return x * 0.5 + 0.5" in source

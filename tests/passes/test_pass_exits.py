@@ -100,6 +100,7 @@ def test_an_element_may_end_in_the_continuing_part():
     """
     body = """
     var $n.2: i
+    var $m.3: i
     loop turns 9 {
       %4: i = load $n.2
       %5: i = const 1
@@ -112,19 +113,24 @@ def test_an_element_may_end_in_the_continuing_part():
       if %7 {
         break
       }
+      %10: i = load $m.3
+      %11: i = add %10, %5
+      store $m.3 = %11
     } continuing {
       %8: i = load $n.2
       call stop(%8)
     }
     %9: i = load $n.2
-    %10: f = convert %9
-    store $o.0 = %10
+    %12: i = load $m.3
+    %13: i = add %9, %12
+    %14: f = convert %13
+    store $o.0 = %14
     """
     given = module(body, functions)
     for form in (make_exits_explicit(given).module, make_exits_explicit(inline_calls(given)).module):
         verify(form)
         assert run(form, c=True)[2] == Status.DISCARDED
-        assert run(form, k=2, c=False)[::2] == (2, Status.WRITTEN)
+        assert run(form, k=2, c=False)[::2] == (2 + 1, Status.WRITTEN)
         assert run(form, k=7, c=False)[2] == Status.DISCARDED
 
 

@@ -10,6 +10,7 @@ from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointL
 from raytracer.accel import forest
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.forest import Forest
+from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 
 BACKENDS = ["numpy", "opencl", "glsl"]
@@ -184,6 +185,14 @@ def test_meshes_of_one_name_move_together():
     same(renderer.render(SIZE), expected.render(SIZE))
     with pytest.raises(SceneError, match=r"2 meshes 'stone'.*number, 2, 4"):
         renderer.deform("stone", made.meshes[2].vertices)
+
+
+def test_a_mesh_that_is_missing_is_told_with_the_first_of_many_names():
+    motion = Motion([named(box((1, 1, 1)), f"m{k}") for k in range(23)])
+    with pytest.raises(SceneError, match=r"its meshes are m0, .*, m19 and 3 more$"):
+        motion.numbers("m23")
+    with pytest.raises(SceneError, match=r"its meshes are m0, m1$"):
+        Motion(motion.meshes[:2]).numbers("m2")
 
 
 def test_mistakes_are_refused_and_change_nothing():

@@ -27,6 +27,7 @@ from raytracer.kernels import walk
 from raytracer.kernels.chances import Chances, alias_table, probabilities_of
 from raytracer.kernels.path import PathTracer, power
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
+from raytracer.scene.layout import Layout
 
 WHITE = Material((1, 1, 1), diffuse=1, specular=0)
 BLACK = Material((0, 0, 0), diffuse=0, specular=0)
@@ -412,6 +413,14 @@ def test_choices_have_the_probabilities_that_they_say():
         assert found.sum() == pytest.approx(1, abs=1e-12)
         np.testing.assert_allclose(found, weights / weights.sum(), atol=2e-7)
         assert np.all((found > 0) == (weights > 0))
+
+
+def test_a_light_is_chosen_by_the_power_that_it_has_at_the_size_of_the_scene():
+    lights = [DirectionalLight((0, -1, 0), (3, 3, 3)), PointLight((0, 5, 0), (8, 8, 8), falloff="square")]
+    scene = Scene([floor(6, WHITE)], lights)
+    probabilities = PathTracer(Layout.of(scene, "bvh"), scene, 1, "numpy").emitters.chances.probabilities
+    powers = np.array([3, 8 / (2 * 6.0**2)])
+    np.testing.assert_allclose(probabilities, powers / powers.sum(), rtol=1e-5)
 
 
 def test_the_kernel_makes_those_choices():

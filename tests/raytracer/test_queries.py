@@ -8,7 +8,7 @@ from raytracer import Intersector, Mesh, Scene, SceneError
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels import nearby
-from raytracer.kernels.queries import FEW, MANY, intersect, list_hits
+from raytracer.kernels.queries import FEW, MANY, intersect, list_hits, occluded
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import walk_with
 from raytracer.kernels.wide_walk import WideIntersector
@@ -422,3 +422,16 @@ def test_a_move_that_is_not_rigid_is_refused():
             shoot.move(transform)
     with pytest.raises(SceneError, match=r"a matrix \(4, 4\)"):
         shoot.move(np.eye(3))
+
+
+@pytest.mark.parametrize("accel", ["bvh", "grid", "brute", "ldc:64"])
+def test_a_query_for_any_hit_ends_at_the_first_one(accel):
+    shoot = Intersector(SOUP, accel=accel, backend="numpy")
+    given = shoot._frame.inputs(shoot._rays([(0, 0, 5)], [(0.05, 0.02, -1)], 0.0, np.inf), False)
+    nearest, any_hit = (
+        record(shoot._walk, False).trace(*(np.asarray(part, np.float32) for part in given), at=0)
+        for record in (intersect, occluded)
+    )
+    assert len(any_hit) < len(nearest) / 2
+    # The images of a cube along the other axes are left out.
+    assert accel != "ldc:64" or {s.iterations[0] for s in any_hit if s.name == "axis" and s.iterations} == {1}
