@@ -21,7 +21,8 @@ from functools import reduce
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, DESCENT, END, Bvh, build_bvh, growth_of, half_area
+from raytracer.accel.bvh import COUNT_BITS, DESCENT, END, Bvh, growth_of, half_area
+from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
 
@@ -37,13 +38,17 @@ GAP = 256
 class Forest:
     """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
 
+    `accel` is the name of what builds it, as in `accel.choice`.
+
     `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those
     (octant, first, past) of nodes whose links did, `stale_items` the ranges of `bvh.items`. `shapes` are those that
     objects have taken, and `rebuilt` counts hierarchies of objects that were built anew.
     """
 
-    def __init__(self, corners: Corners, moving: Sequence[tuple[int, int]], dtype: DTypeLike = np.float32) -> None:
-        self.dtype = np.dtype(dtype)
+    def __init__(
+        self, corners: Corners, moving: Sequence[tuple[int, int]], dtype: DTypeLike = np.float32, accel: str = "bvh"
+    ) -> None:
+        self.dtype, self.accel = np.dtype(dtype), accel
         self.moving = list(moving)
         self.rebuilt = 0
         stays = np.ones(len(corners), bool)
@@ -54,7 +59,7 @@ class Forest:
         # An object has room for as many nodes as its triangles can need.
         roots = np.cumsum([len(sizes), *(2 * size - 1 for size in sizes)])
         self.clear()
-        self.still = build_bvh(corners[still], dtype) if len(still) else None
+        self.still = self._built(corners[still]) if len(still) else None
         total = int(roots[-1]) + (0 if self.still is None else len(self.still.low))
         low, high = np.zeros((total, 3), self.dtype), np.zeros((total, 3), self.dtype)
         links, items = np.full((8, total, 2), END, np.int32), np.zeros(len(corners), np.int32)
@@ -62,7 +67,7 @@ class Forest:
         places = np.cumsum([0, *sizes])
         self.objects = [_Object(self.bvh, *place) for place in zip(roots, places, [m[0] for m in moving], strict=False)]
         for known, (first, past) in zip(self.objects, self.moving, strict=True):
-            known.put(build_bvh(corners[first:past], dtype))
+            known.put(self._built(corners[first:past]))
         self.shapes = [Shape(size, self.dtype) for size in sizes]
         self.past_objects = END
         if self.still is not None:
@@ -71,6 +76,9 @@ class Forest:
             items[places[-1] :] = still[self.still.items]
         self.join()
         self.clear()
+
+    def _built(self, corners: Corners) -> Bvh:
+        return HIERARCHIES[self.accel](corners, self.dtype)
 
     def clear(self) -> None:
         """Forget what has changed."""
@@ -83,7 +91,7 @@ class Forest:
         known, shape = self.objects[number], self.shapes[number]
         known.refit(shape.sides)
         if known.cost() > DEGRADED * known.built_cost:
-            known.put(build_bvh(shape.corners, self.dtype))
+            known.put(self._built(shape.corners))
             self.rebuilt += 1
             self.stale_links += [(octant, known.root, known.root + known.count) for octant in range(8)]
         self.stale_items.append((known.item, known.item + len(shape)))

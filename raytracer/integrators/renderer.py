@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import isqrt
 from os import PathLike
 from typing import Any, Unpack
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import shpy as sh
+from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
@@ -33,7 +35,7 @@ from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.memory import check_fits
 from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Layout, light_rows
+from raytracer.scene.layout import Layout, kinds_of, light_rows
 from raytracer.scene.scene import Scene
 
 Progress = Callable[[int, int], None]
@@ -119,7 +121,7 @@ class Renderer:
         of its own. From then on only the parts of tables that the object has are computed and sent, and the accelerator
         of what does not move stays. It is all built anew where the scene grows beyond the next power of two, or moves
         to far away from 0, which `builds` counts. Raises SceneError for unknown names, for other matrices, and for
-        other accelerators than "bvh".
+        accelerators without a hierarchy.
         """
         self._check_movable()
         self._motion.move(name, transform)
@@ -138,20 +140,38 @@ class Renderer:
     def show(self, scene: Scene) -> None:
         """Take another scene, from the next picture on.
 
-        One with as many meshes, of the same faces and materials, and the same lights, background and ambient, is taken
-        as its meshes' movement; for any other all is built anew. Raises SceneError as a new Renderer does.
+        One with as many meshes, of the same faces and materials, and as many lights of the same kinds, is taken as
+        their movement, whatever its background and ambient; for any other all is built anew. Raises SceneError as a new
+        Renderer does, and keeps the scene that it has.
         """
         check_scene(scene, self.integrator)
+        layout = self.layout
         if (
-            _lit_alike(scene, self.scene)
-            and self._obstacle is None
+            layout is not None
             and scene.triangles
-            and self._motion.follow(scene.meshes)
+            and self._obstacle is None
+            and scene.environment is self.scene.environment
         ):
-            self.scene = scene
-            return
-        self.scene, self._motion, self._moving = scene, Motion(scene.meshes), ()
-        self._prepare()
+            lights = light_rows(scene.placed_lights, layout.origin, layout.scale)
+            if kinds_of(lights) == kinds_of(layout.lights) and self._motion.follow(scene.meshes):
+                layout.lights[:] = lights
+                self._tracer.relight(layout, scene)
+                self.scene = scene
+                return
+        with self._whole():
+            self.scene, self._motion, self._moving = scene, Motion(scene.meshes), ()
+            self._prepare()
+
+    @contextmanager
+    def _whole(self) -> Iterator[None]:
+        """Give the Renderer back all that it had if what is done within fails."""
+        before = dict(self.__dict__)
+        try:
+            yield
+        except BaseException:
+            self.__dict__.clear()
+            self.__dict__.update(before)
+            raise
 
     def _check_movable(self) -> None:
         if self._obstacle is not None:
@@ -164,13 +184,18 @@ class Renderer:
         cube = getattr(chosen, "secondary", None) is not None or (chosen.accel is not None and is_layered(chosen.accel))
         if cube:
             return "a layered depth cube"
-        return None if chosen.structure == "bvh" else f"accel={chosen.structure!r}"
+        return None if chosen.structure in HIERARCHIES else f"accel={chosen.structure!r}"
 
     def _follow_motion(self) -> None:
         """Bring tables and accelerators up to where the objects are."""
-        motion = self._motion
-        if not motion.changed:
+        if not self._motion.changed:
             return
+        with self._whole():
+            self._move_tables()
+        self._motion.settle()
+
+    def _move_tables(self) -> None:
+        motion = self._motion
         self.scene = dataclasses.replace(self.scene, meshes=motion.meshes)
         layout, precision = self.layout, self.integrator.precision
         assert layout is not None  # a mesh with triangles has changed
@@ -183,7 +208,6 @@ class Renderer:
             stays = False
         if not stays:
             self._prepare()
-        motion.settle()
 
     def _tracer_of(self, layout: Layout) -> Tracer | PathTracer:
         """Return the tracer of the integrator and of what the scene has."""
@@ -442,14 +466,6 @@ def check_scene(scene: Scene, integrator: Any) -> None:
         raise SceneError('an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out')
     if not scene.triangles:
         raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
-
-
-def _lit_alike(scene: Scene, other: Scene) -> bool:
-    """Return whether two scenes have the same lights, background and ambient light."""
-    origin = np.zeros(3)
-    lights, others = (light_rows(one.placed_lights, origin, 1.0) for one in (scene, other))
-    around = scene.environment is other.environment and scene.ambient == other.ambient
-    return around and np.array_equal(scene.background, other.background) and np.array_equal(lights, others)
 
 
 def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:

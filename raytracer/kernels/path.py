@@ -127,6 +127,12 @@ class PathTracer:
         self.surfaces.renew(layout, changes)
         return self.emitters.renew(layout)
 
+    def relight(self, layout: Layout, scene: Scene) -> None:
+        """Take the lights of a layout, as many and of the same kinds, and a scene's background."""
+        self.emitters.placed.renew(layout.lights)
+        self.emitters.renew(layout)
+        self.background.value = tuple(map(float, scene.background))
+
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
         """Record the program of a band of the picture, from the mean of the samples before to the mean with the new."""
 

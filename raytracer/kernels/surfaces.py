@@ -318,6 +318,11 @@ class LightList:
         self.directions = bool((rows[::2, 3] == 0).any())
         self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
 
+    def renew(self, rows: Rows) -> None:
+        """Take other lights, as many and of the same kinds."""
+        if self.table is not None:
+            self.table.update(rows)
+
     def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
         assert self.table is not None  # else no ray is aimed

@@ -24,6 +24,7 @@ from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout
+from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 
@@ -107,6 +108,12 @@ class Tracer:
         renew_walk(self.intersector, layout, changes)
         self.surfaces.renew(layout, changes)
         return True
+
+    def relight(self, layout: Layout, scene: Scene) -> None:
+        """Take the lights of a layout, as many and of the same kinds, and a scene's background and ambient."""
+        self.lights.renew(layout.lights)
+        self.background.value = tuple(map(float, scene.background))
+        self.ambient.value = float(scene.ambient)
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""

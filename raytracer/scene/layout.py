@@ -91,7 +91,7 @@ class Layout:
     ) -> Layout:
         """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`.
 
-        `moving` are the numbers of the meshes that `put` may replace, where the accelerator is a BVH.
+        `moving` are the numbers of the meshes that `put` may replace, where the accelerator is a hierarchy.
         """
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
@@ -102,7 +102,7 @@ class Layout:
         object_of = np.repeat(places, sizes).astype(np.int32)
         ranges = [_range(object_of, number) for number in moving]
         dtype = np.dtype(WORKING.get(precision, np.float32))
-        forest = Forest(corners, ranges, dtype) if moving else None
+        forest = Forest(corners, ranges, dtype, accel) if moving else None
         found = cls(
             origin=origin,
             scale=scale,
@@ -144,6 +144,7 @@ class Layout:
         Each comes with the mesh that was in its place. Return what changed. The origin and the scale stay.
         """
         assert self.forest is not None
+        self.forest.stale_items.clear()  # of an attempt that was interrupted
         changes = []
         for number, (mesh, before) in meshes.items():
             first, past = _range(self.object_of, number)
@@ -205,6 +206,12 @@ def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale
             rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         rows[2 * k + 1, :3] = light.color
     return rows
+
+
+def kinds_of(lights: Rows) -> tuple[int, bool, bool, bool]:
+    """Return what a kernel is recorded for: how many lights, and if any has a place, a direction, a falloff."""
+    points, fades = lights[::2, 3] > 0, lights[1::2, 3] > 0
+    return len(points), bool(points.any()), bool((~points).any()), bool(fades.any())
 
 
 def _range(object_of: NDArray[np.int32], number: int) -> tuple[int, int]:

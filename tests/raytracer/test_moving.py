@@ -7,8 +7,8 @@ import pytest
 
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Renderer, Scene, SceneError
-from raytracer.accel import forest
 from raytracer.accel.bvh import build_bvh
+from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.forest import Forest
 from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
@@ -103,8 +103,8 @@ def test_what_stays_is_neither_built_nor_sent_again(monkeypatch):
     renderer.move("ball", turned(10))
     renderer.render(SIZE)
     built, sent = [], []
-    monkeypatch.setattr(
-        forest, "build_bvh", lambda corners, *rest: built.append(len(corners)) or build_bvh(corners, *rest)
+    monkeypatch.setitem(
+        HIERARCHIES, "bvh", lambda corners, *rest: built.append(len(corners)) or build_bvh(corners, *rest)
     )
     update = sh.Table.update
 
@@ -138,6 +138,61 @@ def test_the_scene_is_the_one_that_is_shown():
     renderer.move("ball", np.eye(4))
     renderer.render((4, 4))
     assert np.array_equal(renderer.scene.meshes[0].vertices, before)
+
+
+def test_objects_move_in_a_hierarchy_of_another_builder():
+    made = scene()
+    renderer = Renderer(made, backend="numpy", accel="bvh:ploc")
+    ball = made.meshes[0]
+    for angle in (20, 50):
+        renderer.move("ball", turned(angle))
+        there = {"ball": ball.transformed(turned(angle))}
+        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
+    assert renderer.builds == 2
+    assert renderer.layout.forest.accel == "bvh:ploc"
+
+
+@pytest.mark.parametrize("options", [{}, {"integrator": "path", "samples": 2}], ids=["whitted", "path"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_lights_that_move_are_sent_and_nothing_is_built(backend, options):
+    made = scene()
+    renderer = Renderer(made, backend=backend, **options)
+    renderer.render(SIZE)
+    for step in range(1, 3):
+        lights = [PointLight((3 - step, 5, 4), (0.8, 0.7, 0.1 * step)), DirectionalLight((step, -2, -1))]
+        other = dataclasses.replace(made, lights=lights, background=(0.1 * step, 0.2, 0.3), ambient=0.05 * step)
+        renderer.show(other)
+        same(renderer.render(SIZE), Renderer(other, backend=backend, **options).render(SIZE))
+    assert renderer.builds == 1
+    renderer.show(dataclasses.replace(made, lights=[PointLight((3, 5, 4), falloff="square"), *made.lights[1:]]))
+    assert renderer.builds == 2, "a light of another kind is another kernel"
+
+
+def test_a_scene_that_cannot_be_built_leaves_the_one_before():
+    renderer = Renderer(scene(), backend="numpy", tracer="staged")
+    before = renderer.render((8, 6))
+    glass = named(sphere(1.0, Material(transmission=1.0, ior=1.5)), "ball")
+    with pytest.raises(SceneError, match="glass"):
+        renderer.show(scene(meshes=[glass]))
+    assert renderer.scene.names == scene().names
+    same(renderer.render((8, 6)), before)
+
+
+def test_a_picture_that_fails_on_the_way_is_drawn_the_next_time(monkeypatch):
+    made = scene()
+    renderer = Renderer(made, backend="numpy")
+    renderer.render((8, 6))
+    renderer.move("ball", turned(30))
+
+    def fail(*_):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setitem(HIERARCHIES, "bvh", fail)
+        with pytest.raises(MemoryError):
+            renderer.render((8, 6))
+    there = {"ball": made.meshes[0].transformed(turned(30))}
+    same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
 
 
 def test_a_scene_that_grows_beyond_its_scale_is_built_anew():
