@@ -5,7 +5,8 @@ Stage: render. A `Renderer` asks for what has changed before each picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -138,3 +139,15 @@ def _equal(mesh: Mesh, before: Mesh) -> bool:
     return mesh is before or all(
         np.array_equal(getattr(mesh, name), getattr(before, name)) for name in ("vertices", "faces", *_AT_VERTICES)
     )
+
+
+@contextmanager
+def all_or_nothing(changed: object) -> Iterator[None]:
+    """Give an object back the attributes that it had if what is done within fails."""
+    before = dict(changed.__dict__)
+    try:
+        yield
+    except BaseException:
+        changed.__dict__.clear()
+        changed.__dict__.update(before)
+        raise

@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from math import isqrt
 from os import PathLike
 from typing import Any, Unpack
@@ -25,7 +24,7 @@ from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
-from raytracer.integrators.motion import Motion
+from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.progressive import origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
@@ -158,20 +157,9 @@ class Renderer:
                 self._tracer.relight(layout, scene)
                 self.scene = scene
                 return
-        with self._whole():
+        with all_or_nothing(self):
             self.scene, self._motion, self._moving = scene, Motion(scene.meshes), ()
             self._prepare()
-
-    @contextmanager
-    def _whole(self) -> Iterator[None]:
-        """Give the Renderer back all that it had if what is done within fails."""
-        before = dict(self.__dict__)
-        try:
-            yield
-        except BaseException:
-            self.__dict__.clear()
-            self.__dict__.update(before)
-            raise
 
     def _check_movable(self) -> None:
         if self._obstacle is not None:
@@ -190,7 +178,7 @@ class Renderer:
         """Bring tables and accelerators up to where the objects are."""
         if not self._motion.changed:
             return
-        with self._whole():
+        with all_or_nothing(self):
             self._move_tables()
         self._motion.settle()
 
