@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from shpy.ir.nodes import Loc
-
+from dataclasses import dataclass
+from typing import Any
 
 _LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
 _WORD, _LINE = 80, 1000
@@ -21,6 +18,17 @@ def shorten(text: str) -> str:
     half = _LINE // 2
     lines = text.split("\n")
     return "\n".join(line if len(line) <= _LINE else f"{line[:half]} … {line[-half:]}" for line in lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Loc:
+    """A line of the user's code."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
 
 
 class ShpyError(Exception):

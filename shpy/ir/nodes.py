@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from shpy.errors import Loc as Loc
 from shpy.ir.metadata import NOTHING, About
 from shpy.ir.types import Type
 
@@ -27,17 +28,6 @@ MAX_PART_DEPTH = 64
 """The depth limit of nested structures of inputs and outputs."""
 MAX_TABLE = 2**31 - 1
 """Elements of a table, which an `i` counts."""
-
-
-@dataclass(frozen=True, slots=True)
-class Loc:
-    """A line of the user's code."""
-
-    file: str
-    line: int
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
 
 
 @dataclass(frozen=True, slots=True)
