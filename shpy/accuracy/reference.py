@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
 from shpy.ir import meaning
-from shpy.ir.closures import Compiler, Ended, Run
+from shpy.ir.closures import Compiler, Run
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Function, Let, Module, Status, Value
@@ -126,12 +126,7 @@ class _Multiprecision:
         for port, value in zip(entry.inputs, given, strict=True):
             assert isinstance(port, Value)
             frame[compiled.places[port.id]] = self.given(port.type, value)
-        status: int = Status.WRITTEN
-        with np.errstate(all="ignore"):
-            try:
-                compiled.body(frame)
-            except Ended as ended:
-                status = ended.status
+        status = compiled.run(frame)
         slots = entry.outputs[: len(self.module.outputs)]
         return [frame[compiled.slots[slot.id]] for slot in slots], status == Status.WRITTEN
 

@@ -101,6 +101,15 @@ class Compiled:
             frame[place] = np.zeros(shape, dtype)
         return frame
 
+    def run(self, frame: Frame) -> int:
+        """Run over a frame; return the status with which the element ended, WRITTEN if it came to its end."""
+        with np.errstate(all="ignore"):
+            try:
+                self.body(frame)
+            except Ended as ended:
+                return ended.status
+        return Status.WRITTEN
+
 
 class Compiler:
     """Makes closures of the functions of a module, callees first."""

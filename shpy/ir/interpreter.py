@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.closures import Array, Compiler, Ended, LaneOracle, Run, Trace
+from shpy.ir.closures import Array, Compiler, LaneOracle, Run, Trace
 from shpy.ir.constants import DTYPES, decode
 from shpy.ir.nodes import Module, Status
 from shpy.ir.types import Base, Type
@@ -73,12 +73,7 @@ class Interpreter:
             raise ShpyTypeError(f"{self.module.name} takes {len(ports)} inputs, not {len(inputs)}")
         for port, given in zip(ports, inputs, strict=True):
             frame[compiled.places[port.id]] = self.cast(port.type, given)
-        status: int = Status.WRITTEN
-        with np.errstate(all="ignore"):
-            try:
-                compiled.body(frame)
-            except Ended as ended:
-                status = ended.status
+        status = compiled.run(frame)
         slots = self.module.entry.outputs
         if self.has_status and status == Status.WRITTEN:
             status = int(frame[compiled.slots[slots[-1].id]])
