@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELIF, SH_ELSE, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
+from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELIF, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
 from shpy.backends.emit.spell_python import PythonSpeller
 from shpy.backends.emit.tree import BOOL, Expr, Literal, Name, call, infix, negation, prefix
 from shpy.ir.types import Base, vec
@@ -22,17 +22,6 @@ sky = sh.Param(sh.Color3f, (0.2, 0.4, 0.8), name="sky")
 def wave(x: sh.Attrib1f, k: sh.Attrib2f) -> sh.Attrib2f:
     y = sh.sin(x) * k + 0.25
     return sh.cond(y > 0, y, -k)
-
-
-@sh.program
-def mandelbrot(c: sh.Point2f) -> sh.Attrib1f:
-    z = sh.Attrib2f(0, 0)
-    n = sh.Attrib1f(0)
-    with SH_DO():
-        z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
-        n += 1
-        SH_UNTIL((sh.dot(z, z) > 4) | (n >= 256))
-    return n
 
 
 @sh.program
@@ -80,7 +69,7 @@ def descend(x: sh.Attrib1f) -> sh.Attrib1i:
 
 
 PROGRAMS: dict[str, Any] = {
-    "wave": wave, "mandelbrot": mandelbrot, "terrain": terrain, "histogram": histogram, "positive": positive,
+    "wave": wave, "terrain": terrain, "histogram": histogram, "positive": positive,
     "descend": descend,
 }  # fmt: skip
 

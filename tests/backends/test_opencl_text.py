@@ -11,13 +11,11 @@ from shpy import (
     SH_BREAK,
     SH_CONTINUE,
     SH_DISCARD,
-    SH_DO,
     SH_ELIF,
     SH_ELSE,
     SH_FOR,
     SH_IF,
     SH_RETURN,
-    SH_UNTIL,
     SH_WHILE,
 )
 from shpy.backends.emit.spell_c import comment
@@ -26,17 +24,6 @@ from shpy.ir.nodes import Loc
 heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")
 palette = sh.Table(np.zeros((9, 3), np.float32), sh.Attrib3f, name="palette")
 sky = sh.Param(sh.Color3f, (0.2, 0.4, 0.8), name="sky")
-
-
-@sh.program
-def fractal(c: sh.Point2f) -> sh.Attrib1f:
-    z = sh.Attrib2f(0, 0)
-    n = sh.Attrib1f(0)
-    with SH_DO():
-        z[:] = sh.Attrib2f(z.x * z.x - z.y * z.y, 2 * z.x * z.y) + c
-        n += 1
-        SH_UNTIL((sh.dot(z, z) > 4) | (n >= 256))
-    return n
 
 
 @sh.subroutine
@@ -100,7 +87,7 @@ def place(offset: sh.Attrib2i) -> tuple[sh.Attrib2i, sh.Attrib1b]:
 
 
 PROGRAMS: dict[str, Any] = {
-    "fractal": fractal, "shading": shading, "counting": counting, "walk": walk, "place": place,
+    "shading": shading, "counting": counting, "walk": walk, "place": place,
 }  # fmt: skip
 
 

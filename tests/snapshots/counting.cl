@@ -19,12 +19,12 @@ uint sh_floormod_u(uint a, uint b) {
     return b == 0u ? 0u : a % b;
 }
 
-float push(float4 *stack, float value) {  // test_opencl_text.py:50
-    *stack = (float4)(value, stack->xyz);  // test_opencl_text.py:52
-    return stack->w;  // test_opencl_text.py:53
+float push(float4 *stack, float value) {  // test_opencl_text.py:37
+    *stack = (float4)(value, stack->xyz);  // test_opencl_text.py:39
+    return stack->w;  // test_opencl_text.py:40
 }
 
-__kernel void counting(  // test_opencl_text.py:72
+__kernel void counting(  // test_opencl_text.py:59
     ulong count,
     ulong first,
     __global const float *x_in,
@@ -40,17 +40,17 @@ __kernel void counting(  // test_opencl_text.py:72
     }
     float x = x_in[element * x_step];
     uint bits = bits_in[element * bits_step];
-    float4 stack = (float4)(0.0f);  // test_opencl_text.py:75
-    int counts[4] = {0};  // test_opencl_text.py:74
-    for (int i = 0; i < 10; i += 1) {  // test_opencl_text.py:76
-        int t = sh_floormod_i(i, 4);  // test_opencl_text.py:77
+    float4 stack = (float4)(0.0f);  // test_opencl_text.py:62
+    int counts[4] = {0};  // test_opencl_text.py:61
+    for (int i = 0; i < 10; i += 1) {  // test_opencl_text.py:63
+        int t = sh_floormod_i(i, 4);  // test_opencl_text.py:64
         if (t >= 0 && t < 4) {
             counts[t] = counts[sh_at(t, 4)] + 1u;
         }
-        push(&stack, (float)counts[sh_at(i, 4)] * x);  // test_opencl_text.py:78
+        push(&stack, (float)counts[sh_at(i, 4)] * x);  // test_opencl_text.py:65
     }
-    int3 mask = (int3)(-(sh_floormod_u(bits >> 3, 2u) == 1u), -(x > 0.0f), 0);  // test_opencl_text.py:79
-    result0_out[element] = stack;  // test_opencl_text.py:80
+    int3 mask = (int3)(-(sh_floormod_u(bits >> 3, 2u) == 1u), -(x > 0.0f), 0);  // test_opencl_text.py:66
+    result0_out[element] = stack;  // test_opencl_text.py:67
     vstore3(convert_uchar3(-(mask & (stack.xyz > 1.0f))), element, result1_out);
     result2_out[element] = counts[1] * (uint)counts[2] - 7u;
 }

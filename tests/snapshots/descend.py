@@ -4,8 +4,8 @@ from shpy.backends.numpy.lanes import compact, few, put_aside, spread
 
 
 def descend(x, children, lanes):
-    node = np.int32(0)  # test_numpy_text.py:70
-    level = np.int32(0)  # test_numpy_text.py:71
+    node = np.int32(0)  # test_numpy_text.py:59
+    level = np.int32(0)  # test_numpy_text.py:60
     node_out = spread(node, lanes)
     live = np.ones(lanes, np.bool_)
     lane = np.arange(lanes)
@@ -19,13 +19,13 @@ def descend(x, children, lanes):
         if leaving.any():
             put_aside(node_out, lane, leaving, node)
             live = live & ~leaving
-            if not live.any():  # test_numpy_text.py:72
+            if not live.any():  # test_numpy_text.py:61
                 break
-        if np.any(live & (x > 5.0)):  # test_numpy_text.py:73
-            node = children.at(node)[0]  # test_numpy_text.py:74
-        elif level == 3:  # test_numpy_text.py:75
-            node = children.at(node)[1]  # test_numpy_text.py:76
+        if np.any(live & (x > 5.0)):  # test_numpy_text.py:62
+            node = children.at(node)[0]  # test_numpy_text.py:63
+        elif level == 3:  # test_numpy_text.py:64
+            node = children.at(node)[1]  # test_numpy_text.py:65
         else:
-            node = node + 1  # test_numpy_text.py:78
-        level = level + 1  # test_numpy_text.py:71
-    return node_out  # test_numpy_text.py:79
+            node = node + 1  # test_numpy_text.py:67
+        level = level + 1  # test_numpy_text.py:60
+    return node_out  # test_numpy_text.py:68

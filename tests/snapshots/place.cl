@@ -1,6 +1,6 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-__kernel void place(  // test_opencl_text.py:96
+__kernel void place(  // test_opencl_text.py:83
     ulong count,
     ulong first,
     int2 grid_shape,
@@ -14,7 +14,7 @@ __kernel void place(  // test_opencl_text.py:96
     }
     int2 grid_index = (int2)(element / grid_shape.y, element % grid_shape.y);
     int2 offset = offset_in[element * offset_step];
-    int2 at = as_int2(as_uint2(grid_index) + as_uint2(offset));  // test_opencl_text.py:98
-    result0_out[element] = at;  // test_opencl_text.py:99
+    int2 at = as_int2(as_uint2(grid_index) + as_uint2(offset));  // test_opencl_text.py:85
+    result0_out[element] = at;  // test_opencl_text.py:86
     result1_out[element] = all(at < grid_shape);
 }

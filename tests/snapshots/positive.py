@@ -4,16 +4,16 @@ from shpy.backends.numpy.lanes import compact, few, minimum, put_aside, select, 
 
 
 def positive(x, n, lanes):
-    status = np.int32(1)  # test_numpy_text.py:55
+    status = np.int32(1)  # test_numpy_text.py:44
     n_2 = n
-    total = np.zeros(lanes, np.float32)  # test_numpy_text.py:57
+    total = np.zeros(lanes, np.float32)  # test_numpy_text.py:46
     status_out = spread(status, lanes)
-    t = x < 0.0  # test_numpy_text.py:58
+    t = x < 0.0  # test_numpy_text.py:47
     if t.any():
-        status_out = select(t, 0, status_out)  # test_numpy_text.py:59
+        status_out = select(t, 0, status_out)  # test_numpy_text.py:48
     t2 = ~t
     if t2.any():
-        iterations = np.int32(0)  # test_numpy_text.py:61
+        iterations = np.int32(0)  # test_numpy_text.py:50
         total_in = total.copy()
         live = t2
         lane = np.arange(lanes)
@@ -31,6 +31,6 @@ def positive(x, n, lanes):
                 status = np.int32(2)
                 put_aside(status_out, lane, live, status)
                 break
-            total_in = total_in + minimum(x, 1.0) / n_2.astype(np.float32)  # test_numpy_text.py:62
-            n_2 = n_2 - 1  # test_numpy_text.py:63
-    return total, status_out  # test_numpy_text.py:64
+            total_in = total_in + minimum(x, 1.0) / n_2.astype(np.float32)  # test_numpy_text.py:51
+            n_2 = n_2 - 1  # test_numpy_text.py:52
+    return total, status_out  # test_numpy_text.py:53

@@ -47,15 +47,15 @@ float3 normalize3(float3 v) {
     return t6 ? scaled / (t6 ? size : 1.0f) : (float3)(0.0f);
 }
 
-float3 shade(float3 n, float3 light, float3 color) {  // test_opencl_text.py:42
-    float d = dot3(n, light);  // test_opencl_text.py:44
-    if (d < 0.0f) {  // test_opencl_text.py:45
-        return color * 0.1f;  // test_opencl_text.py:46
+float3 shade(float3 n, float3 light, float3 color) {  // test_opencl_text.py:29
+    float d = dot3(n, light);  // test_opencl_text.py:31
+    if (d < 0.0f) {  // test_opencl_text.py:32
+        return color * 0.1f;  // test_opencl_text.py:33
     }
-    return color * d;  // test_opencl_text.py:47
+    return color * d;  // test_opencl_text.py:34
 }
 
-__kernel void shading(  // test_opencl_text.py:56
+__kernel void shading(  // test_opencl_text.py:43
     ulong count,
     ulong first,
     __global const float *p_in,
@@ -74,20 +74,20 @@ __kernel void shading(  // test_opencl_text.py:56
     }
     float3 p = vload3(element * p_step, p_in);
     float3 n = vload3(element * n_step, n_in);
-    float3 color = (float3)(0.0f);  // test_opencl_text.py:58
-    for (int i = 0; i < 4; i += 1) {  // test_opencl_text.py:59
-        if (sh_floormod_i(i, 3) == 0) {  // test_opencl_text.py:60
-            continue;  // test_opencl_text.py:61
+    float3 color = (float3)(0.0f);  // test_opencl_text.py:45
+    for (int i = 0; i < 4; i += 1) {  // test_opencl_text.py:46
+        if (sh_floormod_i(i, 3) == 0) {  // test_opencl_text.py:47
+            continue;  // test_opencl_text.py:48
         }
-        float3 t = shade(normalize3(n), p, sky);  // test_opencl_text.py:62
+        float3 t = shade(normalize3(n), p, sky);  // test_opencl_text.py:49
         color += t * heights[sh_at2((int2)(i, i + 1u), heights_size)];
     }
-    if (p.x > 1.0f) {  // test_opencl_text.py:63
-        color = vload3(sh_at(convert_int_sat(p.y), palette_size), palette);  // test_opencl_text.py:64
-    } else if (p.y > 1.0f) {  // test_opencl_text.py:65
-        color = p > 0.0f ? color : (float3)(0.25f);  // test_opencl_text.py:66
+    if (p.x > 1.0f) {  // test_opencl_text.py:50
+        color = vload3(sh_at(convert_int_sat(p.y), palette_size), palette);  // test_opencl_text.py:51
+    } else if (p.y > 1.0f) {  // test_opencl_text.py:52
+        color = p > 0.0f ? color : (float3)(0.25f);  // test_opencl_text.py:53
     } else {
-        color.z = sh_min(sh_max(p.z, 0.0f), 1.0f);  // test_opencl_text.py:68
+        color.z = sh_min(sh_max(p.z, 0.0f), 1.0f);  // test_opencl_text.py:55
     }
-    vstore3(color, element, result_out);  // test_opencl_text.py:69
+    vstore3(color, element, result_out);  // test_opencl_text.py:56
 }

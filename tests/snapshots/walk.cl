@@ -5,31 +5,31 @@ float sh_min(float a, float b) {
     return !(a <= b) & (b == b) ? b : a;
 }
 
-void walk_element(float x, int n, float *result, int *status) {  // test_opencl_text.py:83
+void walk_element(float x, int n, float *result, int *status) {  // test_opencl_text.py:70
     *result = 0.0f;
     *status = 1;
-    float total = 0.0f;  // test_opencl_text.py:85
-    if (x < 0.0f) {  // test_opencl_text.py:86
-        *status = 0;  // test_opencl_text.py:87
+    float total = 0.0f;  // test_opencl_text.py:72
+    if (x < 0.0f) {  // test_opencl_text.py:73
+        *status = 0;  // test_opencl_text.py:74
         return;
     }
-    int iterations = 0;  // test_opencl_text.py:88
+    int iterations = 0;  // test_opencl_text.py:75
     while (n > 0) {
         iterations += 1u;
         if (iterations > 1048576) {
             *status = 2;
             return;
         }
-        n -= 1u;  // test_opencl_text.py:89
-        if (total > 100.0f) {  // test_opencl_text.py:90
-            break;  // test_opencl_text.py:91
+        n -= 1u;  // test_opencl_text.py:76
+        if (total > 100.0f) {  // test_opencl_text.py:77
+            break;  // test_opencl_text.py:78
         }
-        total += sh_min(x, 1.0f) / (float)n;  // test_opencl_text.py:92
+        total += sh_min(x, 1.0f) / (float)n;  // test_opencl_text.py:79
     }
-    *result = total;  // test_opencl_text.py:93
+    *result = total;  // test_opencl_text.py:80
 }
 
-__kernel void walk(  // test_opencl_text.py:83
+__kernel void walk(  // test_opencl_text.py:70
     ulong count,
     ulong first,
     __global const float *x_in,
