@@ -53,6 +53,7 @@ def connected(cluster: Any) -> Iterator[Any]:
             yield client
         return
     with _workers(count) as here, distributed.Client(here, set_as_default=False) as client:
+        client.wait_for_workers(count)
         yield client
 
 
