@@ -32,7 +32,7 @@ _TILES = 64
 
 def cluster(quick: bool) -> Table:
     """Return times of a picture by one process and by workers, and what it costs to send its scene."""
-    size = (64, 48) if quick else (256, 192)
+    size = (64, 48) if quick else (1024, 768)
     rows = [_row(across, size, 1 if quick else ROUNDS) for across in ((12, 40) if quick else (70, 223, 707))]
     note = (
         f"{size[0]} x {size[1]} pixels of a hilly field on numpy, medians of {1 if quick else ROUNDS} pictures of "

@@ -152,7 +152,7 @@ def test_what_a_cluster_cannot_do_is_refused_before_anything_runs():
         render(scene, cluster=4)
     with pytest.raises(SceneError, match="max_error chooses by times measured on this machine"):
         render(scene, cluster="local:2", max_error=1.0)
-    with pytest.raises(SceneError, match="tile_rows is for the tasks of a cluster"):
+    with pytest.raises(SceneError, match="tile_rows and partitions are for the workers of a cluster"):
         render(scene, tile_rows=4)
     with pytest.raises(SceneError, match="tile_rows is a number of rows, 1 or more, not 0"):
         render(scene, cluster="local:2", tile_rows=0)
