@@ -25,9 +25,11 @@ from raytracer import (
 from raytracer.integrators import progressive
 from raytracer.kernels import walk
 from raytracer.kernels.chances import Chances, alias_table, probabilities_of
+from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.path import PathTracer, power
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 from raytracer.scene.layout import Layout
+from shpy.ir.traverse import loops
 
 WHITE = Material((1, 1, 1), diffuse=1, specular=0)
 BLACK = Material((0, 0, 0), diffuse=0, specular=0)
@@ -421,6 +423,14 @@ def test_a_light_is_chosen_by_the_power_that_it_has_at_the_size_of_the_scene():
     probabilities = PathTracer(Layout.of(scene, "bvh"), scene, 1, "numpy").emitters.chances.probabilities
     powers = np.array([3, 8 / (2 * 6.0**2)])
     np.testing.assert_allclose(probabilities, powers / powers.sum(), rtol=1e-5)
+
+
+def test_samples_begin_together_in_a_packet_and_else_as_soon_as_one_has_ended():
+    scene = Scene([floor(6, WHITE)], [PointLight((0, 5, 0))])
+    layout = Layout.of(scene, "brute")
+    programs = {b: PathTracer(layout, scene, 1, b).program(EyeRays()) for b in ("numpy", "opencl", "glsl")}
+    count = {b: len(list(loops(program.ir))) for b, program in programs.items()}
+    assert count["opencl"] == count["numpy"] + 1 == count["glsl"] + 1  # a path's own loop inside that of the samples
 
 
 def test_the_kernel_makes_those_choices():
