@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Backend, Call, Executable, Options
+from shpy.backends.base import Backend, Call, Device, Executable, Options
 from shpy.backends.device.listed import Listed
 from shpy.backends.dump import dump
 from shpy.backends.registry import backend as backend_named
@@ -74,21 +74,25 @@ class Kernel(Unchanging):
         """Calls by the signature of their inputs."""
         self._repeats = next(streams_in(iter(recorded.tables.values())), None) is None
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
-        devices = backend.devices()
-        self.device = devices[options.device or 0]
         self._rank = grid_rank(recorded.module)
 
     @classmethod
     def on(cls, recorded: Recorded, name: str, options: Options) -> Kernel:
         """Compile for a backend by its name; BackendUnavailable where it, or the device, is not there."""
         target, device = backend_named(name), options.device
-        count = len(target.devices())
-        if device is not None and not 0 <= device < count:
-            raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
+        if device is not None:
+            count = len(target.devices())
+            if not 0 <= device < count:
+                raise BackendUnavailable(f"{name} has {count} devices, no device {device}", loc=here(), cure="device=0")
         return cls(recorded, target, options)
 
     def __reduce__(self) -> Any:
         return Kernel.on, (self.recorded, self.backend, self.options)
+
+    @property
+    def device(self) -> Device:
+        """The device that it runs on. What is known of it may have to be asked first: `notes`."""
+        return backend_named(self.backend).devices()[self.options.device or 0]
 
     @property
     def source(self) -> str:

@@ -111,6 +111,16 @@ def test_other_modes_and_binary16_are_as_everywhere(backend: str, without_binary
     np.testing.assert_array_equal(half(x), slope.compile("numpy", precision="f16")(x))
 
 
+def test_other_modes_do_not_ask_opencl_about_binary64(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = vars(machine_of(None))
+    monkeypatch.delitem(known, "binary64", raising=False)
+    for math in ("portable", "relaxed", "fast"):
+        compiled(slope, "opencl", math=math)(np.float32([0.5]))
+        assert "binary64" not in known
+    compiled(slope, "opencl")
+    assert "binary64" in known
+
+
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_notes_say_what_a_device_lacks(backend: str, without_binary64: None, monkeypatch: pytest.MonkeyPatch) -> None:
     assert NO_BINARY64 in compiled(function("exp"), backend).notes

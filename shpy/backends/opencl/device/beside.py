@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from shpy.backends.opencl.text.kernel import Kernel
 
 Facts = dict[str, frozenset[str]]
-"""The results of trials of the device, by the names of attributes of its `Machine`."""
+"""The results of trials of the device so far, by the names of attributes of its `Machine`."""
 _FACTS: Final = ("wrong", "binary64", "_succeeded")
 
 
@@ -53,7 +53,8 @@ class Beside:
 
     def begin(self, lanes: int) -> Waiting:
         """Begin to compile for a width."""
-        facts = {name: getattr(self.machine, name) for name in _FACTS}
+        known = vars(self.machine)
+        facts: Facts = {name: known[name] for name in _FACTS if name in known}
         return Waiting(self, background().submit(partial(self.task, facts, lanes)))
 
 

@@ -370,9 +370,12 @@ class Machine:
             return self._asked()
         return store.known_names(self._key(_EXACTNESS, self._options), FAULTS, self._asked)
 
-    def target(self, target: Target) -> Target:
-        """Return a target with the abilities of this device."""
-        doubles = self.binary64
+    def target(self, target: Target, math: Math) -> Target:
+        """Return a target with the abilities of this device.
+
+        Those in binary64 matter in strict mode, and other modes do not wait for their probe.
+        """
+        doubles = self.binary64 if math == "strict" else frozenset()
         return replace(target, wrong=self.wrong & CORRECTABLE, doubles="exact" in doubles, fuses="fused" in doubles)
 
     @property

@@ -143,7 +143,7 @@ def _loaded(first: OpenCLExecutable, options: Options, compiled: Compiled) -> Op
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     target = TARGET if lanes == 1 else PACKET_TARGET
-    prepared = prepare(module, options, machine.target(target))
+    prepared = prepare(module, options, machine.target(target, options.math))
     check_size(prepared.module, "OpenCL's compiler")
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math in REPRODUCIBLE:

@@ -98,7 +98,8 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     lanes = machine.lanes
     if lanes == 1:
         return None
-    prepared = prepare(module, Options(precision=precision), machine.target(PACKET_TARGET))
+    options = Options(precision=precision)
+    prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE:
         return None
