@@ -4,6 +4,7 @@
     python -m tests.mutation --seed 1 --count 5 --fast  # only the fast tests of each part
     python -m tests.mutation --seed 1 --list            # print the faults and run nothing
     python -m tests.mutation --seed 1 --only 7,12       # run these of them
+    python -m tests.mutation --seed 1 --only 7 --tests tests/passes tests/chains  # by these tests, and no others
 
 A fault changes one place: another comparison or operator, a negated condition, a constant that is one larger, a
 statement left out. It goes into a copy of the repository. The fast tests of its part run first, then the whole default
@@ -194,14 +195,18 @@ def copied(folder: Path) -> None:
         shutil.copytree(ROOT / ".ci", folder / ".ci")
 
 
-def finder_of(fault: Fault, folder: Path, fast: bool) -> str | None:
-    """Return the test that finds a fault; None where it survives."""
+def finder_of(fault: Fault, folder: Path, fast: bool, tests: list[str]) -> str | None:
+    """Return the test that finds a fault, among `tests` if there are any; None where it survives."""
     source = (ROOT / fault.path).read_text()
     (folder / fault.path).write_text(fault.applied(source))
     try:
-        found = first_failure(folder, ["-n0", *PARTS[fault.part].tests])
+        found = first_failure(folder, ["-n0", *(tests or PARTS[fault.part].tests)])
         # Tests of the text of the product find any change of it, and say nothing about what it does.
-        return found if found or fast else first_failure(folder, ["-n", "auto", "--deselect", "tests/test_house.py"])
+        return (
+            found
+            if found or fast or tests
+            else first_failure(folder, ["-n", "auto", "--deselect", "tests/test_house.py"])
+        )
     finally:
         (folder / fault.path).write_text(source)
 
@@ -213,6 +218,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=60, help="how many faults (default: 60)")
     parser.add_argument("--only", help="the numbers of those to run, such as 3,7")
     parser.add_argument("--fast", action="store_true", help="run only the fast tests of each part")
+    parser.add_argument("--tests", nargs="+", default=[], help="run these tests of each fault in place of all")
     parser.add_argument("--list", action="store_true", help="print the faults and run nothing")
     given = parser.parse_args()
     numbered = dict(enumerate(chosen(given.seed, given.count), 1))
@@ -228,7 +234,7 @@ def main() -> int:
         copied(folder)
         for n, fault in numbered.items():
             began = time.monotonic()
-            found = finder_of(fault, folder, given.fast)
+            found = finder_of(fault, folder, given.fast, given.tests)
             print(f"{n:3} {found or 'SURVIVES'} ({time.monotonic() - began:.0f} s)\n    {fault.shown()}", flush=True)
             if found is None:
                 survivors.append(n)
