@@ -11174,6 +11174,8 @@ __all__ = [
     "log2",
     "loop",
     "mad",
+    "map_blocks",
+    "map_overlap",
     "mix",
     "mod",
     "noise",

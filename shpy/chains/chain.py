@@ -95,14 +95,14 @@ class Chain(Unchanging, ABC):
 
     def where(self, condition: str | Program) -> Chain:
         """Return the chain with a condition on the elements of each kernel."""
-        return self._with(_guarded(self.members, condition))
+        return self.with_members(_guarded(self.members, condition))
 
     @abstractmethod
     def perform(self, run: Run) -> None:
         """Run the members as often as this chain says."""
 
     @abstractmethod
-    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
         """Return this chain with other members."""
 
     def _check_types(self) -> None:
@@ -141,7 +141,8 @@ class Sequence(Chain):
         for member in self.members:
             member.perform(run)
 
-    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
+        """Return this chain with other members."""
         return Sequence(members)
 
 
@@ -165,7 +166,8 @@ class Repeat(Chain):
                 member.perform(run)
         run.once = outside
 
-    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
+        """Return this chain with other members."""
         return Repeat(members, self.times)
 
     def __str__(self) -> str:
@@ -208,7 +210,8 @@ class Loop(Chain):
             result=run.so_far(),
         )
 
-    def _with(self, members: tuple[Member | Chain, ...]) -> Chain:
+    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
+        """Return this chain with other members."""
         return Loop(members, self.loop_limit)
 
 

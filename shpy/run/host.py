@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,22 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
     return given
 
 
+class Sized(Protocol):
+    """A leaf of an input, as far as shapes go."""
+
+    @property
+    def name(self) -> str:
+        """The name of the leaf."""
+
+    @property
+    def size(self) -> int:
+        """The number of components."""
+
+    @property
+    def shape(self) -> Shape:
+        """The shape of the elements."""
+
+
 class DeviceLeaf:
     """One leaf of an input that lies in a stream: `entry` has its memory and its element shape."""
 
@@ -77,7 +93,7 @@ class DeviceLeaf:
             )
 
 
-def _exact(data: Any, precision: str, math: str) -> Any:
+def exact(data: Any, precision: str, math: str) -> Any:
     """Return a Param or another constant with all the digits that it has: a kernel of f64 takes them."""
     if isinstance(data, Value) and data._uniform:
         return data.at(precision, math)
@@ -108,7 +124,7 @@ def inputs(
             if hasattr(entry, "memory"):
                 found.append(DeviceLeaf(leaf, cls, entry))
             else:
-                found.append(InputLeaf(leaf, cls, _exact(entry, precision, math), dtypes[cls.base]))
+                found.append(InputLeaf(leaf, cls, exact(entry, precision, math), dtypes[cls.base]))
     return found
 
 
@@ -126,7 +142,7 @@ def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
     return list(found)
 
 
-def common_shape(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Any) -> Shape:
+def common_shape(inputs: Sequence[Sized], shape: Any) -> Shape:
     """Return the element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
     shapes = [s.shape for s in inputs]
     wanted = None if shape is None else given_shape(shape)
@@ -167,7 +183,7 @@ def _broadcast(shapes: Sequence[Shape]) -> Shape:
     return tuple(whole)
 
 
-def _check_column(inputs: Sequence[InputLeaf | DeviceLeaf], shape: Shape) -> None:
+def _check_column(inputs: Sequence[Sized], shape: Shape) -> None:
     """Raise ShpyTypeError for an (n, 1) array for a scalar that enlarges the shape: nearly always a mistake."""
     if all(math.prod(s.shape) < math.prod(shape) for s in inputs):
         for s in inputs:

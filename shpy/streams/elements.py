@@ -43,14 +43,8 @@ class InputLeaf:
         self.type = cls.type
         self.size = cls.size
         array = as_base(data, cls.base, name)
-        if cls.size > 1 and (array.ndim == 0 or array.shape[-1] != cls.size):
-            raise ShpyTypeError(
-                f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {array.shape}",
-                loc=here(),
-                cure=_trailing(name, array.shape, cls.size),
-            )
+        self.shape = element_shape(name, cls, array.shape)
         self.array: NDArray[Any] = working(array, cls.base, np.dtype(dtype), name) if array.dtype.kind == "f" else array
-        self.shape: Shape = array.shape[:-1] if cls.size > 1 else array.shape
 
     def flat(self, shape: Shape) -> NDArray[Any]:
         """Return the elements in C order: (n[, size]), or 1 for n where all are the same."""
@@ -59,6 +53,17 @@ class InputLeaf:
             return np.ascontiguousarray(self.array.reshape((1, *tail)))
         whole = np.broadcast_to(self.array, shape + tail)
         return np.ascontiguousarray(whole).reshape((-1, *tail))
+
+
+def element_shape(name: str, cls: type[Value], shape: Shape) -> Shape:
+    """Return the shape S of the elements of an array (*S, N); ShpyTypeError for another last axis."""
+    if cls.size > 1 and (not shape or shape[-1] != cls.size):
+        raise ShpyTypeError(
+            f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {shape}",
+            loc=here(),
+            cure=_trailing(name, shape, cls.size),
+        )
+    return shape[:-1] if cls.size > 1 else shape
 
 
 def _trailing(name: str, shape: Shape, size: int) -> str:

@@ -25,12 +25,23 @@ _SPOKEN = {
 }
 
 
+def is_lazy(data: Any) -> bool:
+    """Return whether this is an array of Dask, in chunks that are computed when they are asked for."""
+    return hasattr(data, "__dask_graph__") and hasattr(data, "chunks")
+
+
 def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
     """Return `data` as an array for `base`: floats keep the width they have, ints and bools get theirs.
 
     Raises ShpyTypeError naming `what` for complex numbers, objects, floats for ints, bools for numbers, ragged lists,
     and integers out of range.
     """
+    if is_lazy(data):
+        raise ShpyTypeError(
+            f"{what} is a Dask array, whose chunks may not fit into the memory of one process",
+            loc=here(),
+            cure="sh.map_blocks(kernel, x), or x.compute() where it fits",
+        )
     try:
         array = np.asarray(data)
     except (ValueError, TypeError) as error:

@@ -212,7 +212,7 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
 
 
 def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
-    array = np.asarray(value)
+    array = value if hasattr(value, "__dask_graph__") else np.asarray(value)  # what Dask's arrays hold stays there
     if array.ndim < 2 or array.shape[-2:] != (cls.size, cls.size):
         raise ShpyTypeError(
             f"{what} is a {cls.__name__} and takes an array (*S, {cls.size}, {cls.size}), not {array.shape}",

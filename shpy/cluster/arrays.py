@@ -1,0 +1,115 @@
+"""Dask arrays as inputs: taken apart into leaves, and checked by their shapes, dtypes and chunks before anything runs.
+
+Stage: cluster.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shpy import packages
+from shpy.errors import ShpyError, ShpyTypeError
+from shpy.lang.data.hostdata import is_lazy
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Layout, leaves
+from shpy.run import host
+from shpy.streams.elements import InputLeaf, Shape, dtypes_at, element_shape
+from shpy.streams.stream import streams_in
+
+
+def dask_array() -> Any:
+    """Return the module `dask.array`; ShpyError with the command that installs it."""
+    try:
+        import dask.array
+    except ImportError as error:
+        raise ShpyError(
+            "arrays in chunks need Dask", loc=here(), cure=packages.install("dask", "distributed")
+        ) from error
+    return dask.array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """A leaf of an input that is cut into blocks: a Dask array (*shape[, size]); `shape` is that of its elements."""
+
+    name: str
+    size: int
+    array: Any
+    shape: Shape
+    lazy: bool
+    """False for an array of this process."""
+
+
+def cut_leaves(layout: Layout, given: Any, name: str, precision: str) -> list[Any]:
+    """Return each leaf of an input: a Cut for a Dask array, and for an array of several elements; others as they are.
+
+    Raises ShpyTypeError for dtypes and component axes that do not fit, and for chunks across components or of unknown
+    sizes.
+    """
+    found = []
+    for (path, _, cls), entry in zip(leaves(layout, name), host.entries_of_input(layout, given, name), strict=True):
+        if not is_lazy(entry) and not _has_elements(entry, cls.size):
+            InputLeaf(path, cls, host.exact(entry, precision, "strict"), _dtype(cls, precision))
+            found.append(entry)
+            continue
+        array = entry if is_lazy(entry) else dask_array().from_array(np.asarray(entry), chunks=-1)
+        shape = element_shape(path, cls, array.shape)
+        InputLeaf(
+            path, cls, np.empty((0,) * len(shape) + array.shape[len(shape) :], array.dtype), _dtype(cls, precision)
+        )
+        if any(math.isnan(n) for chunks in array.chunks for n in chunks):
+            raise ShpyTypeError(f"{path} has chunks of unknown sizes", loc=here(), cure=f"{path}.compute_chunk_sizes()")
+        if len(shape) < array.ndim and len(array.chunks[-1]) > 1:
+            raise ShpyTypeError(
+                f"{path} is a {cls.__name__}, and its chunks {array.chunks[-1]} on the last axis cut the components of "
+                "elements",
+                loc=here(),
+                cure=f"{path}.rechunk({{-1: -1}})",
+            )
+        found.append(Cut(path, cls.size, array, shape, is_lazy(entry)))
+    return found
+
+
+def _dtype(cls: Any, precision: str) -> Any:
+    return dtypes_at(precision)[cls.base]
+
+
+def _has_elements(entry: Any, size: int) -> bool:
+    return isinstance(entry, np.ndarray | list) and np.ndim(entry) > (size > 1)
+
+
+def check_whole(name: str, given: Any, instead: str) -> None:
+    """Raise ShpyTypeError for a Dask array where a kernel reads at any index."""
+    if any(is_lazy(part) for part in (given.values() if isinstance(given, dict) else (given,))):
+        raise ShpyTypeError(
+            f"{name} is read at any index, and a worker has one block of a Dask array",
+            loc=here(),
+            cure=f"{name}.compute(), which each worker is sent, or {instead}",
+        )
+
+
+def check_hosted(given: Mapping[str, Any], what: str) -> None:
+    """Raise ShpyTypeError for streams: they lie on one device of this process."""
+    stream = next(streams_in(iter(given.values())), None)
+    if stream is not None:
+        raise ShpyTypeError(
+            f"{stream!r} lies on a device of this process, and sh.{what} runs on others",
+            loc=here(),
+            cure="stream.numpy(), or a Dask array of it",
+        )
+
+
+def unified(cuts: Sequence[Cut], shape: Shape) -> tuple[list[Any], tuple[tuple[int, ...], ...]]:
+    """Return the arrays with chunks that agree where they broadcast, and the chunks of the elements."""
+    rank = len(shape)
+    pairs: list[Any] = []
+    for number, cut in enumerate(cuts):
+        labels = tuple(range(rank - len(cut.shape), rank))
+        pairs += [cut.array, labels + ((rank + number,) if cut.array.ndim > len(cut.shape) else ())]
+    chunks, arrays = dask_array().core.unify_chunks(*pairs)
+    return list(arrays), tuple(chunks.get(axis, ()) for axis in range(rank))

@@ -1,0 +1,78 @@
+"""sh.map_blocks: a kernel over each block of Dask arrays.
+
+Stage: cluster.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shpy.chains.chain import Chain
+from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, unified
+from shpy.cluster.graphs import Chunks, over_blocks, whole_places
+from shpy.cluster.jobs import Blockwise
+from shpy.errors import ShpyTypeError
+from shpy.lang.data.tables import TableType
+from shpy.lang.data.textures import TextureType
+from shpy.lang.recording.location import here
+from shpy.program import Program
+from shpy.run import host
+from shpy.run.kernel import Kernel
+from shpy.streams.elements import Shape
+
+
+def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks: Any = None, **named: Any) -> Any:
+    """Return what a kernel gives over Dask arrays, as Dask arrays in the structure of its outputs. Nothing runs yet.
+
+    The inputs are those of a call: Dask arrays (*S, N), or (*S,) for one component, with chunks along the axes of
+    elements; host arrays, numbers, Params, Tables. They broadcast, and structs and several outputs are as for numpy
+    arrays. `sh.grid_index` and `sh.grid_shape` are those of the whole array. Without any Dask array, `shape` and
+    `chunks` say over what the kernel runs. The kernel is sent with its Params as they are now, and each worker compiles
+    it once; a program is compiled for the default backend of the worker.
+
+    Raises ShpyTypeError, before anything runs, for shapes, dtypes and chunks that do not fit; ShpyError without Dask.
+    """
+    da = dask_array()
+    _check_kernel(kernel)
+    recorded = kernel.recorded
+    precision = kernel.options.precision if isinstance(kernel, Kernel) else "f32"
+    given = host.bind(recorded, arrays, named)
+    check_hosted({**given, **recorded.tables}, "map_blocks")
+    tables = {name: given[name] for name, t in recorded.inputs.items() if isinstance(t, TableType | TextureType)}
+    for name, table in tables.items():
+        check_whole(name, table, "sh.map_overlap for a stencil")
+    inputs, cuts = {}, []
+    for name, type_ in recorded.inputs.items():
+        if not isinstance(type_, TableType | TextureType):
+            entries = cut_leaves(type_, given[name], name, precision)
+            inputs[name] = type_, [None if isinstance(entry, Cut) else entry for entry in entries]
+            cuts += [entry for entry in entries if isinstance(entry, Cut)]
+    whole = host.common_shape(cuts, shape)
+    if shape is None and not any(cut.lazy for cut in cuts):
+        raise ShpyTypeError(
+            f"no input of {recorded.module.name} is a Dask array",
+            loc=here(),
+            cure="kernel(…), which runs here, or da.from_array(x, chunks=…); without inputs, shape= and chunks=",
+        )
+    made, sizes = unified(cuts, whole)
+    if chunks is not None or any(not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)):
+        sizes = _chosen(sizes, whole, chunks, da)
+    job = Blockwise(kernel, whole, inputs, tables)
+    tails = [cut.array.ndim > len(cut.shape) for cut in cuts]
+    return over_blocks(job, made, tails, whole_places(sizes), sizes, recorded.output, precision)
+
+
+def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
+    """Return the chunks, where `shape` has more elements along an axis than the arrays."""
+    asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
+    open_axes = [not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)]
+    if chunks is not None and not all(open_axes):
+        raise ShpyTypeError("chunks= beside arrays, which have their own", loc=here(), cure="x.rechunk(chunks)")
+    return tuple(new if is_open else old for new, old, is_open in zip(asked, sizes, open_axes, strict=True))
+
+
+def _check_kernel(kernel: Any) -> None:
+    if isinstance(kernel, Kernel | Program):
+        return
+    cure = "sh.map_overlap(chain, {name: array})" if isinstance(kernel, Chain) else "@sh.program before the function"
+    raise ShpyTypeError(f"sh.map_blocks takes a program or kernel, not {kernel!r}", loc=here(), cure=cure)

@@ -1,0 +1,84 @@
+"""Graphs: a job for each block, and from what it returns the Dask arrays of the outputs.
+
+Stage: cluster. Dask's blockwise makes the tasks; the job is one key of the graph, so that each worker is sent it once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from shpy.cluster.arrays import dask_array
+from shpy.cluster.jobs import Job, piece, run_job
+from shpy.lang.values.structure import Layout, build_arrays, leaves
+from shpy.streams.elements import dtypes_at
+
+Chunks = tuple[tuple[int, ...], ...]
+Places = Sequence[Sequence[tuple[int, int, int]]]
+"""For each axis and block of it: where the block begins, and the part of it, from and to, that the result keeps."""
+
+
+def over_blocks(
+    job: Job,
+    arrays: Sequence[Any],
+    tails: Sequence[bool],
+    places: Places,
+    chunks: Chunks,
+    output: Layout,
+    precision: str,
+) -> Any:
+    """Return the outputs of a job as Dask arrays in the structure of `output`, with these chunks of elements.
+
+    `tails` says which arrays have an axis of components. Nothing runs.
+    """
+    import dask
+
+    da = dask_array()
+    rank, packed = len(chunks), pickle.dumps(job)
+    digest = hashlib.sha256(packed).hexdigest()[:32]
+    sent = dask.delayed(packed, name=f"shpy-{digest}", pure=True)
+    axes = tuple(range(rank))
+    pairs: list[Any] = []
+    for number, (array, tail) in enumerate(zip(arrays, tails, strict=True)):
+        own = array.ndim - tail
+        pairs += [array, axes[rank - own :] + ((rank + number,) if tail else ())]
+    for axis, blocks in enumerate(places):
+        table = np.array(blocks, np.int64).reshape(-1, 3)
+        pairs += [da.from_array(table, chunks=(1, 3)), (axis, rank + len(arrays) + axis)]
+    made = list(leaves(output, "output"))
+    options: dict[str, Any] = {
+        "align_arrays": False, "concatenate": True, "packed": sent, "rank": rank,
+        "adjust_chunks": dict(zip(axes, chunks, strict=True)),
+    }  # fmt: skip
+    parts = [_meta(cls, rank, precision) for _, _, cls in made]
+    if len(parts) == 1:
+        components, meta = parts[0]
+        new = {rank + len(pairs): components} if components else {}
+        whole = da.blockwise(run_job, axes + tuple(new), *pairs, new_axes=new, dtype=meta.dtype, meta=meta, **options)
+        return build_arrays(output, iter([whole]))
+    several = np.empty((0,) * rank, object)
+    whole = da.blockwise(run_job, axes, *pairs, dtype=object, meta=several, **options)
+    found = []
+    for k, (components, meta) in enumerate(parts):
+        new = {rank: components} if components else {}
+        found.append(
+            da.blockwise(piece, axes + tuple(new), whole, axes, new_axes=new, k=k, dtype=meta.dtype, meta=meta)
+        )
+    return build_arrays(output, iter(found))
+
+
+def _meta(cls: Any, rank: int, precision: str) -> tuple[int, Any]:
+    """Return the extent of the axis of components, 0 without one, and an empty array of a leaf."""
+    tail = cls.size if cls.size > 1 else 0
+    return tail, np.empty((0,) * (rank + bool(tail)), dtypes_at(precision)[cls.base])
+
+
+def whole_places(chunks: Chunks) -> list[list[tuple[int, int, int]]]:
+    """Return the places of blocks that are kept whole."""
+    return [
+        [(int(start), 0, n) for start, n in zip(np.cumsum((0, *sizes[:-1])), sizes, strict=True)] for sizes in chunks
+    ]

@@ -1,0 +1,177 @@
+"""Jobs that workers run for blocks. A job is sent as bytes, and each thread of a worker keeps what it makes of them.
+
+Stage: cluster, on the workers. A thread has Params of its own, so that it can set a block's place without a lock;
+compiled kernels are shared by all threads of a process.
+"""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from shpy.chains.chain import Chain, repeat
+from shpy.chains.member import Member
+from shpy.lang.data.params import Param
+from shpy.lang.data.tables import TableType
+from shpy.lang.programs.record import Recorded
+from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves
+from shpy.lang.values.types import TYPES
+from shpy.passes.placing import ORIGIN, WHOLE, place_blocks
+from shpy.program import Program
+from shpy.run.kernel import Kernel
+
+_KEPT = 16
+"""Jobs that a thread keeps."""
+_threads = threading.local()
+
+
+class Job(ABC):
+    """The work of a worker on each block."""
+
+    @abstractmethod
+    def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
+        """Return the arrays of the outputs' leaves, of the part of the block that is `kept`."""
+
+
+def run_job(*blocks: Any, packed: bytes, rank: int) -> Any:
+    """Run a job on a block; several arrays are one tuple. The last `rank` blocks say where the block lies."""
+    jobs = _threads.__dict__.setdefault("jobs", {})
+    job = jobs.get(packed)
+    if job is None:
+        for oldest in list(jobs)[: max(0, len(jobs) + 1 - _KEPT)]:
+            del jobs[oldest]
+        job = jobs[packed] = pickle.loads(packed)
+    places = [tuple(map(int, np.asarray(table).reshape(3))) for table in blocks[len(blocks) - rank :]]
+    kept = tuple(slice(low, high) for _, low, high in places)
+    arrays = job.run(tuple(start for start, _, _ in places), kept, list(blocks[: len(blocks) - rank]))
+    return arrays[0] if len(arrays) == 1 else tuple(arrays)
+
+
+def piece(block: tuple[Any, ...], k: int) -> Any:
+    """Return one of the arrays of a block."""
+    return block[k]
+
+
+class Grid:
+    """The place of a block in the whole grid, as Params of the programs that ask for it."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        kind = TYPES[f"Attrib{min(max(len(shape), 1), 4)}i"]
+        self.shape = shape
+        self.asked = len(shape) in (1, 2, 3, 4)
+        if self.asked:
+            self.uniforms = {ORIGIN: Param(kind, [0] * len(shape) if len(shape) > 1 else 0, ORIGIN)}
+            self.uniforms[WHOLE] = Param(kind, shape if len(shape) > 1 else shape[0], WHOLE)
+
+    def placed(self, recorded: Recorded, cut: Collection[str]) -> Recorded:
+        """Return a program for blocks, or the same one if it does not ask for its place."""
+        module = place_blocks(recorded.module, cut, len(self.shape)) if self.asked else recorded.module
+        if module is recorded.module:
+            return recorded
+        return replace(recorded, module=module, params={**recorded.params, **self.uniforms})
+
+    def move(self, origin: tuple[int, ...]) -> None:
+        """Set the place of the block that runs next."""
+        if self.asked:
+            self.uniforms[ORIGIN].value = origin if len(origin) > 1 else origin[0]
+
+
+def again(kernel: Program | Kernel, recorded: Recorded) -> Program | Kernel:
+    """Return a program or kernel of another recording, with the options of this one."""
+    if recorded is kernel.recorded:
+        return kernel
+    return Kernel.on(recorded, kernel.backend, kernel.options) if isinstance(kernel, Kernel) else Program(recorded)
+
+
+class Blockwise(Job):
+    """A kernel over blocks: `inputs` holds the layout and the leaves of each input by name, None for those cut."""
+
+    def __init__(
+        self,
+        kernel: Program | Kernel,
+        shape: tuple[int, ...],
+        inputs: Mapping[str, tuple[Layout, list[Any]]],
+        tables: Mapping[str, Any],
+    ) -> None:
+        self.kernel, self.shape, self.inputs, self.tables = kernel, shape, inputs, tables
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: vars(self)[name] for name in ("kernel", "shape", "inputs", "tables")}
+
+    @cached_property
+    def _ready(self) -> tuple[Grid, Kernel]:
+        grid = Grid(self.shape)
+        made = again(self.kernel, grid.placed(self.kernel.recorded, ()))
+        return grid, made if isinstance(made, Kernel) else made.compile()
+
+    def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
+        """Run the kernel."""
+        grid, kernel = self._ready
+        grid.move(origin)
+        cut = iter(blocks)
+        given = dict(self.tables)
+        for name, (layout, entries) in self.inputs.items():
+            given[name] = build_arrays(layout, (next(cut) if entry is None else entry for entry in entries))
+        shape = tuple(part.stop for part in kept)
+        result = kernel(*(given[name] for name in kernel.recorded.inputs), shape=shape)
+        return [np.asarray(leaf) for leaf in flatten(kernel.recorded.output, result, "output")]
+
+
+class Stencil(Job):
+    """A chain, several times, over blocks with a halo; `cut` has the layout of each stream that is cut, by name."""
+
+    def __init__(
+        self, chain: Chain, steps: int, shape: tuple[int, ...], cut: Mapping[str, Layout], whole: Mapping[str, Any],
+        outputs: Mapping[str, Layout],
+    ) -> None:  # fmt: skip
+        self.chain, self.steps, self.shape = chain, steps, shape
+        self.cut, self.whole, self.outputs = cut, whole, outputs
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: held for name, held in vars(self).items() if name != "_ready"}
+
+    @cached_property
+    def _ready(self) -> tuple[Grid, Chain]:
+        grid = Grid(self.shape)
+        local = {*self.cut, *self.outputs}
+        return grid, repeat(_placed(self.chain, grid, local), self.steps)
+
+    def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
+        """Run the chain over the block and its halo; what is kept has the values of the whole grid."""
+        grid, chain = self._ready
+        grid.move(origin)
+        cut = iter(blocks)
+        streams = {
+            name: build_arrays(layout, (next(cut) for _ in leaves(layout, name))) for name, layout in self.cut.items()
+        }
+        shape = blocks[0].shape[: len(self.shape)]
+        found = chain.run(shape=shape, **streams, **self.whole).streams
+        arrays = []
+        for name, layout in self.outputs.items():
+            parts = flatten(layout, found[name].numpy(), name)
+            arrays += [np.ascontiguousarray(np.asarray(part)[kept]) for part in parts]
+        return arrays
+
+
+def _placed(node: Chain | Member, grid: Grid, local: set[str]) -> Any:
+    """Return a chain for blocks."""
+    if isinstance(node, Chain):
+        return node.with_members(tuple(_placed(member, grid, local) for member in node.members))
+    tables = cut_tables(node.recorded, local)
+    return replace(node, kernel=again(node.kernel, grid.placed(node.recorded, tables)))
+
+
+def cut_tables(recorded: Recorded, local: Collection[str]) -> frozenset[str]:
+    """Return the names in the module of the tables that are cut: an input of structs is a table for each leaf."""
+    found: set[str] = set()
+    for name, type_ in recorded.inputs.items():
+        if name in local and isinstance(type_, TableType):
+            found |= {path for path, _, _ in leaves(layout_of(type_.cls, name), name)}
+    return frozenset(found)

@@ -1,0 +1,192 @@
+"""sh.map_overlap: a stencil over Dask arrays, several steps for each exchange of halos.
+
+Stage: cluster. A block is given its neighbours' elements as far as the stencil reaches in all steps, and computes these
+as well; each step makes fewer of them right, and at the end those of the block itself are. At the border of the array
+a block has no halo, so that reads are clamped there in each step, as they are over the whole array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from shpy.chains.chain import Chain, Repeat, Sequence, sequence
+from shpy.chains.member import RUN_ARGUMENTS, Member, element_layout, is_gathered
+from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, unified
+from shpy.cluster.graphs import over_blocks
+from shpy.cluster.jobs import Stencil, cut_tables
+from shpy.errors import ShpyTypeError
+from shpy.ir.traverse import grid_rank
+from shpy.lang.data.textures import TextureType
+from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Group, Layout
+from shpy.passes.reach import reach
+from shpy.program import Program
+from shpy.run.kernel import Kernel
+from shpy.streams.elements import Shape
+
+Chunks = tuple[tuple[int, ...], ...]
+
+
+def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, steps: int = 1) -> dict[str, Any]:
+    """Return the streams that `steps` executions of a chain or kernel write, as Dask arrays by name. Nothing runs yet.
+
+    `streams` are those of `Chain.run`: Dask arrays (*S, N) of one shape S, which are cut into blocks; arrays that are
+    written or read by element, cut as these; and what each worker is sent whole, numbers, Params and Tables. A kernel
+    reads a Dask array at `sh.grid_index` plus constants: the halo is the largest of these times `steps`. The index and
+    `sh.grid_shape` are those of the whole array, and reads beyond it give its border in every step, so the bits are
+    those of one run for any chunks. More steps exchange less often, and compute a wider halo twice.
+
+    Raises ShpyTypeError, before anything runs, for shapes and chunks that do not fit, a `sh.loop`, whose end depends on
+    all elements, and an index that has no known distance from the element; ShpyError without Dask.
+    """
+    dask_array()
+    whole = _checked(chain, steps)
+    check_hosted(streams, "map_overlap")
+    _check_names(whole, streams)
+    outputs = {name: layout for kernel in whole.kernels for name, layout in kernel.outputs}
+    precision = next((m.kernel.options.precision for m in whole.kernels if isinstance(m.kernel, Kernel)), "f32")
+    layouts = _cut_layouts(whole, streams, outputs)
+    found = {name: cut_leaves(layout, streams[name], name, precision) for name, layout in layouts.items()}
+    cuts = [entry for entries in found.values() for entry in entries]
+    shape = _common(cuts, whole)
+    constant = {name: value for name, value in streams.items() if name not in layouts}
+    made, chunks = unified(cuts, shape)
+    if not all(shape):
+        return {name: streams[name] for name in outputs if name in streams}
+    depth = [steps * n for n in _reach(whole, {*layouts, *outputs}, len(shape))]
+    wide = [_widened(sizes, n) for sizes, n in zip(chunks, depth, strict=True)]
+    arrays = [_extended(array, wide, depth) for array in made]
+    job = Stencil(whole, steps, shape, layouts, constant, outputs)
+    places = [_places(sizes, n) for sizes, n in zip(wide, depth, strict=True)]
+    group = Group("dict", tuple(outputs), tuple(outputs.values()))
+    tails = [cut.array.ndim > len(cut.shape) for cut in cuts]
+    result: dict[str, Any] = over_blocks(job, arrays, tails, places, tuple(wide), group, precision)
+    return result
+
+
+def _checked(chain: Any, steps: Any) -> Chain:
+    """Return the chain; ShpyTypeError for anything else, for loops, and for steps that are no number."""
+    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
+        raise ShpyTypeError(f"steps={steps!r} is no number of executions", loc=here(), cure="steps=8")
+    whole: Chain = chain if isinstance(chain, Chain) else sequence(chain)
+    for node in _nodes(whole):
+        if not isinstance(node, Member | Sequence | Repeat):
+            raise ShpyTypeError(
+                f"{node} ends when no element of the whole array writes, which a block cannot know",
+                loc=here(),
+                cure="sh.repeat(step, n), or rounds of sh.map_overlap until the array of a count is zero",
+            )
+    return whole
+
+
+def _nodes(node: Any) -> Any:
+    yield node
+    for member in getattr(node, "members", ()):
+        yield from _nodes(member)
+
+
+def _check_names(chain: Chain, streams: Mapping[str, Any]) -> None:
+    known = dict.fromkeys(n for m in chain.kernels for n in (*m.inputs, *(name for name, _ in m.outputs)))
+    for name in streams:
+        if name not in known:
+            raise ShpyTypeError(f"{name} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(known)}")
+    missing = [name for name in chain.inputs if name not in streams and name not in RUN_ARGUMENTS]
+    if missing:
+        given = (*streams, *missing)
+        raise ShpyTypeError(
+            f"{chain} lacks {', '.join(missing)}",
+            loc=here(),
+            cure=f"sh.map_overlap(chain, {{{', '.join(f'{n!r}: {n}' for n in given)}}})",
+        )
+
+
+def _cut_layouts(chain: Chain, streams: Mapping[str, Any], outputs: Mapping[str, Layout]) -> dict[str, Layout]:
+    """Return the layout of each stream that is cut: those written, and arrays of elements among those read."""
+    found: dict[str, Layout] = {}
+    for name, value in streams.items():
+        types = [kernel.inputs[name] for kernel in chain.kernels if name in kernel.inputs]
+        by_element = [type_ for type_ in types if not is_gathered(type_)]
+        if any(isinstance(type_, TextureType) for type_ in types):
+            check_whole(name, value, "a sh.Table, which is read at an index")
+        layout = element_layout((by_element or types)[0]) if types else outputs[name]
+        entries = cut_leaves(layout, value, name, "f32") if name in outputs or by_element or _has_lazy(value) else []
+        if any(isinstance(entry, Cut) for entry in entries):
+            if not all(isinstance(entry, Cut) for entry in entries):
+                raise ShpyTypeError(
+                    f"some parts of {name} are arrays, and others numbers", loc=here(), cure="an array for each part"
+                )
+            found[name] = layout
+    return found
+
+
+def _has_lazy(value: Any) -> bool:
+    from shpy.lang.data.hostdata import is_lazy
+
+    if isinstance(value, dict):
+        return any(map(_has_lazy, value.values()))
+    return any(map(_has_lazy, value)) if isinstance(value, tuple) else is_lazy(value)
+
+
+def _common(cuts: list[Cut], chain: Chain) -> Shape:
+    """Return the shape of the elements of all arrays; ShpyTypeError where they differ."""
+    if not any(cut.lazy for cut in cuts):
+        raise ShpyTypeError(
+            "no stream is a Dask array", loc=here(), cure="chain.run(…), which runs here, or da.from_array(x, chunks=…)"
+        )
+    if len({cut.shape for cut in cuts}) > 1:
+        listed = ", ".join(f"{cut.name} {cut.shape}" for cut in cuts)
+        raise ShpyTypeError(f"arrays that are cut have one shape, not {listed}", loc=here(), cure="arrays of one shape")
+    shape = cuts[0].shape
+    for kernel in chain.kernels:
+        rank = grid_rank(kernel.recorded.module)
+        if rank not in (None, len(shape)):
+            raise ShpyTypeError(
+                f"{kernel.name} uses grid_index({rank}), and the arrays have {len(shape)} axes of elements",
+                loc=here(),
+                cure=f"arrays of {rank} axes",
+            )
+    return shape
+
+
+def _reach(node: Any, cut: set[str], rank: int) -> list[int]:
+    """Return how far one execution of a part of a chain reaches on each axis."""
+    if isinstance(node, Member):
+        return list(reach(node.recorded.module, cut_tables(node.recorded, cut), rank))
+    inner = [_reach(member, cut, rank) for member in node.members]
+    times = node.times if isinstance(node, Repeat) else 1
+    return [times * sum(each) for each in zip(*inner, strict=True)]
+
+
+def _widened(sizes: tuple[int, ...], depth: int) -> tuple[int, ...]:
+    """Return the chunks of an axis, of which neighbours are joined until each is as long as the halo."""
+    made: list[int] = []
+    for size in sizes:
+        if made and (made[-1] < depth or not made[-1]):
+            made[-1] += size
+        else:
+            made.append(size)
+    if len(made) > 1 and made[-1] < max(depth, 1):
+        made[-2:] = [made[-2] + made[-1]]
+    return tuple(made)
+
+
+def _extended(array: Any, chunks: list[tuple[int, ...]], depth: list[int]) -> Any:
+    """Return an array whose blocks have halos, except at the border of the array."""
+    rank = len(chunks)
+    cut = array.rechunk(dict(enumerate(chunks)))
+    halo = {axis: n if len(chunks[axis]) > 1 else 0 for axis, n in enumerate(depth)} | {
+        axis: 0 for axis in range(rank, array.ndim)
+    }
+    if not any(halo.values()):
+        return cut
+    return dask_array().overlap.overlap(cut, depth=halo, boundary="none", allow_rechunk=False)
+
+
+def _places(sizes: tuple[int, ...], depth: int) -> list[tuple[int, int, int]]:
+    """Return where each block with its halo begins, and the part of it that is the block's own."""
+    starts = np.cumsum((0, *sizes)).tolist()
+    before = [min(depth, start) for start in starts[:-1]]
+    return [(start - b, b, b + n) for start, b, n in zip(starts[:-1], before, sizes, strict=True)]

@@ -1,0 +1,203 @@
+"""The reach of a stencil: how far from its own place an element reads tables, found from the indices' expressions.
+
+Stage: improve; it changes nothing. Each component of an int is followed as the element's own index on an axis, or as
+the grid's extent on an axis, moved by between two numbers; or as a number between two.
+
+    %1: i2 = grid_index
+    %3: i2 = add %1, %2         (%2 is the constant -1, 2)
+    %4: f = table u[%3]         reach(module, {"u"}) == (1, 2)
+
+Functions are followed for each call. Variables hold the join of what is stored into them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import decode
+from shpy.ir.nodes import Call, Function, Let, Module, Region, Store, Variable
+from shpy.ir.traverse import regions_of, results
+from shpy.ir.types import Base
+
+_ROUNDS: Final = 4
+"""Variables that still change after so many rounds over a function may be anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """`of` ("index", "extent" or "number") on an axis, plus something from `low` to `high`."""
+
+    of: str
+    axis: int
+    low: int
+    high: int
+
+
+_Parts = tuple[_Part | None, ...]
+"""The origin of each component; None may be anything."""
+_UNKNOWN: Final[_Parts] = (None,) * 4
+
+
+@dataclass(slots=True)
+class _Slots:
+    """The contents of variables: the join of all stores, unless `opaque`. `first` is the region of the first store."""
+
+    opaque: set[int]
+    held: dict[int, _Parts] = field(default_factory=dict)
+    first: dict[int, tuple[int, ...]] = field(default_factory=dict)
+
+    def load(self, variable: int, path: tuple[int, ...]) -> _Parts | None:
+        """Return what a load gives; a variable that may not be stored yet is zero, so it may be anything."""
+        first = self.first.get(variable)
+        if first is None or path[: len(first)] != first:
+            self.opaque.add(variable)
+        return None if variable in self.opaque else self.held.get(variable)
+
+
+def reach(module: Module, cut: Collection[str], rank: int) -> tuple[int, ...]:
+    """Return the largest distance on each axis between an element and its reads of the tables `cut`.
+
+    Raises ShpyTypeError, at the line of the read, for an index whose distance from the element is not bounded.
+    """
+    finder = _Finder(module, cut, rank)
+    finder.function(module.entry, [None] * len(module.entry.inputs))
+    return tuple(finder.found)
+
+
+class _Finder:
+    def __init__(self, module: Module, cut: Collection[str], rank: int) -> None:
+        self.functions = {f.name: f for f in module.functions}
+        self.cut = cut
+        self.found = [0] * rank
+
+    def function(self, function: Function, given: Sequence[_Parts | None]) -> list[_Parts]:
+        """Follow the values of a function; return what its outputs hold."""
+        inputs = zip(function.inputs, given, strict=True)
+        known = {i.id: parts for i, parts in inputs if not isinstance(i, Variable) and parts is not None}
+        slots = _Slots({i.id for i in function.inputs if isinstance(i, Variable)})
+        count = 0
+        while True:
+            before, opaque = dict(slots.held), set(slots.opaque)
+            self._region(function.body, dict(known), slots, ())
+            changed = {v for v, parts in slots.held.items() if before.get(v) != parts}
+            if not changed and slots.opaque == opaque:
+                return [slots.held.get(o.id, _UNKNOWN) if o.id not in opaque else _UNKNOWN for o in function.outputs]
+            count += 1
+            if count >= _ROUNDS:
+                slots.opaque |= changed
+
+    def _region(self, region: Region, values: dict[int, _Parts], slots: _Slots, path: tuple[int, ...]) -> None:
+        for place, s in enumerate(region):
+            match s:
+                case Let():
+                    found = self._let(s, values, slots, path)
+                    if found is not None:
+                        values[s.value.id] = found
+                case Store(variable, value, components, index):
+                    stored = values.get(value)
+                    slots.first.setdefault(variable, path)
+                    if components is not None or index is not None or stored is None:
+                        slots.opaque.add(variable)
+                    else:
+                        slots.held[variable] = _join(slots.held.get(variable, stored), stored)
+                case Call(name, args):
+                    inputs = list(zip(args, self.functions[name].inputs, strict=True))
+                    slots.opaque |= {arg for arg, i in inputs if isinstance(i, Variable)}
+                    given = [None if isinstance(i, Variable) else values.get(a) for a, i in inputs]
+                    found_each = self.function(self.functions[name], given)
+                    values.update(zip((r.id for r in results(s)), found_each, strict=True))
+            for k, inner in enumerate(regions_of(s)):
+                self._region(inner, values, slots, (*path, place, k))
+
+    def _let(self, s: Let, values: dict[int, _Parts], slots: _Slots, path: tuple[int, ...]) -> _Parts | None:
+        type_ = s.value.type
+        if s.op == "table" and s.attr in self.cut:
+            self._read(s, values.get(s.args[0]))
+        if s.op == "call":
+            callee = self.functions[str(s.attr)]
+            return self.function(callee, [values.get(a) for a in s.args])[0][: type_.size]
+        if type_.base is not Base.I:
+            return None
+        if s.op == "load":
+            return None if s.args or not isinstance(s.attr, int) else slots.load(s.attr, path)
+        if s.op in ("grid_index", "grid_shape"):
+            of = "index" if s.op == "grid_index" else "extent"
+            return tuple(_Part(of, k, 0, 0) for k in range(type_.size))
+        if s.op == "table_size" and s.attr in self.cut:
+            return tuple(_Part("extent", k, 0, 0) for k in range(type_.size))
+        if s.op == "const" and isinstance(s.attr, tuple):
+            return tuple(_Part("number", 0, int(n), int(n)) for n in decode(type_, s.attr))
+        args = [values.get(a, _UNKNOWN) for a in s.args]
+        return _OPERATIONS[s.op](s, args) if s.op in _OPERATIONS else None
+
+    def _read(self, s: Let, index: _Parts | None) -> None:
+        for axis, part in enumerate(index or (None,)):
+            if part is None or part.of != "index" or part.axis != axis:
+                raise ShpyTypeError(
+                    f"{s.attr} is read at an index whose distance from sh.grid_index has no known bound, so no halo is "
+                    "wide enough",
+                    loc=s.value.loc,
+                    cure=f"{s.attr}[i + (0, 1)] with i = sh.grid_index({len(self.found)}) and constants, or the whole "
+                    "array as a sh.Table",
+                )
+            self.found[axis] = max(self.found[axis], -part.low, part.high)
+
+
+def _join(a: _Parts, b: _Parts) -> _Parts:
+    return tuple(_joined(x, y) for x, y in zip(a, b, strict=True))
+
+
+def _joined(a: _Part | None, b: _Part | None) -> _Part | None:
+    if a is None or b is None or (a.of, a.axis) != (b.of, b.axis):
+        return None
+    return _Part(a.of, a.axis, min(a.low, b.low), max(a.high, b.high))
+
+
+def _sum(a: _Part | None, b: _Part | None) -> _Part | None:
+    if a is None or b is None or "number" not in (a.of, b.of):
+        return None
+    base = b if a.of == "number" else a
+    return _Part(base.of, base.axis, a.low + b.low, a.high + b.high)
+
+
+def _minus(a: _Part | None) -> _Part | None:
+    return None if a is None or a.of != "number" else _Part("number", 0, -a.high, -a.low)
+
+
+def _least(a: _Part | None, b: _Part | None) -> _Part | None:
+    """Return min(a, b): an index never exceeds the extent of its axis, less one."""
+    if a is not None and b is not None and a.of == "extent":
+        a, b = b, a
+    if a is None or b is None:
+        return None
+    if a.of == "index" and b.of == "extent" and a.axis == b.axis and b.low >= -1:
+        return _Part("index", a.axis, min(a.low, b.low + 1), a.high)
+    return _joined(a, b)
+
+
+def _greatest(a: _Part | None, b: _Part | None) -> _Part | None:
+    """Return max(a, b): an index is never negative."""
+    if a is not None and b is not None and a.of == "number":
+        a, b = b, a
+    if a is None or b is None:
+        return None
+    if a.of == "index" and b.of == "number" and b.high <= 0:
+        return _Part("index", a.axis, a.low, max(a.high, b.high))
+    return _joined(a, b)
+
+
+_OPERATIONS: dict[str, Callable[[Any, list[_Parts]], _Parts]] = {
+    "add": lambda s, args: tuple(map(_sum, *args)),
+    "sub": lambda s, args: tuple(_sum(a, _minus(b)) for a, b in zip(*args, strict=True)),
+    "neg": lambda s, args: tuple(map(_minus, args[0])),
+    "min": lambda s, args: tuple(map(_least, *args)),
+    "max": lambda s, args: tuple(map(_greatest, *args)),
+    "clamp": lambda s, args: tuple(_least(_greatest(x, low), high) for x, low, high in zip(*args, strict=True)),
+    "cond": lambda s, args: tuple(map(_joined, *args[1:])),
+    "splat": lambda s, args: args[0][:1] * s.value.type.size,
+    "construct": lambda s, args: tuple(part for parts in args for part in parts),
+    "swizzle": lambda s, args: tuple(args[0][k] for k in s.attr),
+}

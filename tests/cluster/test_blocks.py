@@ -1,0 +1,251 @@
+"""Kernels and chains over Dask arrays: the bits of one process for any chunks, also where a worker is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from typing import NamedTuple
+
+import dask
+import dask.array as da
+import numpy as np
+import pytest
+from dask.distributed import Client, LocalCluster
+
+import shpy as sh
+from shpy.backends.registry import NAMES
+
+every = pytest.mark.parametrize("name", NAMES)
+draw = np.random.default_rng(7)
+X = draw.random((13, 17, 3)).astype(np.float32)
+K = draw.random(17).astype(np.float32)
+U, V = draw.random((2, 40, 31)).astype(np.float32)
+
+
+class Two(NamedTuple):
+    a: sh.Attrib3f
+    b: sh.Attrib1f
+
+
+class UV(NamedTuple):
+    u: sh.Attrib1f
+    v: sh.Attrib1f
+
+
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    m: sh.Matrix2f
+
+
+@sh.program
+def two(x: sh.Attrib3f, k: sh.Attrib1f) -> Two:
+    i = sh.grid_index(2)
+    return Two(x * sh.sin(k) + i.x, sh.dot(x, x) + i.y * sh.grid_shape(2).x)
+
+
+@sh.program
+def turned(ray: Ray, s: sh.Attrib1f) -> Ray:
+    return Ray(ray.o * s, ray.m @ ray.m)
+
+
+def laplacian(t, i):
+    return t[i + (0, 1)] + t[i - (0, 1)] + t[i + (1, 0)] + t[i - (1, 0)] - 4 * t[i]
+
+
+@sh.program
+def gray_scott(u: sh.Table[sh.Attrib1f, 2], v: sh.Table[sh.Attrib1f, 2]) -> UV:
+    i = sh.grid_index(2)
+    a, b = u[i], v[i]
+    reaction = a * b * b
+    ramp = 0.035 + 0.0001 * i.y / sh.grid_shape(2).y
+    return UV(a + 0.16 * laplacian(u, i) - reaction + ramp * (1 - a), b + 0.08 * laplacian(v, i) + reaction - 0.095 * b)
+
+
+@sh.program
+def clamped(u: sh.Table[sh.Attrib1f, 1]) -> sh.Attrib1f:
+    i, n = sh.grid_index(1), sh.grid_shape(1)
+    return u[sh.min(i + 2, n - 1)] - u[sh.max(i - 1, 0)] * 0.5
+
+
+@sh.program
+def far(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+    return u[sh.grid_index(2).yx]
+
+
+def cut(array, *chunks):
+    return da.from_array(array, chunks=chunks)
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    with dask.config.set(scheduler="synchronous"):
+        yield
+
+
+@every
+@pytest.mark.parametrize("chunks", [(5, 4, 3), (13, 17, 3), (1, 17, 3)])
+def test_blocks_have_the_bits_of_one_run(name, chunks):
+    kernel = two.compile(name)
+    wanted = kernel(X, K)
+    found = sh.map_blocks(kernel, cut(X, *chunks), K)
+    assert type(found) is Two
+    assert (found.a.shape, found.a.dtype, found.b.shape) == ((13, 17, 3), np.float32, (13, 17))
+    assert found.b.chunks == found.a.chunks[:2]
+    assert found.a.compute().tobytes() == wanted.a.tobytes()
+    assert found.b.compute().tobytes() == wanted.b.tobytes()
+
+
+@every
+def test_structs_and_matrices_go_in_and_out(name):
+    rays = {"o": X[0], "m": draw.random((17, 2, 2)).astype(np.float32)}
+    lazy = {"o": cut(rays["o"], 4, 3), "m": cut(rays["m"], 6, 2, 2)}
+    wanted = turned.compile(name)(rays, 2.5)
+    found = sh.map_blocks(turned.compile(name), lazy, 2.5)
+    assert found.m.shape == (17, 2, 2)
+    assert found.o.compute().tobytes() == wanted.o.tobytes()
+    assert found.m.compute().tobytes() == wanted.m.tobytes()
+
+
+def test_without_arrays_shape_and_chunks_say_over_what():
+    @sh.program
+    def ramp() -> sh.Attrib1f:
+        return sh.grid_index(2).x * 10 + sh.grid_index(2).y
+
+    found = sh.map_blocks(ramp, shape=(5, 7), chunks=(2, 3))
+    assert found.chunks == ((2, 2, 1), (3, 3, 1))
+    assert found.compute().tolist() == ramp(shape=(5, 7)).tolist()
+
+
+def test_params_are_sent_as_they_are_when_the_array_is_made():
+    gain = sh.Param(sh.Attrib1f, 2.0)
+
+    @sh.program
+    def scale(x: sh.Attrib1f) -> sh.Attrib1f:
+        return gain * x
+
+    before = sh.map_blocks(scale, cut(K, 5))
+    gain.value = 3.0
+    after = sh.map_blocks(scale, cut(K, 5))
+    assert before.compute().tolist() == (K * 2).tolist()
+    assert after.compute().tolist() == (K * 3).tolist()
+
+
+@every
+@pytest.mark.parametrize("chunks", [(10, 10), (40, 31), (7, 31), (3, 4)])
+def test_stencils_have_the_bits_of_one_run(name, chunks):
+    kernel = gray_scott.compile(name)
+    wanted = sh.repeat(kernel, 6).run(u=U, v=V).streams
+    found = sh.map_overlap(kernel, {"u": cut(U, *chunks), "v": V}, steps=4)
+    found = sh.map_overlap(sh.repeat(kernel, 2), found)
+    for stream in "uv":
+        assert found[stream].compute().tobytes() == wanted[stream].numpy().tobytes()
+
+
+@every
+@pytest.mark.parametrize("size", [1, 3, 9, 17])
+def test_indices_clamped_by_the_program_reach_as_far(name, size):
+    kernel = clamped.compile(name)
+    wanted = sh.repeat(kernel, 3).run(u=K).streams["u"].numpy()
+    assert sh.map_overlap(kernel, {"u": cut(K, size)}, steps=3)["u"].compute().tobytes() == wanted.tobytes()
+
+
+def test_a_step_that_also_reads_a_whole_table_and_its_own_element():
+    weights = sh.Table([0.5, 0.25], sh.Attrib1f)
+
+    @sh.program
+    def step(u: sh.Table[sh.Attrib1f], w: sh.Table[sh.Attrib1f], f: sh.Attrib1f, s: sh.Attrib1f) -> dict:
+        i = sh.grid_index(1)
+        return {"u": w[0] * u[i - 1] + w[1] * u[i] + f * s}
+
+    force = K[::-1].copy()
+    wanted = sh.repeat(step, 4).run(u=K, w=weights, f=force, s=0.1).streams["u"].numpy()
+    found = sh.map_overlap(step, {"u": cut(K, 5), "w": weights, "f": force, "s": 0.1}, steps=4)
+    assert found["u"].compute().tobytes() == wanted.tobytes()
+
+
+REFUSED = [
+    (
+        lambda: two(cut(X, 5, 4, 3), K),
+        "x is a Dask array, whose chunks may not fit into the memory of one process",
+        "sh.map_blocks(kernel, x), or x.compute() where it fits",
+    ),
+    (
+        lambda: sh.map_blocks(two, cut(X, 5, 4, 2), K),
+        "x is a Attrib3f, and its chunks (2, 1) on the last axis cut the components of elements",
+        "x.rechunk({-1: -1})",
+    ),
+    (
+        lambda: sh.map_blocks(two, cut(X, 5, 4, 3), K[:5]),
+        "the element shapes do not broadcast: x (13, 17), k (5,)",
+        "shapes as numpy's rules join them",
+    ),
+    (
+        lambda: sh.map_blocks(two, X, K),
+        "no input of two is a Dask array",
+        "kernel(…), which runs here, or da.from_array(x, chunks=…); without inputs, shape= and chunks=",
+    ),
+    (
+        lambda: sh.map_blocks(far, cut(U, 9, 9)),
+        "u is read at any index, and a worker has one block of a Dask array",
+        "u.compute(), which each worker is sent, or sh.map_overlap for a stencil",
+    ),
+    (
+        lambda: sh.map_blocks(sh.repeat(far, 2), cut(U, 9, 9)),
+        "sh.map_blocks takes a program or kernel, not <Chain repeat(far, 2)>",
+        "sh.map_overlap(chain, {name: array})",
+    ),
+    (
+        lambda: sh.map_overlap(far, {"u": cut(U, 9, 9)}),
+        "u is read at an index whose distance from sh.grid_index has no known bound, so no halo is wide enough",
+        "u[i + (0, 1)] with i = sh.grid_index(2) and constants, or the whole array as a sh.Table",
+    ),
+    (
+        lambda: sh.map_overlap(gray_scott, {"u": cut(U, 9, 9)}),
+        "sequence(gray_scott) lacks v",
+        "sh.map_overlap(chain, {'u': u, 'v': v})",
+    ),
+    (lambda: sh.map_overlap(far, {"u": cut(U, 9, 9)}, steps=0), "steps=0 is no number of executions", "steps=8"),
+]
+
+
+@pytest.mark.parametrize(("call", "message", "cure"), REFUSED)
+def test_mistakes_are_errors_before_anything_runs(call, message, cure):
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        call()
+    assert (caught.value.message, caught.value.cure) == (message, cure)
+
+
+def test_importing_shpy_does_not_import_dask():
+    code = "import sys, shpy; sys.exit('dask' in sys.modules or 'distributed' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def kill_once(block, flag):
+    """Kill the worker that gets a block first."""
+    try:
+        os.close(os.open(flag, os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        return block
+    os.kill(os.getpid(), signal.SIGKILL)
+    return block
+
+
+def test_a_worker_that_is_killed_costs_nothing_but_its_blocks(tmp_path):
+    flag = str(tmp_path / "killed")
+    kernel = gray_scott.compile("numpy")
+    wanted = sh.repeat(kernel, 4).run(u=U, v=V).streams
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+        dask.config.set(scheduler=client),
+    ):
+        found = sh.map_overlap(kernel, {"u": cut(U, 11, 9), "v": cut(V, 11, 9)}, steps=2)
+        found = {n: a.map_blocks(kill_once, flag=flag, dtype=a.dtype, meta=a._meta) for n, a in found.items()}
+        found = sh.map_overlap(kernel, found, steps=2)
+        u, v = dask.compute(found["u"], found["v"], scheduler=client)
+    assert os.path.exists(flag)
+    assert u.tobytes() == wanted["u"].numpy().tobytes()
+    assert v.tobytes() == wanted["v"].numpy().tobytes()
