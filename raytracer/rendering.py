@@ -56,7 +56,7 @@ def render(
     address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
     `tile_rows` rows each, and the picture's arrays lie in temporary files.
     With `partitions` the scene is cut into so many parts, each held by one worker, between which rays travel; this is
-    for `Whitted` without glass. `image.stats.moved` counts the records of rays.
+    for `Whitted` without glass. `image.stats.moved` counts the records of rays. docs/clusters.md says more.
 
     Raises SceneError for sizes and numbers that make no picture, pictures that do not fit into memory, options that do
     not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for

@@ -101,7 +101,8 @@ def shown(error: Exception) -> Exception:
             )
         case CancelledError():
             return ClusterError(
-                f"the cluster has lost or cancelled a task ({error}): did the scheduler stop, or its only worker?"
+                f"the cluster has lost or cancelled a task ({error}): did the scheduler stop, or its "
+                "workers for want of memory?"
             )
         case CommClosedError():
             return ClusterError(f"the cluster does not answer any more: {error}")

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 from unittest.mock import Mock
@@ -230,3 +231,40 @@ def test_pictures_with_workers_killed_at_twenty_moments_are_the_same(client):
         found = render(scene, (20, 30), cluster=client, tile_rows=1, **given)
         timer.join()
         assert_same(found, wanted)
+
+
+def features():
+    import numpy._core._multiarray_umath as core
+
+    return sorted(name for name, there in core.__cpu_features__.items() if there)
+
+
+@pytest.mark.slow
+def test_a_cluster_of_different_processors_is_the_same_in_strict_and_refused_in_relaxed_mode():
+    """One of two workers has numpy leave out the wide instructions of this processor."""
+    from distributed import Client, LocalCluster
+
+    narrow = {"NPY_DISABLE_CPU_FEATURES": " ".join(WIDE)}
+    with (
+        LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        words = [sys.executable, "-m", "dask", "worker", cluster.scheduler_address, "--nthreads", "1", "--no-dashboard"]
+        workers = [subprocess.Popen(words, env={**os.environ, **env}) for env in ({}, narrow)]
+        try:
+            client.wait_for_workers(2, timeout=120)
+            one, other = client.run(features).values()
+            given = {"integrator": Path(samples=4), "backend": "numpy"}
+            scene = Scene.builtin("cornell")
+            assert_same(render(scene, (32, 32), cluster=client, tile_rows=1, **given), render(scene, (32, 32), **given))
+            if one != other:
+                given["integrator"] = Path(samples=4, math="relaxed")
+                with pytest.raises(ClusterError, match="workers compute different bits with math='relaxed'"):
+                    render(scene, (32, 32), cluster=client, tile_rows=1, **given)
+        finally:
+            for worker in workers:
+                worker.terminate()
+                worker.wait()
+
+
+WIDE = ("AVX512_ICL", "AVX512_CNL", "AVX512_CLX", "AVX512_SKX", "AVX512F", "AVX2", "FMA3", "X86_V3", "X86_V4")
