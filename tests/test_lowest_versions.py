@@ -48,6 +48,11 @@ found = [wave.compile(b)(x) for b in ("numpy", "opencl", "glsl")]
 assert all(np.array_equal(found[0], f) for f in found)
 pictures = [render(Scene.builtin("mixed"), size=(40, 30), backend=b).pixels for b in ("numpy", "opencl", "glsl")]
 assert all(np.array_equal(pictures[0], p) for p in pictures)
+
+import dask.array as da
+import distributed
+blocks = sh.map_blocks(wave, da.from_array(x, chunks=300))
+assert np.array_equal(blocks.compute(), found[0])
 print(np.__version__)
 """
 

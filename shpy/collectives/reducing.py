@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backends.base import overlap
+from shpy.collectives.chunks import reduce_chunks
 from shpy.collectives.exact import exact_sums, sums_of_blocks
 from shpy.collectives.programs import (
     BLOCK,
@@ -33,6 +34,7 @@ from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import FLOATS, Base
+from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.data.tables import Table
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, layout_of
@@ -47,8 +49,8 @@ _METHODS = ("pairwise", "compensated", "exact")
 
 
 @in_ieee_arithmetic
-def reduce(program: Program, stream: Stream, axis: int | None = None) -> Any:
-    """Combine all elements of a stream, in C order, or those along an axis, with a program(a, b) -> a.
+def reduce(program: Program, stream: Any, axis: int | None = None) -> Any:
+    """Combine all elements of a Stream, in C order, or those along an axis, with a program(a, b) -> a.
 
     The order is that of a balanced binary tree of neighbours: level after level, out[i] = program(in[2 i],
     in[2 i + 1]), and an odd last element passes unchanged, until one is left. So `a` always stands before `b`, and the
@@ -56,9 +58,12 @@ def reduce(program: Program, stream: Stream, axis: int | None = None) -> Any:
     Elements may be scalars, vectors, matrices or structs.
 
     Without an axis, the call waits for the device, and returns a numpy scalar, an array of the element's shape, or a
-    named tuple of these for a struct. Along an axis it returns a Stream of the shape without that axis.
+    named tuple of these for a struct. Along an axis it returns a Stream of the shape without that axis. Of a Dask array
+    of scalars or vectors it returns a Dask array, for any chunks with the bits of one Stream.
     Raises ShpyTypeError for no elements along the axis, and for programs that do not combine two elements into one.
     """
+    if is_lazy(stream):
+        return reduce_chunks(reduce, program, stream, axis)
     program, element = combination(program, stream, "reduce")
     rows = _rows(stream, axis, element)
     if not rows.shape[len(rows.shape) // 2]:
