@@ -250,7 +250,8 @@ def test_a_cluster_of_different_processors_is_the_same_in_strict_and_refused_in_
         Client(cluster) as client,
     ):
         words = [sys.executable, "-m", "dask", "worker", cluster.scheduler_address, "--nthreads", "1", "--no-dashboard"]
-        workers = [subprocess.Popen(words, env={**os.environ, **env}) for env in ({}, narrow)]
+        here = {**os.environ, "PYTHONPATH": os.path.dirname(__file__), "DASK_LOGGING__DISTRIBUTED": "critical"}
+        workers = [subprocess.Popen(words, env={**here, **env}) for env in ({}, narrow)]
         try:
             client.wait_for_workers(2, timeout=120)
             one, other = client.run(features).values()
