@@ -12,11 +12,12 @@ from typing import Any
 
 from shpy.backends.base import Memory
 from shpy.collectives.arguments import check_stream, shaped
+from shpy.collectives.chunk_sorting import sort_chunks
 from shpy.collectives.leaves import Leaves
 from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data.hostdata import checked_bool
+from shpy.lang.data.hostdata import checked_bool, is_lazy
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
@@ -26,16 +27,20 @@ from shpy.streams.stream import Stream
 
 
 @in_ieee_arithmetic
-def sort(stream: Stream, key: Program | None = None, descending: bool = False) -> Stream:
+def sort(stream: Any, key: Program | None = None, descending: bool = False) -> Any:
     """Return the elements in ascending order, of shape (n,) for n elements; several axes are taken in C order.
 
     `key`, a program of one element that gives one number or bool, says by what; elements of one component need none.
     The order is stable: elements of equal keys keep the order that they had, with `descending=True` too. -0 and +0 are
     equal. NaN is greater than every number, whatever its sign and bits, so it stands last, and first if descending.
+    Of a Dask array of scalars or vectors it returns a Dask array, for any chunks the same one.
     Raises ShpyTypeError for elements of several components without a key, for a program of other types, and for a
     `descending` that is no bool.
     """
-    given, descending = check_stream(stream, "sort"), checked_bool(descending, "descending")
+    descending = checked_bool(descending, "descending")
+    if is_lazy(stream):
+        return sort_chunks(_keys, stream, key, descending)
+    given = check_stream(stream, "sort")
     leaves = Leaves(given.place)
     keys = _keys(given, key, "sort")
     if key is None:

@@ -1,4 +1,4 @@
-"""Gray–Scott over more data than a worker may hold, with the bits of one process."""
+"""Gray-Scott over more data than a worker may hold, with the bits of one process."""
 
 from __future__ import annotations
 

@@ -1,0 +1,70 @@
+"""sh.sort over Dask arrays: the elements of one stream's order for any chunks."""
+
+from __future__ import annotations
+
+import itertools
+
+import dask
+import dask.array as da
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy.collectives.chunk_sorting import network
+
+draw = np.random.default_rng(5)
+EDGES = np.array([0.0, -0.0, np.nan, -np.nan, np.inf, -np.inf, 1e-45, -1e-45, 1, -1], np.float32)
+
+
+@sh.program
+def height(p: sh.Attrib3f) -> sh.Attrib1f:
+    return sh.floor(p.y)
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    with dask.config.set(scheduler="synchronous"):
+        yield
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+def test_the_network_sorts_all_zeros_and_ones(count):
+    for bits in itertools.product((0, 1), repeat=count):
+        found = list(bits)
+        for low, high in network(count):
+            assert low < high
+            found[low], found[high] = sorted((found[low], found[high]))
+        assert found == sorted(bits)
+
+
+@pytest.mark.parametrize("chunks", [1_000, 777, 130, 90])
+@pytest.mark.parametrize("descending", [False, True])
+@pytest.mark.parametrize("kind", ["f", "i", "u", "b"])
+def test_numbers_are_in_the_order_of_one_stream(chunks, descending, kind):
+    x = {
+        "f": np.concatenate((draw.standard_normal(900).astype(np.float32), draw.choice(EDGES, 100))),
+        "i": draw.integers(-(2**31), 2**31, 1000).astype(np.int32),
+        "u": draw.integers(0, 2**32, 1000).astype(np.uint32),
+        "b": draw.random(1000) < 0.5,
+    }[kind]
+    x = draw.permutation(x)
+    cls = {"f": sh.Attrib1f, "i": sh.Attrib1i, "u": sh.Attrib1u, "b": sh.Attrib1b}[kind]
+    wanted = sh.sort(sh.Stream(x, cls, "numpy"), descending=descending).numpy()
+    found = sh.sort(da.from_array(x, chunks=chunks), descending=descending)
+    assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
+    assert found.compute().tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("descending", [False, True])
+def test_vectors_by_a_key_are_stable(descending):
+    x = (draw.standard_normal((20, 31, 3)) * 2).astype(np.float32)
+    wanted = sh.sort(sh.Stream(x, sh.Attrib3f, "numpy"), key=height, descending=descending).numpy()
+    found = sh.sort(da.from_array(x, chunks=(3, 10, 2)), key=height, descending=descending)
+    assert found.compute().tobytes() == wanted.tobytes()
+
+
+def test_mistakes_are_errors_before_anything_runs():
+    with pytest.raises(sh.ShpyTypeError, match="takes a program of one scalar or vector as key"):
+        sh.sort(da.ones(5), key=max)
+    with pytest.raises(sh.ShpyTypeError, match="takes numbers, not complex128"):
+        sh.sort(da.ones(5, dtype=complex))
