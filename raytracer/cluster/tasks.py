@@ -42,7 +42,7 @@ def spread(client: Any, thing: Any) -> Iterator[Any]:
 
 def key_of(thing: Any) -> str:
     """Return a key of a thing's content, by which a worker finds again what it has made of it."""
-    from dask.tokenize import tokenize
+    from dask.base import tokenize
 
     return str(tokenize(thing))
 
