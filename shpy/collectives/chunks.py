@@ -1,7 +1,8 @@
-"""sh.reduce over Dask arrays: a block of a power of two elements is a subtree of the tree, so the bits are the same.
+"""sh.reduce and sh.scan over Dask arrays: a block of 2**k elements is a subtree of the tree, so the bits are the same.
 
 Stage: run. The elements are put into such blocks whatever the chunks are, and workers reduce one block each. Their
-results are elements again, until one is left. Nothing runs before Dask is asked for the result.
+results are elements again, until one is left. A scan goes on in each block from the prefix before it. Nothing runs
+before Dask is asked for the result.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf
 from shpy.program import Program
-from shpy.streams.elements import InputLeaf, dtypes_at, element_shape
+from shpy.streams.elements import InputLeaf, Shape, dtypes_at, element_shape
 from shpy.streams.stream import Stream
 
 _FEWEST, _MOST = 1 << 12, 1 << 20
@@ -31,13 +32,7 @@ Reduce = Callable[..., Any]
 
 def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None) -> Any:
     """Return the Dask array of the reduced elements, which `reduce` gives for the stream of a block."""
-    import dask.array as da
-
-    cls = _element(program)
-    shape = element_shape("the array", cls, array.shape)
-    tail = array.ndim - len(shape)
-    InputLeaf("the array", cls, np.empty((0,) * len(shape) + array.shape[len(shape) :], array.dtype), np.float32)
-    check_combination(program, Stream(np.zeros((1, cls.size)[: 1 + tail]), cls, "numpy"), "reduce")
+    shape, tail = _checked(program, array, "reduce")
     if not math.prod(shape):
         raise ShpyTypeError("sh.reduce of no elements has no result", loc=here(), cure="an array with elements")
     if axis is None:
@@ -46,27 +41,95 @@ def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None
         cure = f"axis={' or axis='.join(map(str, range(len(shape))))}"
         raise ShpyTypeError(f"axis={axis!r} of an array of {len(shape)} axes of elements", loc=here(), cure=cure)
     axis %= array.ndim - tail
-    packed, labels = pickle.dumps(program), tuple(range(array.ndim))
-    meta = np.empty((0,) * array.ndim, dtypes_at("f32")[cls.base])
-    longest = max(array.chunks[axis])
-    size = min(max(1 << max(longest.bit_length() - 1, 0), _FEWEST), _MOST)
-    while array.shape[axis] > 1 or array.dtype != meta.dtype:
-        blocks = array.rechunk({axis: size} | ({-1: -1} if tail else {}))
-        ones = {axis: (1,) * blocks.numblocks[axis]}
-        array = da.blockwise(
-            _block, labels, blocks, labels, dtype=meta.dtype, meta=meta, adjust_chunks=ones,
-            reduce=reduce, packed=packed, axis=axis,
-        )  # fmt: skip
+    dtype, size = dtypes_at("f32")[_element(program).base], _size(array, axis)
+    while array.shape[axis] > 1 or array.dtype != dtype:
+        array = _level(reduce, program, _in_blocks(array, axis, size, tail), axis)
     return array.squeeze(axis)
 
 
-def _element(program: Any) -> Any:
+def scan_chunks(reduce: Reduce, scan: Callable[..., Any], program: Program, array: Any, exclusive: bool) -> Any:
+    """Return the Dask array of all prefixes. `scan` scans a block from the prefix before it to the one that ends it."""
+    import dask.array as da
+
+    shape, tail = _checked(program, array, "scan")
+    if not math.prod(shape):
+        return array.astype(dtypes_at("f32")[_element(program).base])
+    flat = array.reshape((math.prod(shape), *array.shape[len(shape) :]))
+    size = _size(flat, 0)
+    blocks = _in_blocks(flat, 0, size, tail)
+    labels = tuple(range(flat.ndim))
+    totals = _level(reduce, program, blocks, 0)
+    options = {"dtype": totals.dtype, "meta": totals._meta, "scan": scan, "packed": pickle.dumps(program)}
+    ends = da.blockwise(_scanned, labels, totals.rechunk(-1), labels, exclusive=False, **options).rechunk({0: 1})
+    before = da.concatenate((ends[:1], ends[:-1]))
+    found = da.blockwise(
+        _scanned, labels, blocks, labels, before, labels, ends, labels, da.arange(len(ends), chunks=1), (0,),
+        align_arrays=False, adjust_chunks={0: blocks.chunks[0]}, exclusive=exclusive,
+        size=size, **options,
+    )  # fmt: skip
+    return found.reshape(array.shape)
+
+
+def _scanned(
+    block: NDArray[Any],
+    before: Any = None,
+    last: Any = None,
+    place: Any = 0,
+    *,
+    scan: Callable[..., Any],
+    packed: bytes,
+    exclusive: bool,
+    size: int | None = None,
+) -> NDArray[Any]:
+    """Scan a block; the first one has nothing before it, and a last one of another `size` ends no node of the tree."""
+    program = _program(packed)
+    cls = _element(program)
+    around = [
+        None if a is None else Stream(a, cls, "numpy")
+        for a in (before if np.any(place) else None, last if len(block) == size else None)
+    ]
+    found: NDArray[Any] = scan(program, Stream(block, cls, "numpy"), exclusive, *around)
+    return found
+
+
+def _checked(program: Any, array: Any, name: str) -> tuple[Shape, int]:
+    """Return the shape of the elements and the number of axes of components; ShpyTypeError for what does not fit."""
+    cls = _element(program, name)
+    shape = element_shape("the array", cls, array.shape)
+    tail = array.ndim - len(shape)
+    InputLeaf("the array", cls, np.empty((0,) * len(shape) + array.shape[len(shape) :], array.dtype), np.float32)
+    check_combination(program, Stream(np.zeros((1, cls.size)[: 1 + tail], array.dtype), cls, "numpy"), name)
+    return shape, tail
+
+
+def _size(array: Any, axis: int) -> int:
+    longest: int = max(array.chunks[axis])
+    return min(max(1 << max(longest.bit_length() - 1, 0), _FEWEST), _MOST)
+
+
+def _in_blocks(array: Any, axis: int, size: int, tail: int) -> Any:
+    return array.rechunk({axis: size} | ({-1: -1} if tail else {}))
+
+
+def _level(reduce: Reduce, program: Program, blocks: Any, axis: int) -> Any:
+    """Return one element for each block along an axis."""
+    import dask.array as da
+
+    labels = tuple(range(blocks.ndim))
+    meta = np.empty((0,) * blocks.ndim, dtypes_at("f32")[_element(program).base])
+    return da.blockwise(
+        _block, labels, blocks, labels, dtype=meta.dtype, meta=meta,
+        adjust_chunks={axis: (1,) * blocks.numblocks[axis]}, reduce=reduce, packed=pickle.dumps(program), axis=axis,
+    )  # fmt: skip
+
+
+def _element(program: Any, name: str = "reduce") -> Any:
     """Return the type of an element; ShpyTypeError for structs, which are several arrays."""
     types = list(program.recorded.inputs.values()) if isinstance(program, Program) else []
     if types and isinstance(types[0], Leaf):
         return types[0].cls
     raise ShpyTypeError(
-        f"sh.reduce over a Dask array takes a program of two scalars or vectors, not {program!r}",
+        f"sh.{name} over a Dask array takes a program of two scalars or vectors, not {program!r}",
         loc=here(),
         cure="add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f, with @sh.program before it",
     )

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backends.base import Tree
+from shpy.collectives.chunks import scan_chunks
 from shpy.collectives.programs import scanning, scanning_fours
+from shpy.collectives.reducing import reduce
 from shpy.collectives.trees import (
     arrays_of,
     combination,
@@ -30,7 +32,7 @@ from shpy.collectives.trees import (
     run_pairs,
 )
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data.hostdata import checked_bool
+from shpy.lang.data.hostdata import checked_bool, is_lazy
 from shpy.lang.data.tables import Table
 from shpy.program import Program
 from shpy.streams.stream import Stream
@@ -39,7 +41,7 @@ Arrays = list[NDArray[Any]]
 
 
 @in_ieee_arithmetic
-def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
+def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
     """Return a Stream of all prefixes: element i combines the elements 0 to i, in C order, with a program(a, b) -> a.
 
     The order of evaluation is fixed. The elements 0 to i are cut into the largest blocks of a power of two elements
@@ -49,11 +51,14 @@ def scan(program: Program, stream: Stream, exclusive: bool = False) -> Stream:
     `sh.reduce` if the number of elements is a power of two. The same bits come out on every backend in strict mode.
 
     With `exclusive`, element i combines the elements 0 to i - 1, and element 0 is zero in all of its components.
-    The result has the shape of the stream, and is empty for an empty one. Raises ShpyTypeError for programs that do not
+    The result has the shape of the stream, and is empty for an empty one. Of a Dask array of scalars or vectors it is a
+    Dask array, for any chunks with the bits of one Stream. Raises ShpyTypeError for programs that do not
     combine two elements into one, and for an `exclusive` that is no bool.
     """
-    program, element = combination(program, stream, "scan")
     exclusive = checked_bool(exclusive, "exclusive")
+    if is_lazy(stream):
+        return scan_chunks(reduce, _scan_block, program, stream, exclusive)
+    program, element = combination(program, stream, "scan")
     flat = retyped(stream, element, (stream.size,))
     if stream.size < 2:
         if not exclusive or not stream.size:
@@ -105,26 +110,46 @@ def _down_on_device(program: Program, level: Stream, above: Stream, exclusive: b
     return Stream.over(level.type, level.shape, level.place, [memory])
 
 
-def _on_host(program: Program, stream: Stream, exclusive: bool) -> Stream:
-    """Two neighbours become one on the way up, and one prefix two on the way down."""
+def _scan_block(
+    program: Program, stream: Stream, exclusive: bool, before: Stream | None, last: Stream | None
+) -> NDArray[Any]:
+    """Scan a block on the host as a part of a longer stream: see `_on_host`."""
+    program, element = combination(program, stream, "scan")
+    around = [None if s is None else arrays_of(retyped(s, element, (1,))) for s in (before, last)]
+    found = _on_host(program, retyped(stream, element, (stream.size,)), exclusive, *around)
+    return np.asarray(retyped(found, stream.type, stream.shape))
+
+
+def _on_host(
+    program: Program, stream: Stream, exclusive: bool, before: Arrays | None = None, last: Arrays | None = None
+) -> Stream:
+    """Two neighbours become one on the way up, and one prefix two on the way down.
+
+    A block of a longer stream goes on from the prefix `before` it; `last` is the prefix that a whole block ends with.
+    """
     levels = [arrays_of(stream)]
     while (n := levels[-1][0].shape[1]) > 1:
         whole = n // 2 * 2
         firsts, seconds = ([a[:, k:whole:2] for a in levels[-1]] for k in (0, 1))
         levels.append(run_pairs(program, firsts, seconds, stream.type, stream))
-    above = levels.pop()
+    top = levels.pop()
+    above = last or (top if before is None else run_pairs(program, before, top, stream.type, stream))
     while levels:
-        above = _down_on_host(program, levels.pop(), above, stream)
+        above = _down_on_host(program, levels.pop(), above, stream, before)
     if exclusive:
-        above = [np.concatenate((np.zeros_like(a[:, :1]), a[:, :-1]), axis=1) for a in above]
+        firsts = [np.zeros_like(a[:, :1]) for a in above] if before is None else before
+        above = [np.concatenate((first, a[:, :-1]), axis=1) for first, a in zip(firsts, above, strict=True)]
     return over_arrays(above, stream.type, stream)
 
 
-def _down_on_host(program: Program, level: Arrays, above: Arrays, stream: Stream) -> Arrays:
+def _down_on_host(program: Program, level: Arrays, above: Arrays, stream: Stream, before: Arrays | None) -> Arrays:
     n = level[0].shape[1]
     odd = run_pairs(program, [a[:, : (n - 1) // 2] for a in above], [a[:, 2::2] for a in level], stream.type, stream)
     found = [np.empty_like(a) for a in level]
-    for made, first, pair, rest in zip(found, level, above, odd, strict=True):
+    starts = [a[:, :1] for a in level]
+    if before is not None:
+        starts = run_pairs(program, before, starts, stream.type, stream)
+    for made, first, pair, rest in zip(found, starts, above, odd, strict=True):
         made[:, 0] = first[:, 0]
         made[:, 1::2] = pair[:, : n // 2]
         made[:, 2::2] = rest

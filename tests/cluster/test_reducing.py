@@ -1,4 +1,4 @@
-"""sh.reduce over Dask arrays: the bits of one stream for any chunks."""
+"""sh.reduce and sh.scan over Dask arrays: the bits of one stream for any chunks."""
 
 from __future__ import annotations
 
@@ -60,3 +60,22 @@ def test_mistakes_are_errors_before_anything_runs():
         sh.reduce(add, x > 1)
     with pytest.raises(sh.ShpyTypeError, match="takes a program of two scalars or vectors"):
         sh.reduce(max, x)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4096, 4097, 20_001])
+@pytest.mark.parametrize("chunks", [1_000, 8_192])
+@pytest.mark.parametrize("exclusive", [False, True])
+def test_scans_have_the_bits_of_one_stream(n, chunks, exclusive):
+    x = (draw.standard_normal(n) * 10.0 ** draw.integers(-6, 6, n)).astype(np.float32)
+    wanted = sh.scan(add, sh.Stream(x, sh.Attrib1f, "numpy"), exclusive).numpy()
+    found = sh.scan(add, da.from_array(x, chunks=chunks), exclusive)
+    assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
+    assert found.compute().tobytes() == wanted.tobytes()
+
+
+def test_scans_of_vectors_keep_the_shape():
+    x = draw.standard_normal((9_001, 7, 3)).astype(np.float32)
+    wanted = sh.scan(later, sh.Stream(x, sh.Attrib3f, "numpy")).numpy()
+    found = sh.scan(later, da.from_array(x, chunks=(700, 7, 2)))
+    assert found.shape == x.shape
+    assert found.compute().tobytes() == wanted.tobytes()
