@@ -55,24 +55,24 @@ def lit(p, to_light, time):
 @sh.program
 def raymarch(uv: sh.TexCoord2f, resolution: sh.Attrib2f, time: sh.Attrib1f, mouse: sh.Attrib2f = (0, 0)) -> sh.Color3f:
     turn = 0.25 * time + 6.2832 * mouse.x / resolution.x + 0.6
-    eye = sh.Point3f(4.2 * sh.sin(turn), 2.1, 4.2 * sh.cos(turn))
-    ahead = sh.normalize(sh.Point3f(0, 0.45, 0) - eye)
-    right = sh.normalize(sh.cross(ahead, sh.vec3(0, 1, 0)))
-    at = (uv - 0.5) * sh.vec2(resolution.x / resolution.y, -1)
-    ray = sh.normalize(ahead * 1.7 + right * at.x + sh.cross(right, ahead) * at.y)
+    eye, right = sh.Point3f(4.2 * sh.sin(turn), 2.1, 4.2 * sh.cos(turn)), sh.vec3(sh.cos(turn), 0, -sh.sin(turn))
+    ahead = sh.normalize((0, 0.45, 0) - eye)
+    x, y = (uv - 0.5) * sh.vec2(resolution.x / resolution.y, -1)
+    ray = sh.normalize(ahead * 1.7 + right * x + sh.cross(right, ahead) * y)
     sky = sh.mix(sh.Color3f(0.8, 0.82, 0.84), sh.Color3f(0.32, 0.5, 0.75), sh.saturate(2.5 * ray.y))
     color, t, sun = sky.copy(), march(eye, ray, time), sh.normalize(light)
+    p = eye + t * ray
     with SH_IF(t < 20):
-        p = eye + t * ray
         slope = lambda e: scene_at(p + e, time) - scene_at(p - e, time)  # noqa: E731
         normal = sh.normalize(sh.vec3(slope((0.001, 0, 0)), slope((0, 0.001, 0)), slope((0, 0, 0.001))))
-        own = sh.cond(p.y > 0.005, clay, sh.Color3f(0.24 + 0.22 * sh.fract(0.5 * (sh.floor(p.x) + sh.floor(p.z)))))
+        tile = sh.Color3f(0.24 + 0.22 * sh.fract(0.5 * (sh.floor(p.x) + sh.floor(p.z))))
         closed = sh.saturate(0.25 + 3 * scene_at(p + 0.25 * normal, time))  # 1 where nothing is near
         direct = sh.max(sh.dot(normal, sun), 0) * lit(p + 0.004 * normal, sun, time)
         shine = 0.3 * sh.pow(sh.max(sh.dot(sh.reflect(ray, normal), sun), 0), 30)
+        own = sh.cond(p.y > 0.005 + 0.001 * t, clay, tile)
         color[:] = direct * (own * sh.Color3f(1.15, 1.05, 0.9) + shine) + closed * own * sh.Color3f(0.2, 0.24, 0.3)
         color[:] = sh.mix(sky, color, sh.exp(-0.004 * t * t))
-    return sh.library.srgb_from_linear(sh.saturate(color))
+    return sh.library.srgb_from_linear(color)
 
 
 if __name__ == "__main__":

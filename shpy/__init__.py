@@ -62,6 +62,8 @@ from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
 from shpy.lang.values.structure import struct, swap
 from shpy.lang.values.types import TYPES
+from shpy.notebook.live import widget
+from shpy.notebook.pictures import picture as _picture  # which notebooks call
 from shpy.program import Program, parse, program
 from shpy.run.kernel import Kernel
 from shpy.run.result import Result

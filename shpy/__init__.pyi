@@ -21,6 +21,7 @@ from shpy import screen as screen
 from shpy import testing as testing
 from shpy import videos as videos
 from shpy.animation import animate as animate
+from shpy.notebook.live import widget as widget
 from shpy.backends.registry import BackendInfo as BackendInfo
 from shpy.backends.registry import backends as backends
 from shpy.backends.registry import default_backend as default_backend
@@ -11216,4 +11217,5 @@ __all__ = [
     "vec2",
     "vec3",
     "vec4",
+    "widget",
 ]

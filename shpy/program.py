@@ -42,6 +42,7 @@ from shpy.passes.modes import MODES, Math
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
 from shpy.run.uniforms import evaluate
+from shpy.shown import Shown
 from shpy.streams.stream import Place, Stream, streams_in
 from shpy.tracing import Step, trace
 
@@ -65,7 +66,7 @@ _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 evaluate_with(evaluate)
 
 
-class Program(Unchanging, Generic[_P, _R]):
+class Program(Unchanging, Shown, Generic[_P, _R]):
     """A recorded function. Call it with arrays to run it on the default backend, with values to inline it.
 
     A type checker knows it as `Program[parameters, result]` of the function: called with values it gives the result,

@@ -27,6 +27,7 @@ from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, type_of
+from shpy.shown import Shown
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
@@ -50,7 +51,7 @@ class Place:
         return f"{self.backend}{at}{'' if self.precision == 'f32' else f', {self.precision}'}"
 
 
-class Stream(StreamReductions):
+class Stream(StreamReductions, Shown):
     """`Stream(array, type, backend=None, device=None)`: elements (*S, N), or (*S,) for N = 1, on one device.
 
     The type may be a matrix, from an array (*S, N, N), or a struct or NamedTuple, from a dict of fields, a structured

@@ -1,0 +1,92 @@
+"""The widget of a program of pixels: the page asks for a frame once it has drawn the last, so that none wait in line.
+
+Stage: view. `widget.js` draws and has the controls, which are those of `shpy view`; this class computes.
+
+    page  ──{"time", "frame", "mouse", "params"}──▶  Canvas
+    page  ◀──{"params", "milliseconds"} + pixels──   Canvas
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
+
+import anywidget
+import numpy as np
+import traitlets
+from numpy.typing import NDArray
+
+from shpy.notebook.pictures import png
+from shpy.passes.modes import Math
+from shpy.program import Program
+from shpy.screen import MOVING, Moment, drawn, is_filled, pixels
+from shpy.view.controls import assign, describe
+
+
+def _script() -> str:
+    """Return the one module of the widget: the page's elements and controls, and what is the widget's own."""
+    page, own = files("shpy.view") / "page", files("shpy.notebook")
+    parts = [page / "elements.js", page / "controls.js", own / "widget.js"]
+    text = "\n".join(re.sub(r"^import .*$", "", part.read_text(), flags=re.MULTILINE) for part in parts)
+    return re.sub(r"^export (?!default)", "", text, flags=re.MULTILINE)
+
+
+class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unused-ignore]
+    """A program's picture with its controls: see `sh.widget`."""
+
+    _esm = _script()
+    _css = (files("shpy.notebook") / "widget.css").read_text()
+    title = traitlets.Unicode().tag(sync=True)
+    extent = traitlets.List(traitlets.Int()).tag(sync=True)
+    controls: Any = traitlets.List().tag(sync=True)
+    moves = traitlets.Bool().tag(sync=True)
+
+    def __init__(
+        self,
+        program: Program,
+        size: tuple[int, int],
+        backend: str | None,
+        math: Math,
+        encode: bool,
+        values: Mapping[str, Any],
+    ) -> None:
+        self._program, self._size, self._encode = program, size, encode
+        self._options: dict[str, Any] = {"backend": backend, "math": math, **values}
+        controls = [{**control, "first": control["value"]} for control in describe(program.params)]
+        self._first = {control["name"]: control["first"] for control in controls}
+        moves = any(name in MOVING and is_filled(name, type_) for name, type_ in program.inputs.items())
+        super().__init__(title=program.name, extent=list(size), controls=controls, moves=moves)
+        self.on_msg(self._answer)
+
+    def frame(self, time: float = 0.0, frame: int = 0, mouse: Any = (0, 0, 0, 0)) -> NDArray[np.uint8]:
+        """Return the pixels (height, width, 4) at a time, in sRGB."""
+        x, y, press_x, press_y = map(float, mouse)
+        moment = Moment(self._size, float(time), int(frame), (x, y, press_x, press_y))
+        return pixels(drawn(self._program, moment, **self._options), encode=self._encode)
+
+    def _answer(self, _widget: Any, asked: Mapping[str, Any], _buffers: Any) -> None:
+        """Set the Params, and send the frame that was asked for, or the message of what went wrong."""
+        params = self._program.params
+        wanted = {n: self._first.get(n, []) if v is None else v for n, v in asked.get("params", {}).items()}
+        refused = assign(params, wanted)
+        begun = time.monotonic()
+        try:
+            levels = self.frame(asked.get("time", 0), asked.get("frame", 0), asked.get("mouse", (0, 0, 0, 0)))
+        except Exception as error:  # of a driver too: the widget shows it and goes on
+            self.send({"error": str(error)})
+            return
+        present = {control["name"]: control["value"] for control in describe(params)}
+        told = {"params": present, "error": "\n".join(refused), "milliseconds": 1000 * (time.monotonic() - begun)}
+        self.send(told, buffers=[levels.tobytes()])
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """Return the widget, and its first picture for what shows no widgets."""
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        if data is not None:
+            picture = png(self.frame())
+            data.update({"image/png": picture} if picture else {})
+        return bundle

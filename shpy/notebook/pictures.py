@@ -1,0 +1,55 @@
+"""Programs of pixels and streams of colours as PNG files, which notebooks show.
+
+Stage: picture. Objects that have no picture, as programs with other inputs, are shown by their text.
+"""
+
+from __future__ import annotations
+
+import io
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.ir.traverse import grid_rank
+from shpy.lang.values.value import Value
+from shpy.program import Program
+from shpy.screen import Moment, drawn, is_filled, pixels
+from shpy.shown import show_by
+from shpy.streams.stream import Stream
+
+_SIZE: Final = (384, 384)
+"""The width and height of a program's picture in pixels."""
+
+
+def of_pixels(program: Program) -> bool:
+    """Return whether a program is one of pixels: it reads its place in the picture, and needs no other input."""
+    types = program.inputs
+    here = {name for name, type_ in types.items() if is_filled(name, type_)}
+    needed = set(types) - here - set(program.recorded.defaults)
+    shown = next(iter(program.outputs.values()))
+    is_number = isinstance(shown, type) and issubclass(shown, Value)
+    return is_number and not needed and (bool(here & {"uv", "pixel"}) or grid_rank(program.ir) == 2)
+
+
+def png(levels: NDArray[np.uint8]) -> bytes | None:
+    """Return the PNG file of (height, width, 3 or 4) bytes; None where Pillow is missing."""
+    try:
+        from PIL import Image
+    except ImportError:
+        return None
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(levels)).save(file, "PNG")
+    return file.getvalue()
+
+
+def picture(shown: Any) -> bytes | None:
+    """Return the PNG file of a program of pixels or a stream of colours; None for anything else."""
+    if isinstance(shown, Program) and of_pixels(shown):
+        return png(pixels(drawn(shown, Moment(_SIZE))))
+    if isinstance(shown, Stream) and len(shown.shape) == 2 and getattr(shown.type, "__name__", "").startswith("Color"):
+        return png(pixels(shown.numpy()))
+    return None
+
+
+show_by(picture)
