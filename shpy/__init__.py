@@ -62,8 +62,7 @@ from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
 from shpy.lang.values.structure import struct, swap
 from shpy.lang.values.types import TYPES
-from shpy.notebook.live import widget
-from shpy.notebook.pictures import picture as _picture  # which notebooks call
+from shpy.pictures import picture as _picture  # which notebooks call
 from shpy.program import Program, parse, program
 from shpy.run.kernel import Kernel
 from shpy.run.result import Result
@@ -83,6 +82,8 @@ _LATER = ("accuracy", "command", "files", "library", "packages", "screen", "test
 
 def __getattr__(name: str) -> Any:
     """Load `sh.testing`, `sh.accuracy`, `sh.library`, `sh.files`, `sh.videos` and the like on first use."""
+    if name == "widget":
+        return importlib.import_module("shpy.notebook.live").widget
     if name in _LATER:
         return importlib.import_module(f"shpy.{name}")
     if name.startswith("_"):

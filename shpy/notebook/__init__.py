@@ -1,5 +1,5 @@
-"""Programs in a notebook: pictures of them, and a widget with sliders.
+"""Widgets of programs in a notebook.
 
-Stage: above all others but the command line. A program of pixels and a stream of colours show themselves (`pictures`);
-`sh.widget(program)` adds the sliders of `shpy view` (`live`), whose frames this process computes.
+Stage: above all others but the command line. Programs of pixels and streams of colours show themselves
+(`shpy.pictures`); `sh.widget(program)` adds the sliders of `shpy view` (`live`), whose frames this process computes.
 """

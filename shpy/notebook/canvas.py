@@ -19,8 +19,8 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from shpy.notebook.pictures import png
 from shpy.passes.modes import Math
+from shpy.pictures import png
 from shpy.program import Program
 from shpy.screen import MOVING, Moment, drawn, is_filled, pixels
 from shpy.view.controls import assign, describe
