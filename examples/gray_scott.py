@@ -1,6 +1,7 @@
 """Gray and Scott's reaction of two chemicals that diffuse: a chain that reads its own streams by index.
 
 python examples/gray_scott.py [numpy|opencl|glsl]
+shpy view examples/gray_scott.py
 """
 
 import sys
@@ -39,6 +40,19 @@ def drops(size, count=20):
         u[row : row + 6, column : column + 6] = 0.5
         v[row : row + 6, column : column + 6] = 0.25
     return u, v
+
+
+def start(height, width):
+    """Return the streams that `shpy view` begins with."""
+    u, v = drops(max(height, width))
+    return {"u": u[:height, :width], "v": v[:height, :width]}
+
+
+@sh.program
+def show(v: sh.Attrib1f) -> sh.Color3f:
+    """Return the colour in which `shpy view` shows a cell."""
+    shade = sh.saturate(v / 0.35)
+    return sh.Color3f(shade * shade, 0.9 * shade, 0.25 + 1.2 * shade * (1 - shade))
 
 
 def pattern(size, steps, backend=None):

@@ -1,6 +1,7 @@
 """The Mandelbrot set: a loop in every element, and colours that are smooth from one iteration to the next.
 
 python examples/mandelbrot.py [numpy|opencl|glsl]
+shpy view examples/mandelbrot.py
 """
 
 import sys
@@ -12,6 +13,11 @@ import shpy as sh
 from shpy import SH_DO, SH_IF, SH_UNTIL
 
 ITERATIONS = 400
+
+center = sh.Param(
+    sh.Point2f, (-0.6, 0), range=(-2, 2), title="Center", description="of the picture, in the complex plane"
+)
+zoom = sh.Param(sh.Attrib1f, 0, range=(0, 16), title="Zoom", description="doubles with each 1")
 
 
 @sh.program
@@ -34,6 +40,13 @@ def palette(n: sh.Attrib1f) -> sh.Color3f:
     phase = 0.35 * sh.sqrt(sh.max(n, 0)) + sh.Attrib3f(0.55, 0.45, 0.3)
     color = 0.5 - 0.5 * sh.cos(6.2832 * phase)
     return sh.cond(n >= ITERATIONS, sh.Color3f(0), color)
+
+
+@sh.program
+def picture(pixel: sh.Attrib2i, resolution: sh.Attrib2f) -> sh.Color3f:
+    """Return the colour of a pixel as `shpy view` shows it."""
+    away = (pixel + 0.5 - 0.5 * resolution) * (2.6 * sh.exp2(-zoom) / resolution.y)
+    return palette(mandelbrot(center + sh.Vector2f(away)))
 
 
 def points(width, height, center=(-0.6, 0.0), size=2.6):

@@ -1,6 +1,7 @@
 """Patterns of the shader library: a sheet of nine materials, each a few lines over noise, cells and distances.
 
 python examples/patterns.py [numpy|opencl|glsl]
+shpy view examples/patterns.py:marbled
 """
 
 import sys
@@ -67,6 +68,9 @@ def painted(pattern):
         return srgb_from_linear(sh.saturate(pattern(6 * (sh.vec2(column, row) + 0.5) / sh.grid_shape(2).y)))
 
     return paint
+
+
+marbled, mosaics = painted(marble), painted(mosaic)
 
 
 def draw(size, backend=None):

@@ -170,21 +170,26 @@ def first_divergence(
     Where one of the two gives what the reference interpreter gives, the interpreter stands for it. A statement that
     parts only while nobody watches it (a contraction, a lane width's own text) cannot be found: then this gives None
     although the outputs differ.
+
+    `math` may be a pair, the mode of the first backend and that of the others: `math=("strict", "fast")`.
     """
+    modes = named.pop("math") if isinstance(named.get("math"), tuple) else None
     given, options = split_options(named, program)
     names = targets(backends)
     if len(names) < 2:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "glsl")')
-    setting = Setting(program, inputs, given, shape, options)
+    settings = [Setting(program, inputs, given, shape, {**options, "math": m}) for m in modes or ()]
+    setting, other = settings or [Setting(program, inputs, given, shape, options)] * 2
     bound = Bound(ulp, atol, rtol)
     first = run(setting, names[0])
     for name in names[1:]:
-        second = run(setting, name)
+        second = run(other, name)
         places = np.flatnonzero(parted(first, second, bound))
         if element is not None:
             places = places[places == element]
         if places.size:
-            found = search(setting, (names[0], name), int(places[0]), (first, second), bound)
+            runs = None if modes else (first, second)  # the interpreter has one mode, and judges no other
+            found = search(setting, (names[0], name), int(places[0]), runs, bound, other)
             if found is not None:
                 return found
     return None
@@ -196,11 +201,17 @@ def search(
     element: int,
     runs: tuple[Run, Run] | None = None,
     bound: Bound = EXACT,
+    other: Setting | None = None,
 ) -> Divergence | None:
-    """Return the first event of an element at which two backends part, by halves; None if they agree while watched."""
+    """Return the first event of an element at which two backends part, by halves; None if they agree while watched.
+
+    `other` is the setting of the second backend, where it is not that of the first.
+    """
     if runs is not None:
         names = _judged(setting, names, element, runs, bound)
-    one, two = (observer(setting, name, element) for name in names)
+    one, two = observer(setting, names[0], element), observer(other or setting, names[1], element)
+    if other is not None and other.math != setting.math:
+        names = f"{names[0]} {setting.math}", f"{names[1]} {other.math}"
     sides = one, two
     count = max(side.count for side in sides)
     low = _parting(sides, count)

@@ -83,7 +83,7 @@ class Worker:
     def _open(self, message: dict[str, Any]) -> None:
         request, self.number = message["request"], message["worker"]
         try:
-            session = self.module.Session(request, lambda: self.inbox.put({"do": "wake"}))
+            session = self.module.Session(request, lambda: self.inbox.put({"do": "wake"}), self.line.send)
             session.set(message["state"])
         except BaseException as error:  # of the user's own lines: SystemExit too
             self.line.send({"kind": "error", "stage": "recording", **self.module.explain_opening(error, request)})

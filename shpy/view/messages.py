@@ -53,10 +53,7 @@ def _component(value: Any) -> bool:
 
 def _params(value: Any) -> bool:
     return isinstance(value, dict) and all(
-        _text(name)
-        and isinstance(v, list)
-        and len(v) <= _COMPONENTS
-        and all(_number(n) or isinstance(n, bool) for n in v)
+        _text(name) and (v is None or (isinstance(v, list) and len(v) <= _COMPONENTS and all(map(_component, v))))
         for name, v in value.items()
     )
 
@@ -73,8 +70,8 @@ _CHANGES: Final[dict[str, Callable[[Any], bool]]] = {
     "steps": _whole(1, 1000),
     "size": lambda value: isinstance(value, list) and len(value) == 2 and all(map(_whole(1, _SIDE), value)),
     "mouse": _numbers(4),
-    "backend": lambda value: value in NAMES,
-    "math": lambda value: value in MODES,
+    "backend": lambda value: _text(value) and value in NAMES,
+    "math": lambda value: _text(value) and value in MODES,
     "params": _params,
     "scene": lambda value: isinstance(value, dict),
 }
@@ -92,7 +89,7 @@ _MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
     "stop": {},
     "reset": {},
     "step": {},
-    "ask": {"about": _text, "at": _at, "with": lambda value: _numbers(0)(value) or isinstance(value, dict)},
+    "ask": {"about": _text, "at": _at, "with": _changes},
 }
 
 

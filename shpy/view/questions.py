@@ -3,15 +3,23 @@
 Stage: view. A page asks, the worker answers between two frames.
 
     answer(session, {"about": "value", "at": [row, column]})    # ({"value": [0.2, 0.4, 1.0]}, b"")
+
+A comparison is answered twice: at once with the pixels of both forms, and with the statement at which they diverge once
+that is found, which takes about twenty runs of a program that watches itself.
 """
 
 from __future__ import annotations
 
 import linecache
+import threading
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+
+from shpy.screen import Moment, filled, pixels
+from shpy.units import steps
+from shpy.view.kernels import Form
 
 _LIBRARY: Final = Path(__file__).parents[1]
 """The folder of shpy, whose own steps, as of noise, are counted and not sent."""
@@ -26,6 +34,8 @@ def answer(session: Any, question: dict[str, Any]) -> tuple[dict[str, Any], Any]
             return value(session, question["at"]), b""
         case "trace":
             return trace(session, question["at"]), b""
+        case "compare":
+            return compare(session, Form(**question["with"]), question["page"])
         case other:
             return {"problem": f"there is no answer about {other}"}, b""
 
@@ -47,13 +57,12 @@ def _scaled(at: list[int], size: tuple[int, int], there: tuple[int, int]) -> tup
 
 def trace(session: Any, at: list[int]) -> dict[str, Any]:
     """Return the steps of a pixel, each with its line, name, value and iterations, and the text of the lines."""
-    moment = session._moment(session.size)
+    moment = session.wanted_moment()
     row, column = _scaled(at, session.size, session.size)
-    program, steps = session.subject.trace(moment, (row, column))
-    count = len(steps)
-    steps = [step for step in steps if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
-    inside, left_out = count - len(steps), max(0, len(steps) - _STEPS)
-    kept = steps if not left_out else [*steps[: _STEPS // 2], *steps[-_STEPS // 2 :]]
+    program, found = session.subject.trace(moment, (row, column))
+    shown = [step for step in found if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
+    inside, left_out = len(found) - len(shown), max(0, len(shown) - _STEPS)
+    kept = shown if not left_out else [*shown[: _STEPS // 2], *shown[-_STEPS // 2 :]]
     sent = [
         {
             "file": step.loc.file if step.loc else None,
@@ -66,3 +75,56 @@ def trace(session: Any, at: list[int]) -> dict[str, Any]:
         for step in kept
     ]
     return {"at": [row, column], "program": program.name, "steps": sent, "left_out": left_out, "inside": inside}
+
+
+def compare(session: Any, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
+    """Return how the picture in the wanted form differs from that in another one: three pictures, behind each other.
+
+    They are both pictures and their difference, white where it is largest.
+    """
+    moment = session.wanted_moment()
+    forms = session.form, other
+    outputs = [np.atleast_3d(np.asarray(session.subject.exactly(moment, form))) for form in forms]
+    one, two = (output.astype(np.float64) for output in outputs)
+    with np.errstate(invalid="ignore", over="ignore"):
+        apart = np.abs(one - two)
+    differs = (one != two) & ~(np.isnan(one) & np.isnan(two))
+    places = differs.any(axis=-1)
+    apart = np.where(differs, apart, 0).max(axis=-1)
+    largest = float(np.nanmax(apart, initial=0))
+    header = {
+        "names": [str(form) for form in forms],
+        "width": moment.size[0],
+        "height": moment.size[1],
+        "count": places.size,
+        "differing": int(places.sum()),
+        "largest": largest,
+        "ulp": float(np.max(steps(*outputs), initial=0)) if outputs[0].dtype.kind == "f" else None,
+        "searching": bool(places.any()),
+    }
+    # The smallest difference is to be seen, too.
+    shade = np.where(places, 0.35 + 0.65 * np.nan_to_num(apart / (largest or 1), nan=1.0), 0)
+    pictures = [pixels(output, encode=session.encode) for output in outputs] + [pixels(shade)]
+    if header["searching"]:
+        _search(session, moment, forms, int(np.flatnonzero(places)[0]), page)
+    return header, b"".join(picture.tobytes() for picture in pictures)
+
+
+def _search(session: Any, moment: Moment, forms: tuple[Form, Form], element: int, page: int) -> None:
+    """Search, in a thread, for the first statement at which an element diverges; the page gets it as an answer."""
+    program = session.subject.program
+
+    def work() -> None:
+        from shpy.testing import first_divergence  # here: it takes long to import, and few pictures are compared
+
+        names = [f"{form.backend}-1" if form.backend == "opencl" else form.backend for form in forms]
+        modes = forms[0].math, forms[1].math
+        given = filled(program.inputs, moment)
+        try:
+            found = first_divergence(program, backends=names, math=modes, element=element, shape=moment.shape, **given)
+            text = str(found) if found else "No statement diverges while it is watched: a contraction, or a lane width."
+        except Exception as error:  # the comparison itself stands
+            text = f"The search for the first statement ended: {error}"
+        session.tell({"kind": "answer", "about": "divergence", "page": page, "divergence": text})
+
+    threading.Thread(target=work, daemon=True).start()

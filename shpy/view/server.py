@@ -242,6 +242,7 @@ def _listen(address: str, port: int) -> socket.socket:
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind((address, port))
+        made.listen()
     except OSError as error:
         made.close()
         raise ShpyError(f"{address}:{port}: {error.strerror or error}", cure=f"--port {port + 1}") from error

@@ -38,8 +38,11 @@ _LONGEST: Final = 0.25
 class Session:
     """The frames of one program or chain, as the state of the view asks for them."""
 
-    def __init__(self, request: dict[str, Any], wake: Callable[[], None]) -> None:
-        """Record the file: raises whatever its lines raise."""
+    def __init__(
+        self, request: dict[str, Any], wake: Callable[[], None], tell: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Record the file: raises whatever its lines raise. `tell` sends a header to the server."""
+        self.tell = tell
         begun = time.monotonic()
         self.opened = open_file(Path(request["path"]))
         self.name, value = self.opened.pick(request.get("program"))
@@ -147,6 +150,10 @@ class Session:
             self.time += 1 / 60 if self._single else passed
             self.frame += 1
             self._changed = True
+
+    def wanted_moment(self) -> Moment:
+        """Return the moment of the full picture."""
+        return self._moment(self.size)
 
     def _moment(self, size: tuple[int, int]) -> Moment:
         """Return the moment at a size; the mouse is in pixels of that size."""

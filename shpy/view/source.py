@@ -14,12 +14,12 @@ import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from shpy.chains.chain import Chain, sequence
 from shpy.errors import ShpyError
 from shpy.program import Program
-from shpy.screen import is_filled
+from shpy.screen import check_pictures, is_filled
 
 START, SHOW = "start", "show"
 """The names of the function that gives a chain its first streams, and of the program that makes colours of them."""
@@ -65,12 +65,12 @@ class Opened:
                 chains = [n for n, v in shown.items() if isinstance(v, Chain)]
                 last = (chains or list(shown))[-1]
                 return last, shown[last]
-            raise _nothing_to_show(self)
+            _refuse_all(self)
         if name in shown:
             return name, shown[name]
         value = self.names.get(name)
         if isinstance(value, Program):
-            raise not_filled(value)
+            check_pictures(value, (1, 1))
         cure = ", ".join(f"{self.path.name}:{n}" for n in shown) or None
         raise ShpyError(f"{self.path.name} has no program or chain {name!r}", cure=cure)
 
@@ -80,23 +80,12 @@ def missing(program: Program) -> list[str]:
     return [n for n, t in program.inputs.items() if n not in program.recorded.defaults and not is_filled(n, t)]
 
 
-def not_filled(program: Program) -> ShpyError:
-    """Return the error for a program with inputs that a viewer does not know."""
-    names = missing(program)
-    spoken = ", ".join(f"{n}: {getattr(program.inputs[n], '__name__', program.inputs[n])}" for n in names)
-    return ShpyError(
-        f"{program.name} has inputs that a viewer does not fill: {spoken}",
-        loc=program.ir.entry.loc,
-        cure=f"uv: sh.TexCoord2f, pixel: sh.Attrib2i, resolution, time, frame or mouse; a default; or "
-        f"{program.name}.bind({names[0]}=…)",
-    )
-
-
-def _nothing_to_show(opened: Opened) -> ShpyError:
+def _refuse_all(opened: Opened) -> NoReturn:
+    """Raise the error that says why nothing in the file can be shown."""
     programs = [v for v in opened.names.values() if isinstance(v, Program)]
     if programs:
-        return not_filled(programs[-1])
-    return ShpyError(
+        check_pictures(programs[-1], (1, 1))
+    raise ShpyError(
         f"{opened.path.name} has no program",
         cure="@sh.program above a function such as def picture(uv: sh.TexCoord2f) -> sh.Color3f",
     )

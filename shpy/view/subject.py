@@ -17,9 +17,9 @@ import numpy as np
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyError
 from shpy.program import Program
-from shpy.screen import MOVING, Moment, filled, is_filled
+from shpy.screen import MOVING, Moment, filled, first_output, is_filled
 from shpy.streams.stream import Stream
-from shpy.view.kernels import Form, Kernels
+from shpy.view.kernels import Form, Kernels, quick_backends
 from shpy.view.source import SHOW, START, Opened
 
 
@@ -72,11 +72,11 @@ class Still:
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
         kernel, form = self.kernels.best(wanted)
-        return _first(kernel(**self._given(moment), shape=moment.shape)), form
+        return first_output(kernel(**self._given(moment), shape=moment.shape)), form
 
     def exactly(self, moment: Moment, form: Form) -> Any:
         """Return the output for a moment in a form, which may have to be compiled."""
-        return _first(self.kernels.exactly(form)(**self._given(moment), shape=moment.shape))
+        return first_output(self.kernels.exactly(form)(**self._given(moment), shape=moment.shape))
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
         """Go on: time does, and nothing else is kept."""
@@ -133,22 +133,31 @@ class Evolving:
         given = self._given(self.show.program.inputs, moment, streams)
         if form.backend != wanted.backend:
             given = {n: v.numpy() if isinstance(v, Stream) else v for n, v in given.items()}
-        return np.asarray(_first(kernel(**given))), form
+        return np.asarray(first_output(kernel(**given))), form
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
-        """Go on by some steps; gives whether it did, which it does not while the wanted form compiles."""
+        """Go on by some steps; gives whether it did, which it does not before the wanted or a quick form is there."""
         streams = self._present(moment)
-        key = wanted, moment.size
+        forms = [wanted, *(Form(name, wanted.math) for name in quick_backends()[:1] if name != wanted.backend)]
+        for form in reversed(forms):
+            self._prepare((form, moment.size), moment, streams)
+        ready = [form for form in forms if self._is_ready(form, moment.size)]
+        for _ in range(steps if ready else 0):
+            streams |= self._run(moment, ready[0], streams)
+        return bool(ready)
+
+    def _is_ready(self, form: Form, size: tuple[int, int]) -> bool:
+        """Return whether the kernels of a form are compiled; raises where the target refuses them."""
+        found = self._ready[form, size]
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _prepare(self, key: tuple[Form, tuple[int, int]], moment: Moment, streams: Mapping[str, Any]) -> None:
+        """Begin to compile a form, if that has not begun."""
         if key not in self._ready:
             self._ready[key] = False
             threading.Thread(target=self._compile, args=(key, moment, dict(streams)), daemon=True).start()
-        ready = self._ready[key]
-        if isinstance(ready, Exception):
-            raise ready
-        if ready:
-            for _ in range(steps):
-                streams |= self._run(moment, wanted, streams)
-        return ready
 
     def _compile(self, key: tuple[Form, tuple[int, int]], moment: Moment, streams: dict[str, Any]) -> None:
         """Compile the kernels by one run, whose streams are thrown away."""
@@ -191,7 +200,7 @@ class Evolving:
 
     def waiting(self, wanted: Form) -> float | None:
         """Return 0 while the wanted form compiles; None where it does not."""
-        return 0.0 if any(form == wanted and ready is False for (form, _), ready in self._ready.items()) else None
+        return 0.0 if self._ready.get((wanted, self._size or (0, 0)), True) is False else None
 
     def refused(self, wanted: Form) -> Exception | None:
         """Return the error with which a target refuses `show`; one of the chain's own kernels is raised."""
@@ -203,13 +212,6 @@ class Evolving:
         program = Program(member.recorded)
         given = self._given(program.inputs, moment, self._present(moment))
         return program, program.trace(**given, shape=moment.shape, at=at)
-
-
-def _first(outputs: Any) -> Any:
-    """Return the picture among the outputs of a program: the only one, or the first of several."""
-    while isinstance(outputs, tuple | dict):
-        outputs = next(iter(outputs.values() if isinstance(outputs, dict) else outputs))
-    return outputs
 
 
 def subject_of(value: Program | Chain, opened: Opened, wake: Callable[[], None]) -> Subject:

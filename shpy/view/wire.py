@@ -13,6 +13,7 @@ import json
 import math
 import socket
 import struct
+import threading
 from typing import Any, Final
 
 Header = dict[str, Any]
@@ -51,12 +52,14 @@ class Line:
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
+        self._lock = threading.Lock()
         self._reader = connection.makefile("rb")
 
     def send(self, header: Header, rest: Any = b"") -> None:
         """Send one message; raises OSError where the server is gone."""
         message = pack(header, rest)
-        self._connection.sendall(_FRAME.pack(len(message)) + message)
+        with self._lock:
+            self._connection.sendall(_FRAME.pack(len(message)) + message)
 
     def receive(self) -> Header | None:
         """Return the header of the next message; None where the server is gone."""

@@ -68,7 +68,7 @@ function numbers({ title, value, range: [low, high], step, bounded }, present, t
       slider.value = field.value;
       tell(replaced(present(), k, field.valueAsNumber));
     });
-    const row = make("div", { class: "component" }, make("span", { "aria-hidden": "true" }, value.length > 1 ? COMPONENTS[k] : ""), slider, field);
+    const row = make("div", { class: value.length > 1 ? "component" : "component alone" }, make("span", { "aria-hidden": "true" }, value.length > 1 ? COMPONENTS[k] : ""), slider, field);
     return { row, show: (shown) => { slider.value = shown; if (document.activeElement !== field) field.value = spoken(shown); } };
   });
   return [rows.map(({ row }) => row), (shown) => rows.forEach(({ show }, k) => show(shown[k]))];

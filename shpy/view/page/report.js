@@ -52,7 +52,7 @@ export function showPixel({ at: [row, column], value, problem }, swatch) {
 
 export function showComparison(answer, bytes) {
   if (answer.problem) return openPanel("Compare", make("p", {}, answer.problem), answer.cure ? make("p", {}, make("code", {}, answer.cure)) : "");
-  const { width, height, names, count, differing, largest, ulp, divergence } = answer;
+  const { width, height, names, count, differing, largest, ulp } = answer;
   const titles = [names[0], names[1], differing ? "Where they differ" : "They do not differ"];
   const figures = titles.map((title, k) => {
     const canvas = make("canvas", { width, height, role: "img", "aria-label": title });
@@ -60,8 +60,12 @@ export function showComparison(answer, bytes) {
     return make("figure", {}, canvas, make("figcaption", {}, title));
   });
   const text = differing
-    ? `${differing} of ${count} pixels differ, by ${spoken(largest)} and ${spoken(ulp)} ULP at most.`
+    ? `${differing} of ${count} pixels differ, by ${spoken(largest)}${ulp === null ? "" : ` and ${spoken(ulp)} ULP`} at most.`
     : `All ${count} pixels are the same to the bit.`;
   openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text), make("div", { class: "sides" }, ...figures),
-    divergence ? make("pre", { id: "divergence" }, divergence) : "");
+    answer.searching ? make("pre", { id: "divergence" }, "Searching for the first statement at which they diverge …") : "");
+}
+
+export function showDivergence({ divergence }) {
+  if (at("divergence")) at("divergence").textContent = divergence;
 }

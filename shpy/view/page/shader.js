@@ -4,7 +4,7 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { at, fill, make } from "./elements.js";
 import { Picture } from "./picture.js";
-import { closePanel, openPanel, showComparison, showPixel, showProblem, showTrace } from "./report.js";
+import { closePanel, openPanel, showComparison, showDivergence, showPixel, showProblem, showTrace } from "./report.js";
 
 const SIZES = [[256, 256], [512, 512], [768, 768], [1024, 1024], [640, 360], [1280, 720], [1920, 1080]];
 const state = { params: {} };
@@ -129,7 +129,8 @@ function showFrame(header) {
     status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling; ${header.form} draws meanwhile …`));
   else if (header.waiting) status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling …`));
   else status.textContent = document.body.dataset.full
-    ? `Saved; first picture after ${document.body.dataset.first} ms, the full one after ${document.body.dataset.full} ms.` : "";
+    ? `Saved; first picture after ${document.body.dataset.first} ms, the full one after ${document.body.dataset.full} ms.`
+    : described ? `${described.program} was recorded in ${(1000 * described.recording).toFixed(0)} ms.` : "";
   if (header.refused) showProblem(header.refused);
   if (picture.pixel) askValue(picture.pixel);
 }
@@ -168,7 +169,7 @@ function askValue(pixel) {
 
 function compare() {
   if (at("comparing").hidden) return;
-  openPanel("Compare", "Computing both, and searching for the first statement at which they diverge …");
+  openPanel("Compare", "Computing both …");
   connection.send({ do: "ask", about: "compare", with: { backend: at("other-backend").value, math: at("other-math").value } });
 }
 

@@ -1,0 +1,245 @@
+"""The page of `shpy view` in a browser: saving, errors, controls, pixels, traces, comparisons, chains."""
+
+import os
+
+import pytest
+from views import chromium, viewed
+
+GOOD = """
+import shpy as sh
+
+gain = sh.Param(sh.Attrib1f, {gain}, range=(0, 1), title="Gain", description="of the light")
+tint = sh.Param(sh.Color3f, (1, 0.5, 0))
+negative = sh.Param(sh.Attrib1b, False)
+
+@sh.program
+def picture(uv: sh.TexCoord2f) -> sh.Color3f:
+    level = gain * sh.Attrib1f(0.5)
+    with sh.SH_FOR(0, 3) as k:
+        level += 0.01 * k
+    color = level * tint
+    return sh.cond(negative, 1 - color, color)
+"""
+EVOLVING = """
+import numpy as np
+import shpy as sh
+
+@sh.program
+def grow(u: sh.Attrib1f):
+    return {"u": u + 1}
+
+def start(height, width):
+    return {"u": np.zeros((height, width))}
+
+@sh.program
+def show(u: sh.Attrib1f) -> sh.Attrib1f:
+    return u / 255
+"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "shader.py"
+    path.write_text(GOOD.format(gain=1))
+    with viewed(path, "--backend", "numpy", "--size", "48x32") as found:
+        yield found
+
+
+@pytest.fixture
+def page(browser, view):
+    """Return a page that shows the good file, and the problems that its console names."""
+    view.save(GOOD.format(gain=1) + f"# {os.urandom(4).hex()}\n")
+    found = browser.new_page(viewport={"width": 1000, "height": 700})
+    problems = []
+    found.on("pageerror", lambda error: problems.append(str(error)))
+    found.on("request", lambda request: problems.append(request.url) if view.url not in request.url else None)
+    found.goto(view.url)
+    found.wait_for_selector("body[data-full]", timeout=30_000)
+    shows(found, (135, 68, 0))
+    yield found
+    assert problems == []
+    found.close()
+
+
+def shows(page, color):
+    """Wait until the picture has a colour in its middle."""
+    page.evaluate(
+        """(color) => new Promise((resolve, reject) => {
+            const picture = document.getElementById("picture"), begun = performance.now();
+            const look = () => {
+                const data = picture.getContext("2d").getImageData(picture.width >> 1, picture.height >> 1, 1, 1).data;
+                if (color.every((part, k) => Math.abs(part - data[k]) <= 1)) return resolve();
+                if (performance.now() - begun > 30000) return reject(`it shows ${data}, not ${color}`);
+                requestAnimationFrame(look);
+            };
+            look();
+        })""",
+        list(color),
+    )
+
+
+def test_a_saved_file_is_recorded_again_and_its_picture_measured(page, view):
+    view.save(GOOD.format(gain=0.5))
+    shows(page, (71, 36, 0))
+    page.wait_for_selector("body[data-full]")
+    assert 0 < int(page.get_attribute("body", "data-first")) <= int(page.get_attribute("body", "data-full"))
+    assert "first picture after" in page.inner_text("#status")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said", "line"),
+    [
+        ("level = gain *", "invalid syntax", 10),
+        ("level = gain if uv.x else 0", "SH_IF", 10),
+        ("level = 1 / 0", "division by zero", 10),
+        ("level = sh.Attrib1f(gain).nothing", "nothing", 10),
+    ],
+)
+def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view, wrong, said, line):
+    view.save(GOOD.format(gain=1).replace("level = gain * sh.Attrib1f(0.5)", wrong))
+    page.wait_for_selector("#problem:not([hidden])")
+    text = page.inner_text("#problem")
+    assert said in text
+    assert f"shader.py:{line}" in text
+    assert wrong in page.inner_text("#problem .here")
+    shows(page, (135, 68, 0))
+    page.fill("[aria-label='Gain, number']", "0.5")
+    page.keyboard.press("Tab")
+    shows(page, (71, 36, 0))  # the version before is still drawn, and its sliders move
+    page.click("text=reset")
+    view.save(GOOD.format(gain=1))
+    page.wait_for_selector("#problem", state="hidden")
+
+
+def test_an_endless_loop_is_said_and_stopped(page, view):
+    view.save("while True: pass")
+    page.wait_for_selector("#busy:not([hidden])")
+    shows(page, (135, 68, 0))
+    page.click("text=Stop it")
+    page.wait_for_selector("#problem:not([hidden])")
+    view.save(GOOD.format(gain=0.5))
+    shows(page, (71, 36, 0))
+    page.wait_for_selector("#busy", state="hidden")
+
+
+def test_a_process_that_dies_is_said_and_another_takes_its_place(page, view):
+    view.save("import os; os.abort()")
+    page.wait_for_selector("text=ended by signal 6")
+    view.save(GOOD.format(gain=0.5))
+    shows(page, (71, 36, 0))
+
+
+def test_a_target_that_refuses_is_said_and_another_draws(page, view):
+    view.save(GOOD.format(gain=1).replace("return", "color[:] = sh.Attrib3f(sh.Attrib3d(color) * 1.0)\n    return"))
+    shows(page, (135, 68, 0))
+    page.select_option("#backend", "glsl")
+    page.wait_for_selector("#problem:not([hidden])")
+    assert "GLSL 3.30 has no 64-bit floats" in page.inner_text("#problem")
+    page.select_option("#backend", "numpy")
+    page.wait_for_selector("#problem", state="hidden")
+
+
+def test_sliders_colours_and_switches_change_the_picture(page):
+    slider = page.get_by_label("Gain", exact=True)
+    slider.focus()
+    page.keyboard.press("Home")
+    shows(page, (8, 4, 0))
+    assert page.input_value("[aria-label='Gain, number']") == "0"
+    page.get_by_label("tint").fill("#00ff00")
+    page.get_by_label("negative").check()
+    shows(page, (255, 247, 255))
+    for undo in page.query_selector_all("button.undo:not([hidden])"):
+        undo.click()
+    shows(page, (135, 68, 0))
+
+
+def test_a_pixel_shows_its_value_and_its_trace(page):
+    page.hover("#picture")
+    page.wait_for_selector("#pixel b")
+    assert page.inner_text("#pixel b") == "0.53, 0.265, 0"
+    page.click("#picture")
+    page.wait_for_selector("#panel table")
+    rows = [row.inner_text().split("\t") for row in page.query_selector_all("#panel tbody tr")]
+    assert ["shader.py:10", "", "level", "0.5", "level = gain * sh.Attrib1f(0.5)"] in rows
+    assert [row[1:4] for row in rows if row[1] == "3" and row[2] == "level"] == [["3", "level", "0.53"]]
+    page.keyboard.press("Escape")
+    assert page.is_hidden("#panel")
+
+
+def test_the_keyboard_chooses_pixels(page):
+    page.focus("#picture")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Shift+ArrowDown")
+    page.wait_for_selector("#mark:not([hidden])")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#panel table")
+    assert "25, 26" in page.inner_text("#panel-title").lower()
+
+
+def test_two_forms_are_compared(page, view):
+    page.select_option("#other-backend", "numpy")
+    page.click("#compare")
+    page.wait_for_selector("#difference")
+    assert page.inner_text("#difference") == "All 1536 pixels are the same to the bit."
+    view.save(GOOD.format(gain=1).replace("level = gain", "level = sh.exp(3 * uv.x) * gain"))
+    page.wait_for_selector("body[data-full]")
+    page.select_option("#other-math", "fast")
+    page.click("#compare")
+    page.wait_for_selector(".sides canvas >> nth=2")
+    page.wait_for_selector("#divergence:has-text('part at')", timeout=60_000)
+    assert "exp(" in page.inner_text("#divergence")
+    page.select_option("#other-math", "strict")
+
+
+def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):
+    view.save(EVOLVING)
+    page.wait_for_selector("#clock:not([hidden])")
+    page.wait_for_selector("#time:has-text('frame 9')")
+    page.keyboard.press("Space")
+    page.wait_for_selector("text=Play")
+    page.keyboard.press("r")
+    shows(page, (0, 0, 0))
+    page.keyboard.press(".")
+    shows(page, (1, 1, 1))
+    page.fill("#steps", "50")
+    page.keyboard.press("Enter")
+    page.locator("h1").click()
+    page.keyboard.press(".")
+    shows(page, (51, 51, 51))
+    page.fill("#steps", "1")
+    page.keyboard.press("Enter")
+    page.locator("h1").click()
+    page.keyboard.press("Space")
+    page.wait_for_selector("text=Pause")
+
+
+def test_ten_tabs_show_the_view(browser, view):
+    view.save(EVOLVING)
+    context = browser.new_context()
+    tabs = [context.new_page() for _ in range(10)]
+    for tab in tabs:
+        tab.goto(view.url)
+    for tab in tabs:
+        tab.bring_to_front()  # the browser draws the tab in front alone, and the others take no frames
+        tab.wait_for_selector("#time:has-text('frame 1')")
+    context.close()
+
+
+def test_nothing_sticks_out_on_a_telephone(browser, view):
+    view.save(GOOD.format(gain=1))
+    page = browser.new_page(viewport={"width": 360, "height": 740})
+    page.goto(view.url)
+    page.wait_for_selector("body[data-form]")
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
+    unnamed = page.evaluate(
+        """() => [...document.querySelectorAll("input, select, button")].filter((element) =>
+            !element.textContent && !element.getAttribute("aria-label") && !element.labels?.length).map((e) => e.id)"""
+    )
+    assert unnamed == []
+    page.close()

@@ -1,0 +1,241 @@
+"""The server of a view: who may ask, what is served, how frames flow, and how it ends."""
+
+import http.client
+import json
+import os
+import struct
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from views import viewed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from shpy.view import wire
+from shpy.view.messages import LONGEST, Refused, checked
+from shpy.view.server import allowed_host
+
+MOVING = """
+import shpy as sh
+
+gain = sh.Param(sh.Attrib1f, 0.5, range=(0, 1))
+
+@sh.program
+def wave(uv: sh.TexCoord2f, time: sh.Attrib1f) -> sh.Color3f:
+    return sh.Color3f(uv, gain * sh.fract(time))
+"""
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "wave.py"
+    path.write_text(MOVING)
+    with viewed(path, "--backend", "numpy", "--size", "40x30") as found:
+        yield found
+
+
+def get(view, path, host=None):
+    connection = http.client.HTTPConnection("127.0.0.1", view.port, timeout=20)
+    connection.putrequest("GET", path, skip_host=True)
+    connection.putheader("Host", host or f"127.0.0.1:{view.port}")
+    connection.endheaders()
+    answer = connection.getresponse()
+    return answer.status, dict(answer.getheaders()), answer.read()
+
+
+@contextmanager
+def page(view, **options):
+    settings = {"origin": f"http://127.0.0.1:{view.port}", "max_size": None, **options}
+    with connect(f"ws://127.0.0.1:{view.port}/view", **settings) as socket:
+        yield socket
+
+
+def told(socket, kind):
+    """Return the next message of a kind; frames before it are acknowledged."""
+    while True:
+        header, rest = wire.unpack(socket.recv(timeout=30))
+        if header["kind"] == kind:
+            return header, rest
+        if header["kind"] == "frame":
+            acknowledge(socket, header)
+
+
+def kinds(socket, timeout):
+    """Yield the kinds of messages until the connection ends, or none comes for some seconds."""
+    while True:
+        yield wire.unpack(socket.recv(timeout=timeout))[0]["kind"]
+
+
+def send(socket, **message):
+    socket.send(json.dumps(message))
+
+
+def acknowledge(socket, frame):
+    send(socket, do="acknowledge", worker=frame["worker"], number=frame["number"])
+
+
+def test_the_page_and_its_files_are_served_and_nothing_else(view):
+    status, headers, body = get(view, "/")
+    assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
+    assert "default-src 'self'" in headers["content-security-policy"]
+    assert b"http://" not in body.replace(b"http://www.w3.org", b"")
+    assert get(view, "/page.css")[0] == get(view, "/shader.js")[0] == 200
+    for path in (
+        "/wave.py",
+        "/../server.py",
+        "/%2e%2e/server.py",
+        "//etc/passwd",
+        "/page.css/..",
+        "/view/../server.py",
+    ):
+        assert get(view, path)[0] == 404, path
+
+
+@pytest.mark.parametrize("host", ["example.com", "127.0.0.1.example.com:80", "192.168.0.7:80", "", "localhost.evil"])
+def test_a_foreign_host_is_refused(view, host):
+    assert get(view, "/", host or " ")[0] == 421
+
+
+def test_a_forwarded_port_may_have_another_number(view):
+    assert get(view, "/", "localhost:9999")[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://example.com", None, "null", "http://127.0.0.1:1", "http://localhost"])
+def test_a_page_of_another_origin_is_refused(view, origin):
+    with pytest.raises(InvalidStatus) as refused, page(view, origin=origin):
+        pass
+    assert refused.value.response.status_code == 403
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "no JSON",
+        "[1]",
+        '{"do": "open", "request": {"path": "/etc/passwd"}}',
+        '{"do": "set", "changes": {"size": [100000, 100000]}}',
+        '{"do": "set", "changes": {"params": {"gain": [NaN]}}}',
+        '{"do": "set"}',
+        b"bytes",
+        '{"do": "set", "changes": {"params": {"gain": ["' + LONGEST * "x" + '"]}}}',
+    ],
+    ids=range(8),
+)
+def test_a_message_that_no_page_sends_ends_its_connection_alone(view, message):
+    with page(view) as other, page(view) as socket:
+        socket.send(message)
+        with pytest.raises(ConnectionClosed) as closed:
+            list(kinds(socket, 30))
+        assert closed.value.rcvd.code in (1008, 1009)
+        acknowledge(other, told(other, "frame")[0])
+
+
+def test_a_slow_page_gets_the_latest_frame_and_no_queue(view):
+    with page(view) as fast, page(view) as slow:
+        first, _ = told(slow, "frame")
+        numbers = []
+        while len(numbers) < 8:
+            frame, rest = told(fast, "frame")
+            assert len(rest) == 40 * 30 * 4
+            numbers.append(frame["number"])
+            acknowledge(fast, frame)
+        assert numbers == sorted(set(numbers))
+        acknowledge(slow, first)
+        assert told(slow, "frame")[0]["number"] >= numbers[-2]
+        later = kinds(slow, 0.3)  # the next frame waits for this one's acknowledgement
+        with pytest.raises(TimeoutError):
+            next(kind for kind in later if kind == "frame")
+
+
+def test_a_page_that_breaks_off_stops_nobody(view):
+    with page(view) as socket:
+        told(socket, "frame")
+        socket.socket.setsockopt(1, 13, struct.pack("ii", 1, 0))  # SO_LINGER: the connection is reset
+        socket.socket.close()
+    with page(view) as socket:
+        acknowledge(socket, told(socket, "frame")[0])
+        told(socket, "frame")
+
+
+def test_what_one_page_changes_the_others_show(view):
+    with page(view) as one, page(view) as two:
+        told(two, "recorded")
+        send(one, do="set", changes={"params": {"gain": [0.25]}, "time": 0.5, "playing": False})
+        assert told(two, "state")[0]["changes"]["params"] == {"gain": [0.25]}
+        while True:
+            frame, rest = told(two, "frame")
+            acknowledge(two, frame)
+            if frame["time"] == 0.5:
+                break
+        assert rest[2] == round(255 * 0.25 * 0.5)
+        send(one, do="set", changes={"params": {"gain": None}, "playing": True})
+        assert told(two, "state")[0]["changes"]["params"] == {"gain": None}
+
+
+def test_a_value_that_a_param_refuses_is_said(view):
+    with page(view) as socket:
+        told(socket, "recorded")
+        send(socket, do="set", changes={"params": {"gain": [7]}})
+        assert "outside of its range, 0 to 1" in told(socket, "remark")[0]["text"]
+        send(socket, do="set", changes={"params": {"gain": None}})
+
+
+def listeners(port):
+    """Return the addresses on which somebody listens at a port."""
+    found = set()
+    for name in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]:
+            local, state = line.split()[1], line.split()[3]
+            if state == "0A" and int(local.split(":")[1], 16) == port:
+                found.add(local.split(":")[0])
+    return found
+
+
+def test_nothing_listens_beyond_loopback(view):
+    assert listeners(view.port) == {"0100007F"}
+
+
+def test_an_address_beyond_loopback_is_asked_for_and_warned_of(tmp_path):
+    path = tmp_path / "wave.py"
+    path.write_text(MOVING)
+    with viewed(path, "--listen", "0.0.0.0", address="0.0.0.0") as found:
+        assert "warning: everybody who reaches this machine" in found.process.stdout.readline()
+        assert get(found, "/", "192.168.0.7:8000")[0] == 200
+        assert get(found, "/", "example.com")[0] == 421
+
+
+def children(process):
+    return [int(pid) for pid in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
+def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_path):
+    path = tmp_path / "endless.py"
+    path.write_text("while True: pass")
+    with viewed(path) as found, page(found) as socket:
+        told(socket, "busy")
+        workers = children(found.process.pid)
+        assert len(workers) == 2
+        assert found.end() == (130, "shpy: stopped\n")
+        deadline = time.monotonic() + 20
+        while any(os.path.exists(f"/proc/{pid}") for pid in workers) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert [pid for pid in workers if os.path.exists(f"/proc/{pid}")] == []
+
+
+def test_hosts_beyond_loopback_are_numbers_alone():
+    assert all(allowed_host(host, beyond=True) for host in ("10.0.0.1:80", "[::1]:80", "localhost"))
+    assert not any(allowed_host(host, beyond=True) for host in ("example.com", "10.0.0.1.evil.com", ""))
+
+
+def test_messages_are_listed():
+    assert checked('{"do": "set", "changes": {"params": {"a": [1, true]}}}')["do"] == "set"
+    for text in (
+        '{"do": "ask", "about": "value", "at": [-1, 0]}',
+        '{"do": "step", "n": 1}',
+        '{"do": "pick"}',
+        "{" * 9999,
+    ):
+        with pytest.raises(Refused):
+            checked(text)
