@@ -59,6 +59,7 @@ class Hub:
         self._frame: bytes | None = None
         self._error: bytes | None = None
         self._pinged = time.monotonic()
+        self._said_busy = False
         self._seen = (0, 0)
 
     # Files
@@ -115,14 +116,18 @@ class Hub:
     def _ping(self) -> None:
         """Ask the worker from time to time whether it answers, and tell the pages for how long it has not."""
         worker, now = self._recording or self._drawing, time.monotonic()
-        if worker is None or now - self._pinged < _PING:
+        if now - self._pinged < _PING:
             return
         self._pinged = now
-        silent = now - worker.asked if worker.asked is not None else 0.0
-        if worker.asked is None:
+        silent = now - worker.asked if worker is not None and worker.asked is not None else 0.0
+        if worker is not None and worker.asked is None:
             worker.asked = now
             worker.send({"do": "ping"})
+        if silent <= _SLOW and self._said_busy:
+            self._said_busy = False
+            self._broadcast(wire.pack({"kind": "busy", "seconds": 0}))
         if silent > _SLOW:
+            self._said_busy = True
             stage = "recording" if worker is self._recording else "running"
             self._broadcast(wire.pack({"kind": "busy", "stage": stage, "seconds": round(silent)}))
             self._go_on(self._drawing)

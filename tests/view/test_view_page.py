@@ -59,8 +59,11 @@ def page(browser, view):
     problems = []
     found.on("pageerror", lambda error: problems.append(str(error)))
     found.on("request", lambda request: problems.append(request.url) if view.url not in request.url else None)
+    found.set_default_timeout(15_000)
     found.goto(view.url)
-    found.wait_for_selector("body[data-full]", timeout=30_000)
+    found.wait_for_selector("#problem", state="hidden")
+    for undo in found.query_selector_all(".undo:visible"):
+        undo.click()
     shows(found, (135, 68, 0))
     yield found
     assert problems == []
@@ -75,7 +78,7 @@ def shows(page, color):
             const look = () => {
                 const data = picture.getContext("2d").getImageData(picture.width >> 1, picture.height >> 1, 1, 1).data;
                 if (color.every((part, k) => Math.abs(part - data[k]) <= 1)) return resolve();
-                if (performance.now() - begun > 30000) return reject(`it shows ${data}, not ${color}`);
+                if (performance.now() - begun > 12000) return reject(`it shows ${data}, not ${color}`);
                 requestAnimationFrame(look);
             };
             look();
@@ -96,7 +99,7 @@ def test_a_saved_file_is_recorded_again_and_its_picture_measured(page, view):
     ("wrong", "said", "line"),
     [
         ("level = gain *", "invalid syntax", 10),
-        ("level = gain if uv.x else 0", "SH_IF", 10),
+        ("level = gain if uv.x else 0", "is decided while recording", 10),
         ("level = 1 / 0", "division by zero", 10),
         ("level = sh.Attrib1f(gain).nothing", "nothing", 10),
     ],
@@ -112,7 +115,7 @@ def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view
     page.fill("[aria-label='Gain, number']", "0.5")
     page.keyboard.press("Tab")
     shows(page, (71, 36, 0))  # the version before is still drawn, and its sliders move
-    page.click("text=reset")
+    page.click(".undo:visible")
     view.save(GOOD.format(gain=1))
     page.wait_for_selector("#problem", state="hidden")
 
@@ -151,8 +154,8 @@ def test_sliders_colours_and_switches_change_the_picture(page):
     page.keyboard.press("Home")
     shows(page, (8, 4, 0))
     assert page.input_value("[aria-label='Gain, number']") == "0"
-    page.get_by_label("tint").fill("#00ff00")
-    page.get_by_label("negative").check()
+    page.get_by_label("tint", exact=True).fill("#00ff00")
+    page.get_by_label("negative", exact=True).check()
     shows(page, (255, 247, 255))
     for undo in page.query_selector_all("button.undo:not([hidden])"):
         undo.click()
@@ -219,10 +222,10 @@ def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):
     page.wait_for_selector("text=Pause")
 
 
-def test_ten_tabs_show_the_view(browser, view):
+def test_tabs_show_one_view(browser, view):
     view.save(EVOLVING)
     context = browser.new_context()
-    tabs = [context.new_page() for _ in range(10)]
+    tabs = [context.new_page() for _ in range(3)]
     for tab in tabs:
         tab.goto(view.url)
     for tab in tabs:

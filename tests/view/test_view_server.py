@@ -5,7 +5,7 @@ import json
 import os
 import struct
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -147,6 +147,14 @@ def test_a_slow_page_gets_the_latest_frame_and_no_queue(view):
         later = kinds(slow, 0.3)  # the next frame waits for this one's acknowledgement
         with pytest.raises(TimeoutError):
             next(kind for kind in later if kind == "frame")
+
+
+def test_ten_pages_show_one_view(view):
+    with ExitStack() as stack:
+        pages = [stack.enter_context(page(view)) for _ in range(10)]
+        for _ in range(3):
+            for socket in pages:
+                acknowledge(socket, told(socket, "frame")[0])
 
 
 def test_a_page_that_breaks_off_stops_nobody(view):

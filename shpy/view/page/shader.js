@@ -11,6 +11,7 @@ const state = { params: {} };
 let described = null;
 let saved = null; // when the file was saved whose picture is awaited, and the worker before
 let asking = false;
+let refused = null; // the error of a target in whose place another one draws
 let times = [];
 
 const connection = new Connection("/view", heard, (open) => {
@@ -131,7 +132,8 @@ function showFrame(header) {
   else status.textContent = document.body.dataset.full
     ? `Saved; first picture after ${document.body.dataset.first} ms, the full one after ${document.body.dataset.full} ms.`
     : described ? `${described.program} was recorded in ${(1000 * described.recording).toFixed(0)} ms.` : "";
-  if (header.refused) showProblem(header.refused);
+  if (header.refused || refused) showProblem(header.refused);
+  refused = header.refused;
   if (picture.pixel) askValue(picture.pixel);
 }
 
