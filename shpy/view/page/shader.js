@@ -63,7 +63,7 @@ function answered(header, bytes) {
   } else if (header.about === "trace") {
     showTrace({ at: picture.pixel ?? [0, 0], ...header });
     picture.mark(true);
-  }
+  } else if (header.about === "divergence") showDivergence(header);
   else showComparison(header, bytes);
 }
 
