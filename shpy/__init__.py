@@ -22,7 +22,7 @@ from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult
 from shpy.choice import choice
 from shpy.cluster import map_blocks, map_overlap
-from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort
+from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort, top_k, unique
 from shpy.errors import (
     BackendUnavailable,
     CompileError,

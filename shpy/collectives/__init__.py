@@ -3,6 +3,7 @@
 Stage: run, above programs. Strict kernels give the same bits on every backend, device and lane width.
 """
 
+from shpy.collectives.choosing import top_k, unique
 from shpy.collectives.compaction import compact
 from shpy.collectives.histograms import histogram
 from shpy.collectives.reducing import reduce
@@ -10,4 +11,4 @@ from shpy.collectives.scanning import scan
 from shpy.collectives.scattering import gather, scatter
 from shpy.collectives.sorting import argsort, sort
 
-__all__ = ["argsort", "compact", "gather", "histogram", "reduce", "scan", "scatter", "sort"]
+__all__ = ["argsort", "compact", "gather", "histogram", "reduce", "scan", "scatter", "sort", "top_k", "unique"]

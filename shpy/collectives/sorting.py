@@ -39,10 +39,10 @@ def sort(stream: Any, key: Program | None = None, descending: bool = False) -> A
     """
     descending = checked_bool(descending, "descending")
     if is_lazy(stream):
-        return sort_chunks(_keys, stream, key, descending)
+        return sort_chunks(keys_of, stream, key, descending)
     given = check_stream(stream, "sort")
     leaves = Leaves(given.place)
-    keys = _keys(given, key, "sort")
+    keys = keys_of(given, key, "sort")
     if key is None:
         return shaped(given, [leaves.sort(keys, descending)], (given.size,))
     order = leaves.order(keys, descending)
@@ -61,7 +61,7 @@ def argsort(
     `sh.sort` does, and for a `below` that is no int from 1 to 2**31 or beside keys that are no ints.
     """
     given, descending = check_stream(stream, "argsort"), checked_bool(descending, "descending")
-    keys = _keys(given, key, "argsort")
+    keys = keys_of(given, key, "argsort")
     order = Leaves(given.place).order(keys, descending, _checked_below(below, keys))
     return Stream.over(Attrib1i, (given.size,), given.place, [order])
 
@@ -78,7 +78,7 @@ def _checked_below(below: int | None, keys: Memory) -> int | None:
     return int(below)
 
 
-def _keys(stream: Stream, key: Program | None, name: str) -> Memory:
+def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
     """Return the memory of the keys."""
     found = stream if key is None else _computed(stream, key, name)
     entries = found.leaf_entries()

@@ -2,7 +2,16 @@
 
 import numpy as np
 import pytest
-from collectives import test_compact, test_gather, test_histogram, test_reduce, test_scan, test_scatter, test_sort
+from collectives import (
+    test_choosing,
+    test_compact,
+    test_gather,
+    test_histogram,
+    test_reduce,
+    test_scan,
+    test_scatter,
+    test_sort,
+)
 from stress.mode import stressed
 
 BACKENDS = ("numpy", "opencl", "glsl")
@@ -14,6 +23,8 @@ BY_ELEMENTS = {
     "scatter": test_scatter.check,
     "folds": test_scatter.check_folds,
     "sort": test_sort.check,
+    "unique": test_choosing.check_unique,
+    "top_k": test_choosing.check_top_k,
 }
 """Checks of so many inputs, whose sizes are among those that they are given."""
 BY_SIZES = {"reduce": test_reduce.check, "scan": test_scan.check}
