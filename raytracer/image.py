@@ -174,12 +174,17 @@ def _pillow() -> Any:
     return pillow
 
 
-def _openexr() -> Any:
+def openexr(purpose: str) -> Any:
+    """Import OpenEXR. Raises SceneError where it is missing, which `purpose` begins."""
     try:
         import OpenEXR
     except ImportError as error:
-        raise SceneError(f"writing EXR needs OpenEXR: {sh.packages.install('OpenEXR')}") from error
+        raise SceneError(f"{purpose} needs OpenEXR: {sh.packages.install('OpenEXR')}") from error
     return OpenEXR
+
+
+def _openexr() -> Any:
+    return openexr("writing EXR")
 
 
 def _write_png(image: Image, name: str) -> None:
@@ -231,7 +236,7 @@ def _read_npy(path: Path) -> tuple[dict[str, Array], int, str]:
 
 
 def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
-    with _openexr().File(str(path), separate_channels=True) as file:
+    with openexr("reading EXR").File(str(path), separate_channels=True) as file:
         header = dict(file.header())  # the file empties its own when it is closed
         channels = {name: channel.pixels for name, channel in file.channels().items()}
     found = {

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
+from raytracer.appearance.radiance import READERS
 from raytracer.errors import SceneError
 
 logging.getLogger("PIL").addHandler(logging.NullHandler())
@@ -40,10 +41,11 @@ FORMATS: Final = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF", "PPM")
 class Texture:
     """A picture over uv coordinates: (0, 0) is its lower left corner and (1, 1) its upper right one.
 
-    `source` is a picture file, whose colours are taken for sRGB and decoded, or an array (H, W), (H, W, 1), (H, W, 3)
-    or (H, W, 4), row 0 at the top: of floats, which are linear, or of uint8, which are sRGB. `srgb` says otherwise:
-    False for numbers that are not colours, such as a reflectivity. A number of a material is read from the red channel.
-    With `alpha` the picture's alpha is read instead of its colours, 1 where it has none; it is not used otherwise.
+    `source` is a picture file, whose colours are taken for sRGB and decoded, those of .hdr and .exr files for linear;
+    or an array (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), row 0 at the top: of floats, which are linear, or of uint8,
+    which are sRGB. `srgb` says otherwise: False for numbers that are not colours, such as a reflectivity. A number of a
+    material is read from the red channel. With `alpha` the picture's alpha is read instead of its colours, 1 where it
+    has none; it is not used otherwise.
     `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
     edge goes on ("clamp"), or it is mirrored.
 
@@ -84,7 +86,10 @@ def _read(path: Path, alpha: bool) -> NDArray[Any]:
     """Read the pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits; or its alpha."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
+    read = READERS.get(path.suffix.lower())
     try:
+        if read is not None:
+            return np.ones((1, 1), np.float32) if alpha else read(path, LARGEST)
         with opened(path) as picture:
             if not alpha:
                 return pixels_of(picture)

@@ -68,8 +68,9 @@ class EnvironmentLight:
     """Light from everywhere around the scene, for `integrator="path"`; it is also what is seen where nothing is.
 
     `source` is a colour (r, g, b), linear radiance; an equirectangular picture, as an array (H, W, 3), the path of a
-    file or a `Texture`; or a program from a unit `direction`, an sh.Vector3f, to an sh.Color3f. The middle of a picture
-    lies in the direction (0, 0, -1), its right half in that of x, and its top row in that of y.
+    file, such as an .hdr or .exr one, or a `Texture`; or a program from a unit `direction`, an sh.Vector3f, to an
+    sh.Color3f. The middle of a picture lies in the direction (0, 0, -1), its right half in that of x, and its top row
+    in that of y.
 
     A picture is sampled by its brightness, a colour and a program are sampled evenly.
     Raises SceneError for negative colours and other sources; see `Texture` for the errors of pictures.
