@@ -75,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="raytracer", description="A ray tracer written once in shpy.")
     version = sh.packages.installed(sh.packages.DISTRIBUTION) or "not installed"
     parser.add_argument("--version", action="version", version=f"raytracer of shpy {version}")
+    sh.command.add_completion(parser)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser(
         "render",

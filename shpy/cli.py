@@ -27,7 +27,7 @@ import numpy as np
 import shpy as sh
 from shpy.accuracy.commands import add_commands
 from shpy.backends.registry import NAMES
-from shpy.command import MOST, real, run, whole
+from shpy.command import MOST, add_completion, real, run, whole
 from shpy.ir.traverse import grid_rank
 from shpy.packages import DISTRIBUTION, extras, install, installed
 from shpy.view.command import add_view
@@ -46,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(prog="shpy", description="Kernels written once in Python, run on every target.")
     parser.add_argument("--version", action="version", version=f"shpy {installed(DISTRIBUTION) or 'not installed'}")
+    add_completion(parser)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the command that mends it")
     command.add_argument("--all", action="store_true", help="exit with status 1 unless every backend works")

@@ -19,6 +19,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from shpy import packages
 
 INTERRUPTED = 130
 """The exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
@@ -77,6 +81,40 @@ def _termination_raised() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def add_completion(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--completion SHELL`, which prints a script that completes the command's words in that shell."""
+    parser.add_argument(
+        "--completion",
+        action=_Completion,
+        choices=("bash", "zsh", "tcsh"),
+        help="print a script that completes words in this shell, and end (package shtab)",
+    )
+
+
+class _Completion(argparse.Action):
+    """Print the script of shtab for the whole parser, in which words of no fixed choice are names of files."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option: str | None = None) -> None:
+        """Print and leave."""
+        try:
+            import shtab
+        except ImportError:
+            parser.error(f"completion needs shtab: {packages.install('shtab')}")
+        _complete_files(parser, shtab.FILE)
+        print(shtab.complete(parser, values))
+        parser.exit()
+
+
+def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
+    """Mark the arguments whose values may be paths, in all commands of a parser."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                _complete_files(command, files)
+        elif action.nargs != 0 and action.choices is None and action.type in (None, Path):
+            action.complete = files  # type: ignore[attr-defined]  # which shtab reads
 
 
 def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]:
