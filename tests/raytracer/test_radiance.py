@@ -19,7 +19,7 @@ PIXELS[..., 0] |= 2  # no pixel looks like a run
 
 
 def colors(pixels):
-    """What Radiance's manual says of mantissas and exponent, a number at a time."""
+    """Return the colours of mantissas and exponents as Radiance's manual says, a number at a time."""
     found = np.zeros((*pixels.shape[:2], 3), np.float32)
     for at in np.ndindex(*pixels.shape[:2]):
         *mantissas, exponent = (int(x) for x in pixels[at])
