@@ -20,6 +20,7 @@ from shpy.animation import animate
 from shpy.backends.registry import BackendInfo, backends, default_backend
 from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult
+from shpy.chains.share import share
 from shpy.choice import choice
 from shpy.cluster import map_blocks, map_overlap
 from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort, top_k, unique

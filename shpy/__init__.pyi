@@ -11194,6 +11194,7 @@ __all__ = [
     "scan",
     "scatter",
     "sequence",
+    "share",
     "sign",
     "sin",
     "sinh",

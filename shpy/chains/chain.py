@@ -10,7 +10,7 @@ Stage: run.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -18,8 +18,9 @@ import numpy as np
 
 from shpy.algebra import alike, with_article
 from shpy.backends.base import Precision
-from shpy.chains.member import Member, element_layout
+from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.running import ChainResult, Run
+from shpy.chains.share import Share
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.nodes import Loc
@@ -174,6 +175,32 @@ class Repeat(Chain):
         return f"repeat({', '.join(_spoken(m) for m in self.members)}, {self.times})"
 
 
+class Held(Chain):
+    """A member of a loop that runs when a share of the elements is ready: see `sh.share`."""
+
+    def __init__(self, members: tuple[Member | Chain, ...], share: Share) -> None:
+        super().__init__(members)
+        self.share = share
+
+    @property
+    def steps(self) -> Iterator[tuple[Member, bool]]:
+        """Every kernel in order; no stream is certain to be written."""
+        return ((kernel, False) for kernel, _ in super().steps)
+
+    def perform(self, run: Run) -> None:
+        """Run the member if enough elements are ready."""
+        if run.admits(self.share):
+            for member in self.members:
+                member.perform(run)
+
+    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
+        """Return this chain with other members."""
+        return Held(members, self.share)
+
+    def __str__(self) -> str:
+        return f"{', '.join(_spoken(m) for m in self.members)} when {self.share}"
+
+
 class Loop(Chain):
     """The members until a round writes nothing: see `sh.loop`."""
 
@@ -192,17 +219,18 @@ class Loop(Chain):
 
     def perform(self, run: Run) -> None:
         """Run rounds until one writes nothing; raises LoopLimitExceeded where there are too many."""
-        outside, before, ever = (run.watching, run.once), run.wrote, False
-        run.watching, run.once = True, False
+        outside, before, ever = (run.watching, run.once, run.held, run.open), run.wrote, False
+        run.watching, run.once, run.open = True, False, False
         rounds = 0
         while self.loop_limit is None or rounds < self.loop_limit:
-            run.wrote = False
+            run.wrote = run.held = False
             self._round.perform(run)
             rounds += 1
-            if not run.wrote:
-                (run.watching, run.once), run.wrote = outside, before or ever
+            if not run.wrote and not run.held:
+                (run.watching, run.once, run.held, run.open), run.wrote = outside, before or ever
                 return
-            ever = True
+            ever |= run.wrote
+            run.open = not run.wrote
         raise LoopLimitExceeded(
             f"{self} took more than {self.loop_limit} rounds",
             loc=self.loc,
@@ -245,19 +273,47 @@ def repeat(member: Program | Kernel | Chain, times: int, *, where: str | Program
 
 
 def loop(
-    *members: Program | Kernel | Chain, where: str | Program | None = None, loop_limit: int | None = 1_048_576
+    *members: Program | Kernel | Chain,
+    where: str | Program | None = None,
+    loop_limit: int | None = 1_048_576,
+    when: Mapping[str, Share] | None = None,
 ) -> Chain:
     """Return the chain that runs its members in rounds until a round writes no element.
 
     Each kernel has to discard elements (`SH_DISCARD`) or to run under a condition: see `where` of `sh.sequence`. The
     round that writes nothing counts among the executions. `run` raises LoopLimitExceeded after `loop_limit` rounds, or
-    never if that is None. Raises ShpyTypeError for a kernel that writes every element.
+    never if that is None.
+
+    `when` names members, programs or kernels, and for each the share of the elements that have to be ready:
+    `sh.loop(traverse, intersect, when={"intersect": sh.share("waiting", 0.2, of="moving")})`. In a round in which they
+    are too few, the member is held back. After a round that wrote nothing, the next one lets those run that have any
+    element ready, so that the loop ends only when none has.
+    Raises ShpyTypeError for a kernel that writes every element, for names in `when` that are no members, and for shares
+    of streams that no kernel of the loop has.
     """
     if loop_limit is not None and not (
         isinstance(loop_limit, int | np.integer) and not isinstance(loop_limit, bool) and loop_limit > 0
     ):
         raise ShpyTypeError(f"loop_limit={loop_limit!r}", loc=here(), cure="a number of rounds, or None for no limit")
-    return Loop(_guarded(_members(members), where), None if loop_limit is None else int(loop_limit))
+    parts = _held(_guarded(_members(members), where), {} if when is None else when)
+    return Loop(parts, None if loop_limit is None else int(loop_limit))
+
+
+def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:
+    """Return the members, held back where `when` has a share for their names."""
+    names = dict.fromkeys(member.name for member in members if isinstance(member, Member))
+    kernels = [kernel for member in members for kernel in member.kernels]
+    known = {n: layout for kernel in kernels for n, layout in kernel.outputs}
+    known |= {n: element_layout(t) for kernel in kernels for n, t in kernel.inputs.items() if not is_gathered(t)}
+    for name, share in when.items():
+        if name not in names or not isinstance(share, Share):
+            raise ShpyTypeError(
+                f"when={{{name!r}: {share}}} of a loop of {', '.join(_spoken(member) for member in members)}",
+                loc=here(),
+                cure=f'when={{"{next(iter(names), "program")}": sh.share("waiting", 0.2)}}, by the name of a member',
+            )
+        share.check(known, f"the loop of {', '.join(_spoken(member) for member in members)}")
+    return tuple(Held((m,), when[m.name]) if isinstance(m, Member) and m.name in when else m for m in members)
 
 
 def _members(given: tuple[Any, ...]) -> tuple[Member | Chain, ...]:

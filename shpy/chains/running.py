@@ -21,6 +21,7 @@ from shpy.backends.base import DeviceCall, Executable, Memory, Precision
 from shpy.backends.registry import default_backend
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
+from shpy.chains.share import Share
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D
@@ -86,6 +87,7 @@ class _Plan:
 class Run:
     """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and looks at `wrote`.
 
+    A loop looks at `held` too: whether a kernel was held back that has elements to run. `open` lets these run.
     `once` holds outside of repeats and loops, where no kernel is kept ready for another time.
     """
 
@@ -115,6 +117,8 @@ class Run:
         self._pending: list[Callable[[], None]] = []
         self.watching = False
         self.wrote = False
+        self.held = False
+        self.open = False
         self.once = True
 
     # What the chain is given
@@ -200,6 +204,15 @@ class Run:
             self.wrote = any(self.place.space.count(status).written for status in plan.statuses)
         elif len(self._pending) >= _AHEAD:
             self.flush()
+
+    def admits(self, share: Share) -> bool:
+        """Return whether enough elements are ready, or any where the loop is `open`; notes who is held back."""
+        self.flush()
+        count, is_enough = share.count(self.place, self.current)
+        if is_enough or (count and self.open):
+            return True
+        self.held |= count > 0
+        return False
 
     def flush(self) -> None:
         """Start everything that was collected."""

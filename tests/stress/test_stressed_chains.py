@@ -5,6 +5,7 @@ import random
 import numpy as np
 import pytest
 from chains.test_chains import ALL, OneByOne, built, count_up, move, swing, wear
+from chains.test_shares import check as check_share, is_alive
 from stress.mode import stressed
 
 import shpy as sh
@@ -93,6 +94,13 @@ def check(number):
 def test_chains_agree(shard):
     for number in range(10 * shard, 10 * shard + 10):
         check(number)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_shares_agree(backend):
+    for seed, n in enumerate((1, 64, 2100, 2900)):
+        with stressed(seed):
+            check_share(backend, n, seed, 0.3, sh.share("waiting", 0.3, of=is_alive))
 
 
 @pytest.mark.slow
