@@ -234,6 +234,19 @@ class Stream(StreamReductions, Shown):
             memories.append(made)
         return Stream.over(self._type, self._shape, self.place, memories)
 
+    def reshape(self, *shape: Any) -> Stream:
+        """Return a view of another shape, in C order: what is written to one of both is in the other; no copy is made.
+
+        `shape`: an int, several, or a tuple. Raises ShpyTypeError for a shape of another number of elements.
+        """
+        wanted = given_shape(shape[0] if len(shape) == 1 else shape)
+        if math.prod(wanted) != self.size:
+            cure = f"a shape of {self.size:,} elements"
+            raise ShpyTypeError(f"{self!r} has no view of the shape {wanted}", loc=here(), cure=cure)
+        view = Stream.over(self._type, wanted, self.place, self._memories)
+        self._owned = view._owned = False  # as in `_shared`: both keep this memory
+        return view
+
     def __copy__(self) -> Stream:
         return self.copy()
 
