@@ -1,4 +1,4 @@
-"""The animations of a glTF file that move nodes: translation, rotation and scale at any time.
+"""The animations of a glTF file: translation, rotation and scale of nodes, and weights of morph targets, at any time.
 
 Stage: scene description. Section numbers are those of glTF 2.0. `scene.animated_file` makes scenes of the poses.
 
@@ -19,7 +19,7 @@ from raytracer.meshes.gltf import Document
 
 Array = NDArray[np.float64]
 _PATHS: Final = {"translation": 3, "rotation": 4, "scale": 3}
-"""The properties of nodes that channels change, and how many numbers each has."""
+"""The properties of nodes that channels change, and how many numbers each has; "weights" has one for each target."""
 _LISTED: Final = 20
 """Names of animations that a message shows."""
 _PARALLEL: Final = 1e-6
@@ -72,19 +72,16 @@ class Clip:
         for channel in entry["channels"]:
             target = channel["target"]
             node, path = target.get("node"), str(target["path"])
-            if path not in _PATHS:
-                what = "morph weights" if path == "weights" else f"the property {shown(path)}"
-                self.obstacle = f"changes {what}"
+            if path not in _PATHS and path != "weights":
+                self.obstacle = f"changes the property {shown(path)}"
             elif node is not None:  # without one an extension would say what is moved (section 3.11)
-                if "matrix" in document.one("nodes", node):
+                if path in _PATHS and "matrix" in document.one("nodes", node):
                     raise SceneError(f"node {node} has a matrix, so that no animation can move it")
                 if (node, path) in seen:
                     raise SceneError(f"two channels of an animation change the {path} of node {node}")
                 seen.add((node, path))
                 sampler = _one(entry["samplers"], channel["sampler"])
                 self.tracks.append(_track(document, node, path, sampler))
-        if not self.obstacle and _skinned(document) & _below(document, {track.node for track in self.tracks}):
-            self.obstacle = "moves a skin"
         if not self.obstacle and not self.tracks:
             self.obstacle = "moves no nodes"
         self.start = min((float(track.times[0]) for track in self.tracks), default=0.0)
@@ -129,12 +126,14 @@ def _hermite(start: Array, leaving: Array, end: Array, entering: Array, t: float
 
 
 def _track(document: Document, node: int, path: str, sampler: dict[str, Any]) -> Track:
-    kind, width = str(sampler.get("interpolation", "LINEAR")), _PATHS[path]
+    kind, width = str(sampler.get("interpolation", "LINEAR")), _PATHS.get(path) or _targets(document, node)
     if kind not in ("LINEAR", "STEP", "CUBICSPLINE"):
         raise SceneError(f"an animation has the interpolation {shown(kind)}, not LINEAR, STEP or CUBICSPLINE")
     times = document.array(sampler["input"]).astype(np.float64)
     values = document.array(sampler["output"]).astype(np.float64)
     rows = (3 if kind == "CUBICSPLINE" else 1) * len(times)
+    if path == "weights" and values.size == rows * width:  # one number a row, target by target (section 3.11)
+        values = values.reshape(rows, width)
     if times.shape[1] != 1 or not len(times) or values.shape != (rows, width):
         raise SceneError(f"the {path} of node {node} has keys {times.shape} and values {values.shape}")
     times = times[:, 0]
@@ -155,23 +154,14 @@ def _one(samplers: list[dict[str, Any]], number: Any) -> dict[str, Any]:
     return samplers[number]
 
 
-def _skinned(document: Document) -> set[int]:
-    """Return the numbers of the nodes whose meshes have skins, and of the joints that these follow."""
-    skins = {number: entry["skin"] for number, entry in enumerate(document.all("nodes")) if "skin" in entry}
-    return {joint for skin in set(skins.values()) for joint in document.one("skins", skin)["joints"]} | skins.keys()
-
-
-def _below(document: Document, nodes: set[int]) -> set[int]:
-    """Return nodes and all that hang on them."""
-    found: set[int] = set()
-    waiting = list(nodes)
-    while waiting:
-        number = waiting.pop()
-        if number not in found:
-            found.add(number)
-            waiting += document.one("nodes", number).get("children", [])
+def _targets(document: Document, node: int) -> int:
+    """Return the number of morph targets of a node's mesh."""
+    mesh = document.one("meshes", document.one("nodes", node).get("mesh"))
+    found = max((len(primitive.get("targets", [])) for primitive in mesh["primitives"]), default=0)
+    if not found:
+        raise SceneError(f"an animation changes the weights of node {node}, whose mesh has no morph targets")
     return found
 
 
-def _numbers(values: Array) -> list[float]:
+def _numbers(values: Any) -> list[float]:
     return [float(value) for value in values]

@@ -1,7 +1,7 @@
-"""The scenes of a glTF file whose own animation moves its nodes.
+"""The scenes of a glTF file whose own animation moves its nodes and deforms its meshes.
 
-Stage: scene description. The file is read once; a pose changes the matrices of its parts alone, and the floor, the
-lights and the camera that it lacks suit all frames.
+Stage: scene description. The file is read once; a pose changes the matrices of its parts and the shapes of those with
+skins or morph targets, and the floor, the lights and the camera that it lacks suit all frames.
 
     file = AnimatedFile("walk.glb", "Walk")
     make = file.make(frames=48, fps=24)
@@ -51,8 +51,8 @@ class AnimatedFile:
     """A GLB or glTF file with one of its animations: the one that is called `clip`, None for the first one.
 
     `seconds` is its length. What is left out of the file is an sh.ShpyWarning. Raises FileNotFoundError, and SceneError
-    for a file that cannot be read, that has no animation of this name, or whose animation moves skins, morph weights or
-    anything else but nodes.
+    for a file that cannot be read, that has no animation of this name, or whose animation changes anything else but
+    nodes and the weights of morph targets.
     """
 
     def __init__(self, path: str | PathLike[str], clip: str | None = None) -> None:
@@ -75,7 +75,7 @@ class AnimatedFile:
             others = [name for k, name in enumerate(names) if k != number]
             cure = f"choose another one ({listed(others)}), or {_CURE}" if others else _CURE
             said = f"its animation {shown(self.clip.name)!r} {self.clip.obstacle}"
-            raise SceneError(f"{self.path}: {said}; nodes alone can move: {cure}")
+            raise SceneError(f"{self.path}: {said}; nodes and morph weights alone can change: {cure}")
         with reading(self.path):
             self._scene = GltfScene(document, self.path.stem, self._notices, animated=True)
         if clip is None:
@@ -146,7 +146,12 @@ class AnimatedFile:
             parts = [part for part in posed.instances() if len(part.mesh)]
             before = self._last or [(part, part.placed) for part in parts]
             self._last = [
-                (part, mesh if np.array_equal(part.transform, old.transform) else part.placed)
+                (part, mesh if _alike(part, old) else part.placed)
                 for part, (old, mesh) in zip(parts, before, strict=True)
             ]
         return posed, [mesh for _, mesh in self._last]
+
+
+def _alike(part: Instance, old: Instance) -> bool:
+    """Return whether a part has the shape and the place that it had before."""
+    return part.mesh is old.mesh and np.array_equal(part.transform, old.transform)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -25,6 +25,7 @@ from raytracer.memory import check_triangles
 from raytracer.meshes.appearance import CLAY
 from raytracer.meshes.folder import Notices, shown
 from raytracer.meshes.gltf import Document
+from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_of
 from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
@@ -34,16 +35,25 @@ from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 Matrix = NDArray[np.float64]
 _LIGHTS: Final = "KHR_lights_punctual"
 _PLACED: Final = {"matrix", "translation", "rotation", "scale"}
+_MORPHED: Final = {"POSITION", "NORMAL", "TANGENT"}
 _INSTANCING: Final = "EXT_mesh_gpu_instancing"
 Pose = Mapping[int, Mapping[str, Any]]
 """The entries of nodes that an animation replaces, by the numbers of the nodes."""
 
 
 class Node(NamedTuple):
-    """A node of the scene and the matrix (4, 4) from its coordinates to the scene's."""
+    """A node of the scene, the matrix (4, 4) from its coordinates to the scene's, and its number, -1 without one."""
 
     entry: dict[str, Any]
     matrix: Matrix
+    number: int = -1
+
+
+class _Part(NamedTuple):
+    """A primitive as a mesh, and what deforms it."""
+
+    mesh: Mesh
+    deformation: Deformation | None
 
 
 class GltfScene:
@@ -59,10 +69,11 @@ class GltfScene:
         self.nodes = list(_nodes(document))
         self.materials = GltfMaterials(document, notices)
         self.reads_materials = materials
-        self._meshes: dict[int, list[Mesh]] = {}
+        self._meshes: dict[int, list[_Part]] = {}
+        self._deformed: dict[tuple[int, int], tuple[bytes, Mesh]] = {}
         self._built = self._placed = 0
-        for key in ("skins",) if animated else ("animations", "skins"):
-            notices.ignore(key, len(document.all(key)))
+        if not animated:
+            notices.ignore("animations", len(document.all("animations")))
         notices.ignore("scenes after the first", len(document.all("scenes")) - 1)
         for extension in document.unread if materials else ():
             notices.ignore(extension)
@@ -76,18 +87,48 @@ class GltfScene:
     def instances(self) -> list[Instance]:
         """Return the parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
         found = []
+        matrices = {node.number: node.matrix for node in self.nodes}
         for node in self.nodes:
             if "mesh" not in node.entry:
                 continue
             mesh = self.document.one("meshes", node.entry["mesh"])
             name = str(node.entry.get("name") or mesh.get("name") or self.name)
-            places = self._places(node)
-            for k, part in enumerate(self._parts(node.entry["mesh"], mesh)):
-                self._placed += len(part) * len(places)
+            places = [node.matrix @ place for place in self._places(node)]
+            amounts = [float(amount) for amount in node.entry.get("weights", mesh.get("weights", ()))]
+            joints = self._joints(node, matrices)
+            for k, (part, deformation) in enumerate(self._parts(node.entry["mesh"], mesh)):
+                placed = places
+                if deformation is not None:
+                    skinned = deformation.joints is not None and joints is not None
+                    part = self._in_shape((node.number, k), deformation, amounts, joints if skinned else None)
+                    placed = [np.eye(4)] if skinned else places  # joints place it: section 3.7.3.3
+                self._placed += len(part) * len(placed)
                 check_triangles(self._placed)
                 called = f"{name}_{k}" if k else name
-                found += [Instance(part, node.matrix @ place, called) for place in places]
+                found += [Instance(part, place, called) for place in placed]
         return found
+
+    def _joints(self, node: Node, matrices: Mapping[int, Matrix]) -> Matrix | None:
+        """Return the matrices (J, 4, 4) by which the joints of a node's skin move a mesh; None if it has no skin."""
+        if "skin" not in node.entry:
+            return None
+        skin = skin_of(self.document, node.entry["skin"])
+        if not set(skin.joints) <= matrices.keys():
+            raise SceneError("the joints of a skin are no nodes of the scene")
+        return np.stack([matrices[joint] for joint in skin.joints]) @ skin.inverse
+
+    def _in_shape(
+        self, key: tuple[int, int], deformation: Deformation, amounts: Sequence[float], joints: Matrix | None
+    ) -> Mesh:
+        """Return a deformed mesh: the one of the last pose where it has the same shape."""
+        if joints is None and not any(amounts):
+            return deformation.mesh
+        decisive = np.array(amounts).tobytes() + (b"" if joints is None else joints.tobytes())
+        known, mesh = self._deformed.get(key, (b"", deformation.mesh))
+        if known != decisive:
+            mesh = deformation.deformed(amounts, joints)
+            self._deformed[key] = decisive, mesh
+        return mesh
 
     def _places(self, node: Node) -> list[Matrix]:
         """Return the matrices (4, 4) of a node's mesh: several with EXT_mesh_gpu_instancing, else the identity."""
@@ -148,18 +189,19 @@ class GltfScene:
         distance = float(np.linalg.norm(place - middle))
         return PointLight(_triple(place)), color / (distance**2 or 1)
 
-    def _parts(self, number: int, entry: dict[str, Any]) -> list[Mesh]:
+    def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:
             made = [self._primitive(primitive) for primitive in entry["primitives"]]
-            self._meshes[number] = [mesh for mesh in made if mesh is not None]
+            self._meshes[number] = [part for part in made if part is not None]
         return self._meshes[number]
 
-    def _primitive(self, primitive: dict[str, Any]) -> Mesh | None:
+    def _primitive(self, primitive: dict[str, Any]) -> _Part | None:
         mode = primitive.get("mode", 4)
         if mode not in (4, 5, 6):
             self.notices.ignore("points and lines")
             return None
-        self.notices.ignore("morph targets", len(primitive.get("targets", [])))
+        targets = primitive.get("targets", [])
+        self.notices.ignore("morph targets of colours or uv", sum(bool(t.keys() - _MORPHED) for t in targets))
         attributes = primitive["attributes"]
         if not self.document.has_bytes(attributes["POSITION"]):
             raise SceneError(_without_bytes(primitive))
@@ -174,16 +216,17 @@ class GltfScene:
         )
         if colors is not None and self.materials.uses_alpha(look) and (colors[:, 3:] < 1).any():
             self.notices.ignore("alpha of vertex colours")
+        kept: Any = slice(None)
         if len(order) < len(vertices):  # others may share the array: a copy of all for each would be quadratic
             used, order = np.unique(order, return_inverse=True)
             if used.size and not 0 <= used[0] <= used[-1] < len(vertices):
                 raise SceneError(f"a primitive names vertex {used[-1]}, and there are {len(vertices)}")
-            vertices = vertices[used]
+            vertices, kept = vertices[used], used
             normals, uv, colors = (None if rows is None else rows[used] for rows in (normals, uv, colors))
         faces = _faces(order, mode)
         self._built += len(faces)
         check_triangles(self._built)
-        return Mesh(
+        made = Mesh(
             vertices,
             faces,
             normals,
@@ -192,6 +235,7 @@ class GltfScene:
             self.name,
             None if uv is None else self.materials.placed(look, uv) * (1, -1) + (0, 1),  # v runs down in glTF, up here
         )
+        return _Part(made, deformation_of(self.document, primitive, made, normals, kept))
 
     def _material(self, number: Any, has_uv: bool, has_colors: bool) -> Material:
         if number is None or not self.reads_materials:
@@ -228,7 +272,7 @@ def _nodes(document: Document, pose: Pose = MappingProxyType({})) -> Iterator[No
         seen.add(number)
         with np.errstate(all="ignore"):  # Instance refuses what is not finite
             matrix = outer @ _local(entry) if _PLACED & entry.keys() else outer
-        yield Node(entry, matrix)
+        yield Node(entry, matrix, number)
         waiting += [(child, matrix) for child in reversed(entry.get("children", []))]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image as pillow
 
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 CORNERS = np.array([[0, 1], [1, 1], [1, 0], [0, 0]])  # uv of glTF: v runs down
 HALVES = [0, 1, 2, 0, 2, 3]

@@ -115,7 +115,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     plain |= {"alphaMode": "BLEND", "extensions": clear}
     look = {"baseColorTexture": {"index": image, "texCoord": 1}, "baseColorFactor": [1, 0.5, 1, 0.5]}
     material = file.material(**plain, pbrMetallicRoughness=look)
-    square = file.square(material=material, targets=[{}, {}])
+    square = file.square(material=material, targets=[{"COLOR_0": 0}, {}])
     lines = {"attributes": {"POSITION": file.array(SQUARE)}, "mode": 1}
     file.node(mesh=file.mesh(square, lines))
     file.node(camera=file.add("cameras", {"type": "orthographic"}))
@@ -125,7 +125,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.add("scenes", {"nodes": []})
     file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_sheen"]
     expected = (
-        "animations (1), scenes after the first (1), KHR_materials_sheen (1), morph targets (2), "
+        "animations (1), scenes after the first (1), KHR_materials_sheen (1), morph targets of colours or uv (1), "
         "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
         "alpha of clear materials (1), blur of clear materials (1), tints of clear materials (1), "
         "points and lines (1), orthographic cameras (1), "
