@@ -78,7 +78,7 @@ def deformation_of(
         rows = document.array(attributes[name])
         if rows.shape[1] != 3:
             raise SceneError(f"a morph target adds rows {rows.shape} to the {name} of vertices")
-        return rows[kept]
+        return np.asarray(rows[kept])
 
     targets = [(read(target, "POSITION"), read(target, "NORMAL")) for target in primitive.get("targets", [])]
     sets: list[tuple[Rows, Rows]] = []
