@@ -31,7 +31,7 @@ class Skin(NamedTuple):
 
 
 class Deformation(NamedTuple):
-    """What moves the V vertices of a `mesh`, whose `normals` (V, 3) are None where it is flat.
+    """The deformation of the V vertices of a `mesh`, whose `normals` (V, 3) are None where it is flat.
 
     Each of the `targets` adds to positions and normals, (V, 3) each or None. `joints` (V, n) are places among those of
     a skin and `weights` (V, n) their shares, None for a mesh that no skin moves.

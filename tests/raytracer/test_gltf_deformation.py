@@ -15,7 +15,7 @@ ARM = np.array([[x, y, 0] for y in (0, 1, 2) for x in (-0.5, 0.5)])
 FACES = [0, 1, 3, 0, 3, 2, 2, 3, 5, 2, 5, 4]
 LOWER, UPPER = [1, 0], [0, 1]
 SHARES = np.array([LOWER, LOWER, [0.5, 0.5], [0.25, 0.75], UPPER, UPPER])
-"""How much the joint below and the joint above have of each vertex of the arm."""
+"""The shares of the joint below and of the joint above in each vertex of the arm."""
 
 
 def arm(*, kind="f4", pairs=1, **attributes):
@@ -99,7 +99,7 @@ def test_frames_of_a_skin_are_the_pictures_of_meshes_made_so(tmp_path):
 
 
 SHAPES = np.array([[[1, 0, 0]] * 6, [[0, 0.5 * k, 0] for k in range(6)]])
-"""What two morph targets add to the arm's vertices."""
+"""Displacements by which two morph targets move the arm's vertices."""
 
 
 def morphing(times, amounts, kind):
