@@ -26,6 +26,7 @@ from raytracer.cluster.connection import connected
 from raytracer.cluster.job import check_alike, probed
 from raytracer.cluster.store import kept
 from raytracer.errors import SceneError
+from raytracer.image import exposed
 from raytracer.integrators.integrator import Given, Integrator, Options, chosen
 from raytracer.integrators.renderer import Renderer, checked_size
 from raytracer.meshes.shapes import box, floor, sphere
@@ -47,6 +48,7 @@ def animate(
     backend: str | None = None,
     resume: bool = False,
     cluster: Any = None,
+    exposure: float | None = None,
     **options: Unpack[Options],
 ) -> Iterator[int]:
     """Render `frames` frames to `output`: .gif, .webp, .mp4, or else a folder; yield how many are done after each.
@@ -54,12 +56,12 @@ def animate(
     `make(time)` gives the scene at a time in seconds. Where frames differ only in their cameras and in places, normals
     and colours at the vertices of meshes, accelerators of what stays and the kernel are kept; see `Renderer.show`.
     `resume` keeps the frames that a folder has. With a `cluster`, as in `render`, frames are rendered by its workers,
-    to which `make` travels. The other arguments are those of `render`. The file is written when
-    the iterator ends. Raises SceneError for numbers and outputs that make no animation, where ffmpeg is missing for an
-    .mp4 file, and as `render` does.
+    to which `make` travels. An `exposure` makes frames brighter by 2 to this power. The other arguments are those of
+    `render`. The file is written when the iterator ends. Raises SceneError for numbers and outputs that make no
+    animation, where ffmpeg is missing for an .mp4 file, and as `render` does.
     """
     size = checked_size(size)
-    drawing = _Drawing(make, size, fps, chosen(integrator, options), backend or sh.default_backend())
+    drawing = _Drawing(make, size, fps, chosen(integrator, options), backend or sh.default_backend(), exposure)
     mapping = map if cluster is None else _by_workers(drawing, cluster)
     with _as_scene_errors():
         steps = sh.videos.writing(Path(output), frames, fps, size, drawing.frame, resume=resume, mapping=mapping)
@@ -83,8 +85,17 @@ def _as_scene_errors() -> Iterator[None]:
 class _Drawing:
     """The frames, drawn by one Renderer that is made with the first of them."""
 
-    def __init__(self, make: Make, size: tuple[int, int], fps: float, integrator: Integrator, backend: str) -> None:
+    def __init__(
+        self,
+        make: Make,
+        size: tuple[int, int],
+        fps: float,
+        integrator: Integrator,
+        backend: str,
+        exposure: float | None,
+    ) -> None:
         self.make, self.size, self.fps, self.integrator, self.backend = make, size, fps, integrator, backend
+        self.exposure = exposure
         self.renderer: Renderer | None = None
 
     def frame(self, number: int) -> NDArray[np.uint8]:
@@ -96,7 +107,7 @@ class _Drawing:
             self.renderer = Renderer(scene, integrator=self.integrator, backend=self.backend)
         else:
             self.renderer.show(scene)
-        return self.renderer.render(self.size).srgb
+        return exposed(self.renderer.render(self.size), self.exposure).srgb
 
 
 def _by_workers(drawing: _Drawing, cluster: Any) -> Callable[..., Iterator[Any]]:

@@ -25,7 +25,7 @@ from raytracer.accel.choice import check
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, spread
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
-from raytracer.image import READING, SAVING, Image, writer
+from raytracer.image import READING, SAVING, Image, exposed, writer
 from raytracer.integrators import integrator
 from raytracer.integrators.renderer import Progress, Renderer
 from raytracer.layered.cube import is_layered
@@ -152,6 +152,7 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     _add_math(command)
     _add_cluster(command)
     command.add_argument("--resume", action="store_true", help="keep the frames that the folder has")
+    viewing.add_arguments(command)
     command.set_defaults(run=_animate)
 
 
@@ -246,7 +247,7 @@ def _render(options: argparse.Namespace) -> int:
     check_fits(width, height, SAVING[output.suffix.lower()], PIXEL if options.cluster is None else 0)
     said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
     wanted = integrator.chosen(options.integrator, said)
-    viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path))
+    viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path), framed=options.scene not in SCENES)
     scene = viewing.scene_of(options)
     if isinstance(wanted, integrator.Path):
         return _render_path(options, wanted, scene, output)
@@ -267,7 +268,7 @@ def _render(options: argparse.Namespace) -> int:
         )
     if image.stats.picked:
         print(f"within {options.error:g}/255: {image.stats.picked}")
-    print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")
+    print(f"{exposed(image, options.exposure).save(output)}: {_summary(image)}")
     return 0
 
 
@@ -284,7 +285,7 @@ def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Sc
         given["partitions"] = options.partitions
         with progress_bar(title) as progress:
             image = render(scene, options.size, cluster=options.cluster, progress=progress, **given)
-        print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")
+        print(f"{exposed(image, options.exposure).save(output)}: {_summary(image)}")
         return 0
     return _render_passes(options, Renderer(scene, integrator=wanted, backend=options.backend), output, found, title)
 
@@ -301,7 +302,7 @@ def _render_passes(
             for image in renderer.passes(options.size, progress=progress, resume=found):
                 started = time.monotonic()
                 if started >= due and image.samples < samples:
-                    viewing.exposed(image, options.exposure).save(output)
+                    exposed(image, options.exposure).save(output)
                     kept, ended = image.samples, time.monotonic()
                     due = ended + max(_SAVING, _SHARE * (ended - started))
         except KeyboardInterrupt as error:
@@ -310,7 +311,7 @@ def _render_passes(
             stop = error
     assert image is not None  # there is at least one pass
     try:
-        print(f"{viewing.exposed(image, options.exposure).save(output)}: {_summary(image)}")
+        print(f"{exposed(image, options.exposure).save(output)}: {_summary(image)}")
     except KeyboardInterrupt as error:
         raise type(error)(f"stopped; {output} holds {kept:,} samples" if kept else "") from None
     if stop is None:
@@ -373,7 +374,10 @@ def _gallery(options: argparse.Namespace) -> int:
 def _animate(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
     given = {name: value for name in ("bounces", "samples", "math") if (value := getattr(options, name)) is not None}
-    asked = {name: getattr(options, name) for name in ("size", "integrator", "backend", "resume", "cluster")}
+    named = ("size", "integrator", "backend", "resume", "cluster", "exposure")
+    asked = {name: getattr(options, name) for name in named}
+    framed = Path(options.scene).suffix.lower() in FORMATS
+    viewing.check(options, output, lights_all=options.integrator == "path", framed=framed)
     make, frames, fps = _moving(options)
     steps = animate(make, output, frames, fps=fps, **asked, **given)
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
@@ -390,11 +394,12 @@ def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
     if path.suffix.lower() in FORMATS:
         file = AnimatedFile(path, options.clip)
         frames, fps = spread(file.seconds, options.frames, options.fps)
-        return file.make(frames, fps), frames, fps
+        return viewing.scenes_of_file(options, file, frames, fps), frames, fps
     if options.clip is not None:
         raise SceneError("--clip is for GLB and glTF files, whose animations have names: leave it out")
     fps = sh.videos.FPS if options.fps is None else options.fps
-    return ANIMATIONS.get(options.scene) or made_by(path), options.frames or 48, fps
+    make = ANIMATIONS.get(options.scene) or made_by(path)
+    return viewing.scenes_of(options, make), options.frames or 48, fps
 
 
 def _summary(image: Image) -> str:

@@ -8,6 +8,7 @@ beside it and renames, so that an interrupted run leaves no broken file.
 
 from __future__ import annotations
 
+import dataclasses
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -172,6 +173,13 @@ def _pillow() -> Any:
     except ImportError as error:
         raise SceneError(f"writing PNG, JPEG and WebP needs Pillow: {sh.packages.install('pillow')}") from error
     return pillow
+
+
+def exposed(image: Image, stops: float | None) -> Image:
+    """Return a picture whose pixels are brighter by a factor of 2**stops; the picture itself where that is None."""
+    if stops is None:
+        return image
+    return dataclasses.replace(image, pixels=image.pixels * np.float32(2.0**stops))
 
 
 def openexr(purpose: str) -> Any:

@@ -3,7 +3,7 @@
 raytracer render chair.glb --camera 2,1,3 --target 0,0.5,0 --fov 30 --no-floor --background "#ffffff"
 
 Stage: the command line. Every command that renders adds `add_arguments`, checks with `check`, and opens its scene with
-`scene_of`.
+`scene_of`; one that animates takes scenes from `scenes_of` or `scenes_of_file`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import argparse
 import dataclasses
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ import numpy as np
 from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
-from raytracer.image import READING, Image
+from raytracer.image import READING
+from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import EnvironmentLight
 from raytracer.scene.scene import Scene
@@ -67,28 +68,61 @@ def joined(arguments: Sequence[str]) -> list[str]:
     return found
 
 
-def check(options: argparse.Namespace, output: Path, *, lights_all: bool) -> None:
-    """Raise SceneError for options that do not go together; `lights_all` says whether the environment can light."""
+def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed: bool) -> None:
+    """Raise SceneError for options that do not go together.
+
+    `lights_all` says whether the environment can light, and `framed` whether the scene is put on a floor.
+    """
     if options.environment is not None and not lights_all:
         raise SceneError("--environment lights scenes with --integrator path alone: add that, or leave it out")
     if options.exposure is not None and output.suffix.lower() in READING:
         raise SceneError(f"{output}: --exposure is for .png; {' and '.join(READING)} hold the light as it is")
-    if options.no_floor and options.scene in SCENES:
-        raise SceneError("--no-floor is for files, which are put on one; a built-in scene is as it is made")
+    if options.no_floor and not framed:
+        kind = "scene of a Python file" if Path(options.scene).suffix else "built-in scene"
+        raise SceneError(f"--no-floor is for files, which are put on one; a {kind} is as it is made")
 
 
 def scene_of(options: argparse.Namespace) -> Scene:
     """Open the scene of a command and apply its options; SceneError, or OSError for files, where that is impossible."""
-    sky = () if options.environment is None else (_sky(options.environment),)
+    sky = _skies(options)
     if options.scene in SCENES:
-        scene = Scene.builtin(options.scene)
-        assert scene.camera is not None  # a scene makes one
-        lights = [*(scene.placed_lights if sky else scene.lights), *sky]
-        scene = dataclasses.replace(scene, lights=lights, camera=_turned(scene.camera, options))
-    else:
-        up = _AXES["y"] if options.up is None else options.up
-        asked = {"camera": lambda camera: _turned(camera, options), "floor": not options.no_floor, "lights": sky}
-        scene = find_scene(options.scene, up=up, **asked)
+        return _altered(Scene.builtin(options.scene), options, sky)
+    return _painted(find_scene(options.scene, **_framing(options, sky)), options)
+
+
+def scenes_of(options: argparse.Namespace, make: Callable[[float], Any]) -> Callable[[float], Any]:
+    """Return the function of time whose scenes are those of `make` with the options of a command."""
+    sky = _skies(options)
+
+    def scene(time: float) -> Any:
+        found = make(time)
+        return _altered(found, options, sky) if isinstance(found, Scene) else found  # `animate` refuses anything else
+
+    return scene
+
+
+def scenes_of_file(
+    options: argparse.Namespace, file: AnimatedFile, frames: int, fps: float
+) -> Callable[[float], Scene]:
+    """Return the function of time that gives the scenes of a file with the options of a command."""
+    make = file.make(frames, fps, **_framing(options, _skies(options)))
+    return lambda time: _painted(make(time), options)
+
+
+def _altered(scene: Scene, options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> Scene:
+    """Return a scene that is as it is made, seen as the options say and lit by a sky if there is one."""
+    assert scene.camera is not None  # a scene makes one
+    lights = [*(scene.placed_lights if sky else scene.lights), *sky]
+    return _painted(dataclasses.replace(scene, lights=lights, camera=_turned(scene.camera, options)), options)
+
+
+def _framing(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> dict[str, Any]:
+    """Return the keywords of `Scene.load` for the options."""
+    up = _AXES["y"] if options.up is None else options.up
+    return {"up": up, "camera": lambda camera: _turned(camera, options), "floor": not options.no_floor, "lights": sky}
+
+
+def _painted(scene: Scene, options: argparse.Namespace) -> Scene:
     return scene if options.background is None else dataclasses.replace(scene, background=options.background)
 
 
@@ -102,13 +136,6 @@ def find_scene(name: str, **framing: Any) -> Scene:
     if Path(name).suffix or Path(name).exists():
         return Scene.load(name, **framing)
     raise SceneError(f"{name!r} is neither a file nor a built-in scene; the scenes are {', '.join(SCENES)}")
-
-
-def exposed(image: Image, stops: float | None) -> Image:
-    """Return a picture whose pixels are brighter by a factor of 2**stops; the picture itself where that is None."""
-    if stops is None:
-        return image
-    return dataclasses.replace(image, pixels=image.pixels * np.float32(2.0**stops))
 
 
 def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
@@ -130,10 +157,14 @@ def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
         raise SceneError(f"{error}: {here}; choose another of them") from None
 
 
-def _sky(path: Path) -> EnvironmentLight:
+def _skies(options: argparse.Namespace) -> tuple[EnvironmentLight, ...]:
+    """Return the environment light of the options, if there is one."""
+    path = options.environment
+    if path is None:
+        return ()
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}: --environment is the path of one")
-    return EnvironmentLight(path)
+    return (EnvironmentLight(path),)
 
 
 def _numbers(text: str, count: int) -> list[float] | None:

@@ -14,7 +14,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,32 +91,42 @@ class AnimatedFile:
             raise SceneError(f"{self.path}: there is no animation {clip!r}: choose one of {listed(names)}")
         return 0 if clip is None else names.index(clip)
 
-    def make(self, frames: int, fps: float) -> Callable[[float], Scene]:
+    def make(
+        self,
+        frames: int,
+        fps: float,
+        *,
+        camera: Callable[[Camera], Camera] | None = None,
+        lights: Sequence[Light] = (),
+        **framing: Any,
+    ) -> Callable[[float], Scene]:
         """Return the function that gives the scene at a time in seconds, framed once for the times k / fps.
 
-        The first call frames it. A camera and lights of the file's own move with their nodes.
+        The first call frames it. A camera and lights of the file's own move with their nodes. The keywords are `up`,
+        `floor`, `lights` and, as a function of the camera that there would be, `camera` of `Scene.load`.
         """
         held: list[_Frame] = []
+        framing |= {"camera": camera, "lights": lights}
 
         def scene(time: float) -> Scene:
             if not held:
-                held.append(self._framed(frames, fps))
+                held.append(self._framed(frames, fps, framing))
                 self._notices.warn()
             frame = held[0]
             posed, meshes = self._posed(time)
-            camera, lights = self._seen(posed, frame.low, frame.high)
+            eye, own = self._seen(posed, frame.low, frame.high)
             with reading(self.path):
                 meshes = smoothed(meshes)
             return dataclasses.replace(
                 frame.scene,
                 meshes=(*meshes, *frame.floor),
-                camera=camera or frame.scene.camera,
-                lights=lights or frame.scene.lights,
+                camera=frame.scene.camera if eye is None else eye if camera is None else camera(eye),
+                lights=(*own, *lights) if own else frame.scene.lights,
             )
 
         return scene
 
-    def _framed(self, frames: int, fps: float) -> _Frame:
+    def _framed(self, frames: int, fps: float, framing: dict[str, Any]) -> _Frame:
         """Return the first scene with the camera, the lights and the floor for all frames."""
         first, meshes = self._posed(0.0)
         if not meshes:
@@ -131,7 +141,7 @@ class AnimatedFile:
         swept = Mesh(places, np.repeat(np.arange(len(places))[:, None], 3, axis=1))
         low, high = bounds_of([swept], np.eye(3))
         camera, lights = self._seen(first, low, high)
-        scene = furnished(Contents([*meshes, swept], camera, lights), self.path.stem)
+        scene = furnished(Contents([*meshes, swept], camera, lights), self.path.stem, **framing)
         return _Frame(scene, scene.meshes[len(meshes) + 1 :], low, high)
 
     def _seen(self, posed: GltfScene, low: Corner, high: Corner) -> tuple[Camera | None, Sequence[Light]]:

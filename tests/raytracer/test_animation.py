@@ -126,3 +126,25 @@ def test_mistakes_in_a_file_are_named_with_their_line(tmp_path, capsys, text, wh
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(SceneError, match="there is no file"):
         made_by(tmp_path / "none.py")
+
+
+def test_the_command_animates_what_its_camera_options_say(tmp_path):
+    seen = ["--camera", "3,2,4", "--target", "0,0.5,0", "--fov", "40", "--background", "0.1,0.2,0.3", "--exposure", "1"]
+    output = tmp_path / "frames"
+    assert cli.main(["animate", "animated", "--frames", "2", "-o", str(output), *SMALL, *seen]) == 0
+    scene = animated(1 / 24)
+    camera = dataclasses.replace(scene.camera, position=(3, 2, 4), target=(0, 0.5, 0), fov=40)
+    scene = dataclasses.replace(scene, camera=camera, background=(0.1, 0.2, 0.3))
+    picture = render(scene, (24, 16), backend="numpy")
+    expected = dataclasses.replace(picture, pixels=2 * picture.pixels).srgb
+    assert np.array_equal(np.asarray(pillow.open(output / "0001.png")), expected)
+
+
+def test_frames_of_a_python_file_have_the_floor_that_it_makes(tmp_path, capsys):
+    source = tmp_path / "wave.py"
+    source.write_text(FILE)
+    assert cli.main(["animate", str(source), "-o", str(tmp_path / "wave.gif"), "--no-floor", *SMALL]) == 1
+    assert (
+        "--no-floor is for files, which are put on one; a scene of a Python file is as it is made"
+        in capsys.readouterr().err
+    )

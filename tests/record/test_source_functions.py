@@ -13,8 +13,9 @@ import shpy as sh
 from shpy.lang.mistakes.kinds import functions, gives_value
 
 OTHERS = {
-    "argsort", "backends", "choice", "compact", "cubemap", "default_backend", "gather", "histogram", "loop", "parse",
-    "program", "reduce", "repeat", "scan", "scatter", "sequence", "sort", "struct", "subroutine", "swap",
+    "animate", "argsort", "backends", "choice", "compact", "cubemap", "default_backend", "gather",
+    "histogram", "loop", "map_blocks", "map_overlap", "parse", "program", "reduce", "repeat", "scan",
+    "scatter", "sequence", "share", "sort", "struct", "subroutine", "swap", "top_k", "unique",
 }  # fmt: skip
 """Public functions that do not give one value of the language."""
 
