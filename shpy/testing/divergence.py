@@ -176,6 +176,8 @@ def first_divergence(
     modes = named.pop("math") if isinstance(named.get("math"), tuple) else None
     given, options = split_options(named, program)
     names = targets(backends)
+    if modes and len(names) == 1:
+        names *= 2  # one backend in two modes
     if len(names) < 2:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "glsl")')
     settings = [Setting(program, inputs, given, shape, {**options, "math": m}) for m in modes or ()]

@@ -120,6 +120,17 @@ def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view
     page.wait_for_selector("#problem", state="hidden")
 
 
+def test_an_endless_loop_is_said_and_stopped(page, view):
+    view.save("while True: pass")
+    page.wait_for_selector("#busy:not([hidden])")
+    shows(page, (135, 68, 0))
+    page.click("text=Stop it")
+    page.wait_for_selector("#problem:not([hidden])")
+    view.save(GOOD.format(gain=0.5))
+    shows(page, (71, 36, 0))
+    page.wait_for_selector("#busy", state="hidden")
+
+
 def test_a_process_that_dies_is_said_and_another_takes_its_place(page, view):
     view.save("import os; os.abort()")
     page.wait_for_selector("text=ended by signal 6")
@@ -172,6 +183,43 @@ def test_the_keyboard_chooses_pixels(page):
     page.keyboard.press("Enter")
     page.wait_for_selector("#panel table")
     assert "25, 26" in page.inner_text("#panel-title").lower()
+
+
+def test_two_forms_are_compared(page, view):
+    page.select_option("#other-backend", "numpy")
+    page.click("#compare")
+    page.wait_for_selector("#difference")
+    assert page.inner_text("#difference") == "All 1536 pixels are the same to the bit."
+    view.save(GOOD.format(gain=1).replace("level = gain", "level = sh.exp(3 * uv.x) * gain"))
+    page.wait_for_selector("body[data-full]")
+    page.select_option("#other-math", "fast")
+    page.click("#compare")
+    page.wait_for_selector(".sides canvas >> nth=2")
+    page.wait_for_selector("#divergence:has-text('part at')", timeout=60_000)
+    assert "exp(" in page.inner_text("#divergence")
+    page.select_option("#other-math", "strict")
+
+
+def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):
+    view.save(EVOLVING)
+    page.wait_for_selector("#clock:not([hidden])")
+    page.wait_for_selector("#time:has-text('frame 9')")
+    page.keyboard.press("Space")
+    page.wait_for_selector("text=Play")
+    page.keyboard.press("r")
+    shows(page, (0, 0, 0))
+    page.keyboard.press(".")
+    shows(page, (1, 1, 1))
+    page.fill("#steps", "50")
+    page.keyboard.press("Enter")
+    page.locator("h1").click()
+    page.keyboard.press(".")
+    shows(page, (51, 51, 51))
+    page.fill("#steps", "1")
+    page.keyboard.press("Enter")
+    page.locator("h1").click()
+    page.keyboard.press("Space")
+    page.wait_for_selector("text=Pause")
 
 
 def test_tabs_show_one_view(browser, view):
