@@ -58,6 +58,7 @@ class Hub:
         self._recorded: bytes | None = None
         self._frame: bytes | None = None
         self._error: bytes | None = None
+        self._failed: Worker | None = None
         self._pinged = time.monotonic()
         self._said_busy = False
         self._seen = (0, 0)
@@ -160,7 +161,7 @@ class Hub:
     def _take_error(self, worker: Worker, header: wire.Header, message: bytes) -> None:
         """Show an error; a worker that could not record, or has no first picture, is of no more use."""
         self._watch_files(header.get("files", ()))
-        self._error = message
+        self._error, self._failed = message, worker
         self._broadcast(message)
         if worker is self._recording:
             if worker in self._described and self._drawing is None:
@@ -170,9 +171,11 @@ class Hub:
             self._go_on(self._drawing)
 
     def _take_frame(self, worker: Worker, header: wire.Header, message: bytes) -> None:
-        if worker is self._recording:
+        fresh = worker is self._recording
+        if fresh:
             self._promote(worker)
-        if self._error is not None:
+        # A frame of the version before says nothing of an error in the file.
+        if self._error is not None and (fresh or worker is self._failed):
             self._error = None
             self._broadcast(wire.pack({"kind": "well"}))
         self.state.update(time=header["time"], frame=header["frame"])
@@ -199,6 +202,7 @@ class Hub:
         self._fail(f"the process that runs the file ended {how}", "another backend; save the file to try again")
 
     def _fail(self, message: str, cure: str) -> None:
+        self._failed = None
         self._error = wire.pack({"kind": "error", "stage": "stopped", "type": "", "message": message, "cure": cure})
         self._broadcast(self._error)
 

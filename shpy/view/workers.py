@@ -54,6 +54,7 @@ class Worker:
             while True:
                 self._heard(self, await wire.receive(reader))
         self.warm.set()
+        await asyncio.to_thread(self.process.wait)  # it closes the socket a moment before it has a status
         self._heard(self, None)
 
     def send(self, header: wire.Header) -> None:

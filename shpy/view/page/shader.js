@@ -34,7 +34,10 @@ const picture = new Picture({
   },
 });
 
-const controls = new Controls(at("controls"), (name, value) => connection.set({ params: { [name]: value } }));
+const controls = new Controls(at("controls"), (name, value) => {
+  state.params[name] = value;
+  connection.set({ params: { [name]: value } });
+});
 
 function heard(header, bytes) {
   ({
@@ -101,8 +104,14 @@ function showRecorded() {
   at("clock").hidden = !moves;
   at("pace").hidden = !evolves;
   at("comparing").hidden = evolves;
-  controls.draw(described.controls);
+  controls.draw(described.controls.map((one) => ({ ...one, value: present(one) })));
   showState();
+}
+
+// A version that was recorded before this page came describes the values of that time.
+function present({ name, value, first }) {
+  const set = state.params[name];
+  return set && set.length === value.length && typeof set[0] === typeof value[0] ? set : first;
 }
 
 function showState() {
