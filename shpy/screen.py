@@ -121,6 +121,12 @@ def _fixed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     return made
 
 
+def unfilled(program: Program, given: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the types, by name, of the inputs that nothing fills: no name, no default, and not `given` either."""
+    known = {*program.recorded.defaults, *given}
+    return {n: t for n, t in program.inputs.items() if n not in known and not is_filled(n, t)}
+
+
 def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str] = ()) -> None:
     """Raise ShpyTypeError where a program of pixels lacks inputs, or `size` is no (width, height).
 
@@ -128,8 +134,7 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
     """
     if not (isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(n, int) and n > 0 for n in size)):
         raise ShpyTypeError(f"size={size!r} is no width and height", loc=here(), cure="size=(640, 360)")
-    known = {*program.recorded.defaults, *given}
-    types = {n: t for n, t in program.inputs.items() if n not in known and not is_filled(n, t)}
+    types = unfilled(program, given)
     if types:
         spoken = ", ".join(f"{name}: {getattr(t, '__name__', t)}" for name, t in types.items())
         raise ShpyTypeError(

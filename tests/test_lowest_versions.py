@@ -19,10 +19,8 @@ TOLD = {"pyopencl": (2024, 2, 7), "matplotlib": (3, 8, 4)}
 
 def lowest() -> dict[str, str]:
     """The lower bound of each package that users install."""
-    wanted = [
-        *PROJECT["dependencies"],
-        *(r for name in ("opencl", "glsl", "raytracer", "accuracy", "cluster") for r in EXTRAS[name]),
-    ]
+    extras = ("opencl", "glsl", "raytracer", "accuracy", "cluster", "view", "notebook")
+    wanted = [*PROJECT["dependencies"], *(r for name in extras for r in EXTRAS[name])]
     return dict(re.fullmatch(r"([\w-]+(?:\[array\])?)>=([\d.]+)", requirement).groups() for requirement in wanted)
 
 
@@ -53,6 +51,16 @@ import dask.array as da
 import distributed
 blocks = sh.map_blocks(wave, da.from_array(x, chunks=300))
 assert np.array_equal(blocks.compute(), found[0])
+
+import anywidget, uvicorn, websockets
+from shpy.view.server import View, application
+application(View("shpy.view.session", {"path": "shader.py"}))
+
+@sh.program
+def shade(uv: sh.TexCoord2f) -> sh.Attrib1f:
+    return uv.x
+
+assert sh.widget(shade, size=(8, 4), backend="numpy")
 print(np.__version__)
 """
 

@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 from shpy.chains.chain import Chain, sequence
 from shpy.errors import ShpyError
 from shpy.program import Program
-from shpy.screen import check_pictures, is_filled
+from shpy.screen import check_pictures, unfilled
 
 START, SHOW = "start", "show"
 """The names of the function that gives a chain its first streams, and of the program that makes colours of them."""
@@ -48,13 +48,13 @@ class Opened:
                 continue
             if isinstance(value, Chain) or (isinstance(value, Program) and name != SHOW and self._evolves(value)):
                 found[name] = value if isinstance(value, Chain) else sequence(value)
-            elif isinstance(value, Program) and not missing(value):
+            elif isinstance(value, Program) and not unfilled(value):
                 found[name] = value
         return found
 
     def _evolves(self, program: Program) -> bool:
         """Return whether the program is a step of a chain: it has inputs that only streams can fill."""
-        return self.start is not None and bool(missing(program))
+        return self.start is not None and bool(unfilled(program))
 
     def pick(self, name: str | None) -> tuple[str, Program | Chain]:
         """Return the name and the program or chain to show; raises ShpyError where there is none."""
@@ -73,11 +73,6 @@ class Opened:
             check_pictures(value, (1, 1))
         cure = ", ".join(f"{self.path.name}:{n}" for n in shown) or None
         raise ShpyError(f"{self.path.name} has no program or chain {name!r}", cure=cure)
-
-
-def missing(program: Program) -> list[str]:
-    """Return the inputs that neither a viewer nor a default fills."""
-    return [n for n, t in program.inputs.items() if n not in program.recorded.defaults and not is_filled(n, t)]
 
 
 def _refuse_all(opened: Opened) -> NoReturn:

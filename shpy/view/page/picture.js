@@ -13,6 +13,7 @@ export class Picture {
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel", "pointerleave"])
       this.canvas.addEventListener(kind, (event) => this[kind](event));
     this.canvas.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.mark(!at("mark").hidden)).observe(this.canvas); // a panel takes room from the picture
   }
 
   // Take a frame; it is drawn, and acknowledged, when the screen is drawn: a hidden page asks for no further ones.

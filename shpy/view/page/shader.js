@@ -201,7 +201,6 @@ at("step").onclick = step;
 at("reset").onclick = reset;
 at("compare").onclick = compare;
 at("close").onclick = close;
-addEventListener("resize", () => picture.mark(!at("panel").hidden));
 addEventListener("keydown", (event) => {
   if (event.key === "Escape") close();
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, button, summary")) return;
