@@ -5,6 +5,7 @@ Stage: represent. Kept beside the IR because `lang` makes it and `backends` read
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
@@ -20,20 +21,32 @@ class TableData:
     runtime keeps the device's copy by the object's identity (weakly) and uploads again only when `version` has changed.
     """
 
-    __slots__ = ("__weakref__", "_parts", "array", "version")
+    __slots__ = ("__weakref__", "_parts", "_readers", "array", "version")
 
     def __init__(self, array: NDArray[Any], version: int = 0) -> None:
         self.array = array
         self.version = version
         self._parts: list[tuple[int, int]] = []
+        self._readers: set[Callable[[], None]] = set()
+
+    def lent(self, settle: Callable[[], None]) -> None:
+        """Note that a device reads the array where it lies; `settle` waits for the runs that may be reading it."""
+        self._readers.add(settle)
+
+    def settle(self) -> None:
+        """Wait until no run reads the array any more: then it may be changed or replaced."""
+        for settle in self._readers:
+            settle()
 
     def replace(self, array: NDArray[Any], version: int) -> None:
         """Take another array, that of this version."""
+        self.settle()
         self.array, self.version = array, version
         self._parts = []
 
     def change(self, start: int, part: NDArray[Any]) -> None:
         """Write `part` along the first axis from `start` on, which makes the next version."""
+        self.settle()
         self.array.flags.writeable = True
         self.array[start : start + len(part)] = part
         self.array.flags.writeable = False

@@ -38,6 +38,11 @@ class Driver:
                 cure='multiprocessing.get_context("spawn"), or fork before the first use; numpy works in any process',
             )
 
+    @property
+    def is_elsewhere(self) -> bool:
+        """Return whether the driver is that of the process from which this one was forked."""
+        return self._process not in (None, os.getpid())
+
     def at_exit(self, end: Callable[[], None]) -> None:
         """Call `end` when this process exits, and not when a child exits that was forked from it."""
         process = os.getpid()

@@ -165,6 +165,8 @@ class Table:
 
     def _change(self, part: NDArray[Any], start: int) -> None:
         held = {key: data for key, data in self._data.items() if data.version == self._version}
+        for data in held.values():
+            data.settle()  # one of them may share the memory of `_array`
         converted = [self._working(part, key) for key in held]  # before anything changes: it may refuse a number
         if not any(np.may_share_memory(data.array, self._array) for data in held.values()):
             self._array[start : start + len(part)] = part

@@ -14,11 +14,12 @@ import os
 import sys
 import threading
 import warnings
+import weakref
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, Final
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import numpy as np
@@ -73,6 +74,8 @@ ANY_SIZE = 1 << 16
 """Work items of the first launch of a kernel: they are idle in microseconds, wherever they run."""
 _LEAST = 64
 """Bytes of the smallest buffer."""
+_FEW: Final = 16
+"""Brief runs that a caller need not be able to interrupt."""
 _WORTH_LENDING = 1 << 16
 """Smaller arrays are copied in less time than it takes to make a buffer of their memory."""
 
@@ -200,10 +203,12 @@ class Machine:
         self._on_disk: WeakSet[Any] = WeakSet()
         self.pool = Pool()
         self._uploads: list[Any] = []
-        """Copies to the device that may be under way: they keep their arrays."""
+        """Copies to the device that may be under way, which keep their arrays, and memory of tables that are gone."""
         self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any, bool]]] = WeakKeyDictionary()
+        self.started = 0
+        """Runs over streams that were started since their end was last waited for."""
         self.may_take_long = False
-        """True if a run over streams that may not be brief was started since its end was last waited for."""
+        """True if one of them may not be brief."""
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
@@ -293,6 +298,27 @@ class Machine:
         access = flags.READ_WRITE if write else flags.READ_ONLY
         return self.cl.Buffer(self.context, access | flags.USE_HOST_PTR, hostbuf=array)
 
+    def settle(self, *, copies: bool = False) -> None:
+        """Wait until all runs over streams that were started have ended; Ctrl-C ends the wait.
+
+        `copies`: the caller copies to the host next, which waits for brief runs by itself. Nothing runs for a process
+        that was forked from the one that opened the device.
+        """
+        if not self.started or _DRIVER.is_elsewhere:
+            return
+        with self.lock:
+            if self.started <= _FEW and not self.may_take_long:
+                if not copies:
+                    self.queue.finish()  # to wake the thread that waits would take as long as these runs
+            else:
+                self.waiter.wait(self.cl.enqueue_marker(self.queue))
+            self.started, self.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
+
+    def _outlive(self, copies: dict[Any, tuple[int, Any, bool]]) -> None:
+        """Keep the memory of a table that is gone for the runs that may be reading it."""
+        if self.started:
+            self._uploads.extend(copies.values())
+
     def finish(self, lent: list[Any]) -> None:
         """Wait until all is done and what was written to lent arrays can be seen in them."""
         for buffer in lent:
@@ -321,7 +347,10 @@ class Machine:
 
         `size`: the components of an element; `padded`: each vector is followed by a number that nobody reads.
         """
-        copies = self._tables.setdefault(data, {})
+        copies = self._tables.get(data)
+        if copies is None:
+            copies = self._tables[data] = {}
+            weakref.finalize(data, self._outlive, copies).atexit = False
         version, buffer, sent = copies.get((dtype, padded), (None, None, False))
         if version == data.version:
             return buffer
@@ -336,6 +365,8 @@ class Machine:
             if buffer is None:
                 flags = self.cl.mem_flags
                 buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
+            else:
+                data.lent(self.settle)
         copies[dtype, padded] = (data.version, buffer, sent)
         return buffer
 

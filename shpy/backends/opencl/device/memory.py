@@ -70,8 +70,6 @@ __kernel void count_statuses(__global const int *status, uint total, __global vo
 _STRIDE: Final = 4096
 _AHEAD: Final = 256
 """Runs that are started before the host waits for them."""
-_FEW: Final = 16
-"""Brief runs that a caller need not be able to interrupt."""
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -165,7 +163,6 @@ class OpenCLSpace:
         """Open the memory of a device; `collectives` makes the operations that the device does itself."""
         self.machine = machine
         self.collectives = collectives(self)
-        self._started = 0
         self._kernels: dict[tuple[str, str], Any] = {}
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
@@ -273,8 +270,8 @@ class OpenCLSpace:
 
     def _count_one(self) -> None:
         """Count what was started, and wait where much of it is under way."""
-        self._started += 1
-        if self._started >= _AHEAD:
+        self.machine.started += 1
+        if self.machine.started >= _AHEAD:
             self.finish()
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
@@ -301,16 +298,7 @@ class OpenCLSpace:
 
         `copies`: the caller copies to the host next, which waits for brief runs by itself.
         """
-        machine = self.machine
-        with machine.lock:
-            if not self._started:
-                return
-            if self._started <= _FEW and not machine.may_take_long:
-                if not copies:
-                    machine.queue.finish()  # to wake the thread that waits would take as long as these runs
-            else:
-                machine.waiter.wait(machine.cl.enqueue_marker(machine.queue))
-            self._started, machine.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
+        self.machine.settle(copies=copies)
 
 
 def own(memory: Any) -> OpenCLMemory:
