@@ -20,6 +20,7 @@ from shpy.backends.base import Call, Options
 from shpy.backends.opencl import backend
 from shpy.backends.opencl.device import driver as device, run as runtime
 from shpy.backends.opencl.device.driver import machine_of
+from shpy.backends.opencl.device.tables import tables_of
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table
 from shpy.ir.tabledata import TableData
@@ -121,7 +122,7 @@ def test_a_table_is_uploaded_once_and_again_when_it_has_changed(monkeypatch: pyt
     del data, call
     gc.collect()
     assert gone() is None
-    assert all(t is not None for t in list(machine._tables))
+    assert all(t is not None for t in list(tables_of(machine)._copies))
 
 
 @pytest.mark.parametrize("shape", [(4,), (2, 3), (2, 3, 4), (2, 3, 4, 5)])

@@ -114,7 +114,7 @@ class Stress:
         def lend_sometimes(machine: Any, *args: Any, **named: Any) -> Any:
             return lend(machine, *args, **named) if self.chance() else None
 
-        stack.enter_context(patch.object(opencl_device, "_WORTH_LENDING", self.random.choice((1, 1 << 16))))
+        stack.enter_context(patch.object(opencl_device.Machine, "worth_lending", self.random.choice((1, 1 << 16))))
         stack.enter_context(patch.object(opencl_device.Machine, "lend", lend_sometimes))
 
     # Memory: every pool hands out garbage, and overwrites what it gets back.

@@ -14,13 +14,12 @@ import os
 import sys
 import threading
 import warnings
-import weakref
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache, cached_property
-from typing import Any, Final
-from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
+from typing import Any, ClassVar, Final
+from weakref import WeakSet, WeakValueDictionary
 
 import numpy as np
 
@@ -39,7 +38,6 @@ from shpy.backends.opencl.packets.prologue import SIGNS, Abilities
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
-from shpy.ir.tabledata import TableData
 from shpy.packages import install
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import Math
@@ -76,8 +74,6 @@ _LEAST = 64
 """Bytes of the smallest buffer."""
 _FEW: Final = 16
 """Brief runs that a caller need not be able to interrupt."""
-_WORTH_LENDING = 1 << 16
-"""Smaller arrays are copied in less time than it takes to make a buffer of their memory."""
 
 
 def _pyopencl() -> Any:
@@ -153,12 +149,6 @@ def _built_silently(program: Any, options: list[str]) -> Any:
         return program.build(options=options, cache_dir=False)
 
 
-def _as_held(array: Array, dtype: Any, padded: bool) -> Array:
-    """Return elements of a table as a buffer holds them; `padded` as in `Machine.table`."""
-    array = np.ascontiguousarray(array, dtype=dtype)
-    return np.concatenate([array, array[..., :1]], axis=-1) if padded else array
-
-
 def _rounds_correctly(device: Any) -> bool:
     return bool(device.single_fp_config & _pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
 
@@ -179,6 +169,9 @@ def _opened(index: int) -> Machine:
 
 class Machine:
     """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
+
+    worth_lending: ClassVar = 1 << 16
+    """Bytes: smaller arrays are copied in less time than it takes to make a buffer of their memory."""
 
     def __init__(self, device: Any) -> None:
         fault = explain_cache([device.platform.name.strip()])
@@ -203,8 +196,7 @@ class Machine:
         self._on_disk: WeakSet[Any] = WeakSet()
         self.pool = Pool()
         self._uploads: list[Any] = []
-        """Copies to the device that may be under way, which keep their arrays, and memory of tables that are gone."""
-        self._tables: WeakKeyDictionary[TableData, dict[Any, tuple[int, Any, bool]]] = WeakKeyDictionary()
+        """Copies to the device that may be under way, which keep their arrays, and memory that runs outlive."""
         self.started = 0
         """Runs over streams that were started since their end was last waited for."""
         self.may_take_long = False
@@ -292,7 +284,7 @@ class Machine:
         """
         aligned = array.itemsize * (4 if size == 3 else size)
         place = array.__array_interface__["data"][0]
-        if not self.shares_memory or array.nbytes < _WORTH_LENDING or place % aligned:
+        if not self.shares_memory or array.nbytes < self.worth_lending or place % aligned:
             return None
         flags = self.cl.mem_flags
         access = flags.READ_WRITE if write else flags.READ_ONLY
@@ -314,10 +306,10 @@ class Machine:
                 self.waiter.wait(self.cl.enqueue_marker(self.queue))
             self.started, self.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
 
-    def _outlive(self, copies: dict[Any, tuple[int, Any, bool]]) -> None:
-        """Keep the memory of a table that is gone for the runs that may be reading it."""
+    def outlive(self, things: Sequence[Any]) -> None:
+        """Keep memory that nobody else holds for the runs over streams that may be reading it."""
         if self.started:
-            self._uploads.extend(copies.values())
+            self._uploads.extend(things)
 
     def finish(self, lent: list[Any]) -> None:
         """Wait until all is done and what was written to lent arrays can be seen in them."""
@@ -341,42 +333,6 @@ class Machine:
     def download(self, array: Array, buffer: Any, offset: int = 0) -> None:
         """Read the buffer, from a byte on, into the array."""
         self.cl.enqueue_copy(self.queue, array, buffer, src_offset=offset)
-
-    def table(self, data: TableData, dtype: Any, size: int = 1, *, padded: bool = False) -> Any:
-        """Return a table on the device: its own memory, or a copy, which is made anew where the data has changed.
-
-        `size`: the components of an element; `padded`: each vector is followed by a number that nobody reads.
-        """
-        copies = self._tables.get(data)
-        if copies is None:
-            copies = self._tables[data] = {}
-            weakref.finalize(data, self._outlive, copies).atexit = False
-        version, buffer, sent = copies.get((dtype, padded), (None, None, False))
-        if version == data.version:
-            return buffer
-        changed = data.changed_since(version) if sent else None
-        if changed is not None:
-            self._send(buffer, {start: _as_held(data.array[start:stop], dtype, padded) for start, stop in changed})
-        else:
-            array = _as_held(data.array, dtype, padded)
-            buffer = self.lend(array, size)
-            # What is lent, or small, is taken anew after a change: commands to a queue would take longer.
-            sent = buffer is None and array.nbytes >= _WORTH_LENDING
-            if buffer is None:
-                flags = self.cl.mem_flags
-                buffer = self.cl.Buffer(self.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
-            else:
-                data.lent(self.settle)
-        copies[dtype, padded] = (data.version, buffer, sent)
-        return buffer
-
-    def _send(self, buffer: Any, parts: dict[int, Array]) -> None:
-        """Write parts to their places along the first axis of a buffer."""
-        copy, copied = self.cl.enqueue_copy, []
-        for start, part in parts.items():
-            offset = start * part[0].nbytes
-            copied.append(copy(self.queue, buffer, part, dst_offset=offset, is_blocking=False))
-        self.cl.wait_for_events(copied)
 
     @property
     def lanes(self) -> int:

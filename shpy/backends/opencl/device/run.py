@@ -32,6 +32,7 @@ from shpy.backends.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, sta
 from shpy.backends.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
 from shpy.backends.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backends.opencl.device.staging import Staged, Stages, is_small, staged_array
+from shpy.backends.opencl.device.tables import tables_of
 from shpy.backends.opencl.device.targets import PACKET_TARGET, TARGET
 from shpy.backends.opencl.device.widths import Choosing, measured_widths, next_width
 from shpy.backends.opencl.packets.kernel import print_packets
@@ -378,7 +379,7 @@ class OpenCLExecutable:
             return wide.buffer, shape, memory.space.padding(memory, wide)
         dtype = np.dtype(MEMORY[table.type.base])
         shape = _argument(np.array(data.array.shape[: table.rank], np.int32))
-        return machine.table(data, dtype, table.type.size, padded=padded), shape, None
+        return tables_of(machine).buffer(data, dtype, table.type.size, padded=padded), shape, None
 
     def _params(self, params: dict[str, Array]) -> list[Any]:
         types = {p.name: p.type for p in self.prepared.module.params}
