@@ -1,7 +1,6 @@
 """Patterns of the shader library: a sheet of nine materials, each a few lines over noise, cells and distances.
 
-python examples/patterns.py [numpy|opencl|glsl]
-shpy view examples/patterns.py:marbled
+python examples/patterns.py [numpy|opencl|glsl]; one alone, live: shpy view examples/patterns.py:marbled
 """
 
 import sys
@@ -58,9 +57,6 @@ def wood(p):
     return lerp(sh.Color3f(0.3, 0.13, 0.04), sh.Color3f(0.55, 0.3, 0.12), rings) * (1 - 0.15 * sh.noise(p * (3, 60)))
 
 
-SHEET = (clouds, marble, fire), (mosaic, pebbles, water), (circuit, crystal, wood)
-
-
 def painted(pattern):
     @sh.program
     def paint() -> sh.Color3f:
@@ -70,12 +66,13 @@ def painted(pattern):
     return paint
 
 
-marbled, mosaics = painted(marble), painted(mosaic)
+marbled = painted(marble)
 
 
 def draw(size, backend=None):
     """Draw the sheet, (3 * size, 3 * size, 3)."""
-    return np.block([[[painted(p).compile(backend)(shape=(size, size))] for p in row] for row in SHEET])
+    sheet = (clouds, marble, fire), (mosaic, pebbles, water), (circuit, crystal, wood)
+    return np.block([[[painted(p).compile(backend)(shape=(size, size))] for p in row] for row in sheet])
 
 
 if __name__ == "__main__":
