@@ -177,6 +177,6 @@ def test_the_space_waits_for_a_sort():
     space = x.place.space
     space.finish()
     sh.sort(x)
-    assert space._started > 0
+    assert space.machine.started > 0
     space.finish()
-    assert space._started == 0
+    assert space.machine.started == 0
