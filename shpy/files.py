@@ -12,7 +12,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import secrets
 import stat
 import time
 from collections.abc import Iterator
@@ -85,7 +84,7 @@ def _target(path: Path) -> Path:
 
 def _new_file(target: Path, ending: str) -> Path:
     """Make an empty file beside `target`, of the mode that `target` has if it is there."""
-    temporary = target.with_name(f"{_NAME}{secrets.token_hex(8)}{ending}")
+    temporary = target.with_name(f"{_NAME}{os.urandom(8).hex()}{ending}")
     mode = _mode_of(target)
     # O_EXCL fails where there is anything, a link included; a new file's mode is what the umask leaves.
     os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode))

@@ -14,7 +14,6 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 from typing import Final
 
@@ -40,9 +39,11 @@ def install(*packages: str) -> str:
 
 def installed(package: str) -> str | None:
     """Return the installed version of a package, None where it is missing."""
+    from importlib import metadata  # here: it loads a parser of e-mail, and `import shpy` asks for no package
+
     try:
-        return version(package)
-    except PackageNotFoundError:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
         return None
 
 
@@ -61,9 +62,11 @@ def extras() -> dict[str, list[str]]:
 
 def _requirements() -> Iterator[tuple[str, str | None]]:
     """Yield (requirement, extra) of each package that shpy declares, without shpy's own extras of extras."""
+    from importlib import metadata
+
     if installed(DISTRIBUTION) is None:
         return
-    for line in metadata(DISTRIBUTION).get_all("Requires-Dist", []):
+    for line in metadata.metadata(DISTRIBUTION).get_all("Requires-Dist", []):
         requirement, _, condition = line.partition(";")
         extra = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
         if _normal(requirement) != DISTRIBUTION:

@@ -1,5 +1,6 @@
 """The command `shpy`: what it says of a machine where everything, or hardly anything, is installed."""
 
+import importlib.metadata
 import re
 import subprocess
 import sys
@@ -75,9 +76,9 @@ def test_doctor_lists_optional_packages_as_the_installed_package_declares_them(m
         def get_all(self, key, default):
             return declared.get(key, default)
 
-    version = packages.version
-    monkeypatch.setattr(packages, "metadata", lambda name: Metadata())
-    monkeypatch.setattr(packages, "version", lambda name: "1.2" if "shpy" in name else version(name))
+    version = importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "metadata", lambda name: Metadata())
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.2" if "shpy" in name else version(name))
     assert packages.extras() == {"pretty": ["rich"], "more": ["nowhere-to-be-found"]}
     cli.doctor()
     said = capsys.readouterr().out
@@ -86,7 +87,7 @@ def test_doctor_lists_optional_packages_as_the_installed_package_declares_them(m
 
 
 def test_version(monkeypatch, capsys):
-    monkeypatch.setattr(packages, "version", lambda name: "1.2.3")
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.2.3")
     with pytest.raises(SystemExit) as end:
         cli.main(["--version"])
     assert end.value.code == 0

@@ -201,6 +201,7 @@ _LATE = (
     *(f"shpy.{name}" for name in ("accuracy", "cli", "testing", "ir.interpreter", "ir.parser")),
     *(f"shpy.backends.{name}" for name in ("device.probe", "device.store", "emit", "glsl", "numpy", "opencl")),
     *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
+    *("shpy.notebook", "shpy.view", "importlib.metadata"),
     *("lark", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
 )
 """Modules that importing shpy and raytracer does not load. The check of functions' text is for raytracer's structs."""

@@ -1,5 +1,6 @@
 """The installation of shpy and its requirements: every command that the product or a page names can work."""
 
+import importlib.metadata
 import re
 import subprocess
 import sys
@@ -67,8 +68,8 @@ def installation(monkeypatch, *lines):
         def get_all(self, key, default):
             return list(lines) if key == "Requires-Dist" else default
 
-    monkeypatch.setattr(packages, "metadata", lambda name: Metadata())
-    monkeypatch.setattr(packages, "version", lambda name: "1.0")
+    monkeypatch.setattr(importlib.metadata, "metadata", lambda name: Metadata())
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.0")
 
 
 @pytest.fixture
@@ -98,9 +99,9 @@ def test_names_are_compared_as_an_index_does(monkeypatch, own_pip):
 
 def test_without_an_installation_packages_go_by_name(monkeypatch, own_pip):
     def nothing(name):
-        raise packages.PackageNotFoundError(name)
+        raise importlib.metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(packages, "version", nothing)
+    monkeypatch.setattr(importlib.metadata, "version", nothing)
     assert packages.install("pyopencl") == "pip install pyopencl"
     assert packages.extras() == {}
 

@@ -42,7 +42,7 @@ def test_threads_that_write_to_one_path_all_succeed(tmp_path):
 
 def test_a_planted_name_is_neither_followed_nor_written(tmp_path, monkeypatch):
     (tmp_path / "victim").write_text("precious")
-    monkeypatch.setattr("secrets.token_hex", lambda n: "0" * 16)
+    monkeypatch.setattr("os.urandom", bytes)
     (tmp_path / ".unfinished-0000000000000000.json").symlink_to(tmp_path / "victim")
     with pytest.raises(FileExistsError):
         write(tmp_path / "a.json", "{}")

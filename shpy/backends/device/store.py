@@ -20,7 +20,6 @@ import hashlib
 import math
 import os
 import re
-import secrets
 import stat
 import time
 import warnings
@@ -81,7 +80,7 @@ def save(name: str, binary: bytes) -> None:
     with _opened_folder() as folder:
         if folder is None or len(binary) > _LARGEST - _HEAD:
             return
-        temporary = f".new-{secrets.token_hex(8)}{_SUFFIX}"
+        temporary = f".new-{os.urandom(8).hex()}{_SUFFIX}"
         try:
             # O_EXCL follows no link, and fails rather than write to a file that is there.
             file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600, dir_fd=folder)
