@@ -72,7 +72,6 @@ def test_sizes_around_blocks_and_parts(trees):
             assert (s.count(), s.any(), s.all()) == (np.count_nonzero(x), x.any(), x.all()), n
 
 
-@pytest.mark.slow
 def test_a_reduction_of_any_size_is_one_dispatch(monkeypatch):
     started, enqueue = [], OpenCLSpace.enqueue
 
@@ -110,6 +109,7 @@ def test_parts_of_any_number_have_the_bits_of_the_tree(monkeypatch, parts):
     own_tree.cache_clear()
 
 
+@pytest.mark.slow
 def test_ten_thousand_inputs(target):
     check(target, np.random.default_rng(6).integers(1, 5000, 320), 3)
 
