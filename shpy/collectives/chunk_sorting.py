@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.collectives.leaves import mapping
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf
@@ -103,12 +104,9 @@ def _merged(low: Part, high: Part) -> tuple[Part, Part]:
 
 
 def _unsigned(keys: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return unsigned ints in the order of sh.sort: -0 equals +0, and a NaN is greater than every number."""
+    """Return unsigned ints in the order of sh.sort."""
     if keys.dtype.kind == "f":
-        numbers = keys.astype(np.float32) + np.float32(0)
-        bits = numbers.view(np.uint32)
-        ordered = np.where(bits >> 31 == 1, ~bits, bits | np.uint32(1 << 31))
-        return np.where(np.isnan(numbers), np.uint32(0xFFFFFFFF), ordered).astype(np.uint32)
+        return np.asarray(mapping().compile("numpy")(keys))
     if keys.dtype.kind == "i":
         return keys.astype(np.int32).view(np.uint32) ^ np.uint32(1 << 31)
     return keys.astype(np.uint32)
