@@ -83,9 +83,16 @@ def _has_elements(entry: Any, size: int) -> bool:
     return isinstance(entry, np.ndarray | list) and np.ndim(entry) > (size > 1)
 
 
+def has_lazy(given: Any) -> bool:
+    """Return whether an input is or has a Dask array."""
+    if isinstance(given, dict):
+        return any(map(has_lazy, given.values()))
+    return any(map(has_lazy, given)) if isinstance(given, tuple) else is_lazy(given)
+
+
 def check_whole(name: str, given: Any, instead: str) -> None:
     """Raise ShpyTypeError for a Dask array where a kernel reads at any index."""
-    if any(is_lazy(part) for part in (given.values() if isinstance(given, dict) else (given,))):
+    if has_lazy(given):
         raise ShpyTypeError(
             f"{name} is read at any index, and a worker has one block of a Dask array",
             loc=here(),

@@ -14,7 +14,7 @@ import numpy as np
 
 from shpy.chains.chain import Chain, Repeat, Sequence, sequence
 from shpy.chains.member import RUN_ARGUMENTS, Member, element_layout, is_gathered
-from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, unified
+from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, has_lazy, unified
 from shpy.cluster.graphs import over_blocks
 from shpy.cluster.jobs import Stencil, cut_tables
 from shpy.errors import ShpyTypeError
@@ -26,9 +26,6 @@ from shpy.passes.reach import reach
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import Shape
-
-Chunks = tuple[tuple[int, ...], ...]
-
 
 def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, steps: int = 1) -> dict[str, Any]:
     """Return the streams that `steps` executions of a chain or kernel write, as Dask arrays by name. Nothing runs yet.
@@ -48,9 +45,9 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
     _check_names(whole, streams)
     outputs = {name: layout for kernel in whole.kernels for name, layout in kernel.outputs}
     precision = next((m.kernel.options.precision for m in whole.kernels if isinstance(m.kernel, Kernel)), "f32")
-    layouts = _cut_layouts(whole, streams, outputs)
-    found = {name: cut_leaves(layout, streams[name], name, precision) for name, layout in layouts.items()}
-    cuts = [entry for entries in found.values() for entry in entries]
+    found = _cut_streams(whole, streams, outputs, precision)
+    layouts = {name: layout for name, (layout, _) in found.items()}
+    cuts = [cut for _, entries in found.values() for cut in entries]
     shape = _common(cuts, whole)
     constant = {name: value for name, value in streams.items() if name not in layouts}
     made, chunks = unified(cuts, shape)
@@ -103,31 +100,25 @@ def _check_names(chain: Chain, streams: Mapping[str, Any]) -> None:
         )
 
 
-def _cut_layouts(chain: Chain, streams: Mapping[str, Any], outputs: Mapping[str, Layout]) -> dict[str, Layout]:
-    """Return the layout of each stream that is cut: those written, and arrays of elements among those read."""
-    found: dict[str, Layout] = {}
+def _cut_streams(
+    chain: Chain, streams: Mapping[str, Any], outputs: Mapping[str, Layout], precision: str
+) -> dict[str, tuple[Layout, list[Cut]]]:
+    """Return the layout and leaves of each stream that is cut: one that is written, or read as an array of elements."""
+    found: dict[str, tuple[Layout, list[Cut]]] = {}
     for name, value in streams.items():
         types = [kernel.inputs[name] for kernel in chain.kernels if name in kernel.inputs]
         by_element = [type_ for type_ in types if not is_gathered(type_)]
         if any(isinstance(type_, TextureType) for type_ in types):
             check_whole(name, value, "a sh.Table, which is read at an index")
         layout = element_layout((by_element or types)[0]) if types else outputs[name]
-        entries = cut_leaves(layout, value, name, "f32") if name in outputs or by_element or _has_lazy(value) else []
+        entries = cut_leaves(layout, value, name, precision) if name in outputs or by_element or has_lazy(value) else []
         if any(isinstance(entry, Cut) for entry in entries):
             if not all(isinstance(entry, Cut) for entry in entries):
                 raise ShpyTypeError(
                     f"some parts of {name} are arrays, and others numbers", loc=here(), cure="an array for each part"
                 )
-            found[name] = layout
+            found[name] = layout, entries
     return found
-
-
-def _has_lazy(value: Any) -> bool:
-    from shpy.lang.data.hostdata import is_lazy
-
-    if isinstance(value, dict):
-        return any(map(_has_lazy, value.values()))
-    return any(map(_has_lazy, value)) if isinstance(value, tuple) else is_lazy(value)
 
 
 def _common(cuts: list[Cut], chain: Chain) -> Shape:

@@ -166,6 +166,18 @@ def test_a_step_that_also_reads_a_whole_table_and_its_own_element():
     assert found["u"].compute().tobytes() == wanted.tobytes()
 
 
+def test_numbers_are_read_in_the_precision_of_the_kernel():
+    @sh.program
+    def step(u: sh.Table[sh.Attrib1f], s: sh.Attrib1f) -> dict:
+        return {"u": 0.5 * u[sh.grid_index(1) - 1] + s}
+
+    kernel = step.compile("numpy", precision="f64")
+    given = {"u": np.float64(K) / 3, "s": 1e300}
+    wanted = sh.repeat(kernel, 2).run(**given).streams["u"].numpy()
+    found = sh.map_overlap(kernel, {**given, "u": cut(given["u"], 5)}, steps=2)
+    assert found["u"].compute().tobytes() == wanted.tobytes()
+
+
 REFUSED = [
     (
         lambda: two(cut(X, 5, 4, 3), K),
