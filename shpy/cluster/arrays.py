@@ -18,7 +18,7 @@ from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, leaves
 from shpy.run import host
-from shpy.streams.elements import InputLeaf, Shape, dtypes_at, element_shape
+from shpy.streams.elements import InputLeaf, Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import streams_in
 
 
@@ -58,10 +58,7 @@ def cut_leaves(layout: Layout, given: Any, name: str, precision: str) -> list[An
             found.append(entry)
             continue
         array = entry if is_lazy(entry) else dask_array().from_array(np.asarray(entry), chunks=-1)
-        shape = element_shape(path, cls, array.shape)
-        InputLeaf(
-            path, cls, np.empty((0,) * len(shape) + array.shape[len(shape) :], array.dtype), _dtype(cls, precision)
-        )
+        shape = shape_before_data(path, cls, array, _dtype(cls, precision))
         if any(math.isnan(n) for chunks in array.chunks for n in chunks):
             raise ShpyTypeError(f"{path} has chunks of unknown sizes", loc=here(), cure=f"{path}.compute_chunk_sizes()")
         if len(shape) < array.ndim and len(array.chunks[-1]) > 1:

@@ -35,6 +35,9 @@ _threads = threading.local()
 class Job(ABC):
     """The work of a worker on each block."""
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: held for name, held in vars(self).items() if name != "_ready"}  # each thread makes its own
+
     @abstractmethod
     def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
         """Return the arrays of the outputs' leaves, of the part of the block that is `kept`."""
@@ -63,24 +66,30 @@ class Grid:
     """The place of a block in the whole grid, as Params of the programs that ask for it."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        kind = TYPES[f"Attrib{min(max(len(shape), 1), 4)}i"]
         self.shape = shape
-        self.asked = len(shape) in (1, 2, 3, 4)
-        if self.asked:
-            self.uniforms = {ORIGIN: Param(kind, [0] * len(shape) if len(shape) > 1 else 0, ORIGIN)}
-            self.uniforms[WHOLE] = Param(kind, shape if len(shape) > 1 else shape[0], WHOLE)
+        self.uniforms: dict[str, Any] = {}
+        """Empty for a rank that no `sh.grid_index` has."""
+        kind = TYPES.get(f"Attrib{len(shape)}i")
+        if kind is not None:
+            self.uniforms[ORIGIN] = Param(kind, _vector((0,) * len(shape)), ORIGIN)
+            self.uniforms[WHOLE] = Param(kind, _vector(shape), WHOLE)
 
     def placed(self, recorded: Recorded, cut: Collection[str]) -> Recorded:
         """Return a program for blocks, or the same one if it does not ask for its place."""
-        module = place_blocks(recorded.module, cut, len(self.shape)) if self.asked else recorded.module
+        module = place_blocks(recorded.module, cut, len(self.shape)) if self.uniforms else recorded.module
         if module is recorded.module:
             return recorded
         return replace(recorded, module=module, params={**recorded.params, **self.uniforms})
 
     def move(self, origin: tuple[int, ...]) -> None:
         """Set the place of the block that runs next."""
-        if self.asked:
-            self.uniforms[ORIGIN].value = origin if len(origin) > 1 else origin[0]
+        if self.uniforms:
+            self.uniforms[ORIGIN].value = _vector(origin)
+
+
+def _vector(components: tuple[int, ...]) -> Any:
+    """Return the value of a Param of so many components."""
+    return components if len(components) > 1 else components[0]
 
 
 def again(kernel: Program | Kernel, recorded: Recorded) -> Program | Kernel:
@@ -101,9 +110,6 @@ class Blockwise(Job):
         tables: Mapping[str, Any],
     ) -> None:
         self.kernel, self.shape, self.inputs, self.tables = kernel, shape, inputs, tables
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: vars(self)[name] for name in ("kernel", "shape", "inputs", "tables")}
 
     @cached_property
     def _ready(self) -> tuple[Grid, Kernel]:
@@ -133,9 +139,6 @@ class Stencil(Job):
     ) -> None:  # fmt: skip
         self.chain, self.steps, self.shape = chain, steps, shape
         self.cut, self.whole, self.outputs = cut, whole, outputs
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: held for name, held in vars(self).items() if name != "_ready"}
 
     @cached_property
     def _ready(self) -> tuple[Grid, Chain]:

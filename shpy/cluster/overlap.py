@@ -27,6 +27,7 @@ from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import Shape
 
+
 def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, steps: int = 1) -> dict[str, Any]:
     """Return the streams that `steps` executions of a chain or kernel write, as Dask arrays by name. Nothing runs yet.
 

@@ -21,7 +21,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.types import Attrib1b, Attrib1f, Attrib1i, Attrib1u
 from shpy.program import Program
-from shpy.streams.elements import InputLeaf, dtypes_at, element_shape
+from shpy.streams.elements import dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
@@ -35,10 +35,10 @@ def sort_chunks(keys_of: Callable[..., Any], array: Any, key: Program | None, de
     import dask.array as da
 
     cls = _element(array, key)
-    shape = element_shape("the array", cls, array.shape)
+    dtype = dtypes_at("f32")[cls.base]
+    shape = shape_before_data("the array", cls, array, dtype)
     tail = array.shape[len(shape) :]
-    InputLeaf("the array", cls, np.empty((0, *tail), array.dtype), dtypes_at("f32")[cls.base])
-    keys_of(Stream(np.zeros((1, *tail), dtypes_at("f32")[cls.base]), cls, "numpy"), key, "sort")
+    keys_of(Stream(np.zeros((1, *tail), dtype), cls, "numpy"), key, "sort")
     flat = array.reshape((math.prod(shape), *tail))
     flat = flat.rechunk({0: max(1, *flat.chunks[0]), **({1: -1} if tail else {})})
     starts = np.cumsum((0, *flat.chunks[0])).tolist()
@@ -48,9 +48,7 @@ def sort_chunks(keys_of: Callable[..., Any], array: Any, key: Program | None, de
         for block, start in zip(flat.to_delayed().ravel(), starts[:-1], strict=True)
     ]
     for low, high in network(len(parts)):
-        both = dask.delayed(_merged, pure=True, nout=2)(parts[low], parts[high])
-        parts[low], parts[high] = both
-    dtype = dtypes_at("f32")[cls.base]
+        parts[low], parts[high] = dask.delayed(_merged, pure=True, nout=2)(parts[low], parts[high])
     made = [
         da.from_delayed(part[2], shape=(n, *tail), dtype=dtype) for part, n in zip(parts, flat.chunks[0], strict=True)
     ]

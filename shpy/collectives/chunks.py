@@ -21,7 +21,7 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf
 from shpy.program import Program
-from shpy.streams.elements import InputLeaf, Shape, dtypes_at, element_shape
+from shpy.streams.elements import Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
 _FEWEST, _MOST = 1 << 12, 1 << 20
@@ -95,9 +95,8 @@ def _scanned(
 def _checked(program: Any, array: Any, name: str) -> tuple[Shape, int]:
     """Return the shape of the elements and the number of axes of components; ShpyTypeError for what does not fit."""
     cls = _element(program, name)
-    shape = element_shape("the array", cls, array.shape)
+    shape = shape_before_data("the array", cls, array, dtypes_at("f32")[cls.base])
     tail = array.ndim - len(shape)
-    InputLeaf("the array", cls, np.empty((0,) * len(shape) + array.shape[len(shape) :], array.dtype), np.float32)
     check_combination(program, Stream(np.zeros((1, cls.size)[: 1 + tail], array.dtype), cls, "numpy"), name)
     return shape, tail
 

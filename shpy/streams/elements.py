@@ -66,6 +66,13 @@ def element_shape(name: str, cls: type[Value], shape: Shape) -> Shape:
     return shape[:-1] if cls.size > 1 else shape
 
 
+def shape_before_data(name: str, cls: type[Value], array: Any, dtype: Any) -> Shape:
+    """Return the shape of the elements of an array of Dask; ShpyTypeError as for the array that it will be."""
+    shape = element_shape(name, cls, array.shape)
+    InputLeaf(name, cls, np.empty((0, *array.shape[len(shape) :]), array.dtype), dtype)
+    return shape
+
+
 def _trailing(name: str, shape: Shape, size: int) -> str:
     """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
     if len(shape) > 1 and shape[-1] > size:
