@@ -383,6 +383,7 @@ def test_no_driver_is_asked_for_a_binary_that_is_not_kept(monkeypatch):
     machine = machine_of(None)
     assert machine.abilities  # what was asked of the driver before is saved elsewhere
     assert machine.wrong is not None
+    assert machine.binary64 is not None
     saved = []
     monkeypatch.setattr(store, "save", lambda *given: saved.append(given))
 
