@@ -4,7 +4,7 @@ Stage: view. Each form compiles in a thread. The quick one is GLSL's, whose text
 fast, or numpy's, whichever is there first; OpenCL's driver takes a second, or more.
 
     kernels = Kernels(program, wake)
-    kernels.best(Form("opencl", "strict"))       # (kernel, True) once it is compiled, (quick, False) before
+    kernels.best(Form("opencl", "strict"))       # its kernel and form once it is compiled, a quick one's before
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 from shpy.backends.registry import backends
@@ -105,19 +106,15 @@ def quick_backends() -> tuple[str, ...]:
     return ("glsl", "numpy") if "glsl" in available() else ("numpy",)
 
 
+@cache
 def available() -> tuple[str, ...]:
     """Return the names of the backends that there are here."""
-    if not _available:
-        _available.extend(info.name for info in backends() if info.available)
-    return tuple(_available)
+    return tuple(info.name for info in backends() if info.available)
 
 
 def preferred() -> str:
     """Return the fastest backend that there is here."""
     return next(name for name in ("opencl", "glsl", "numpy") if name in available())
-
-
-_available: list[str] = []
 
 
 def warm() -> None:
