@@ -1,5 +1,6 @@
 """Pictures and widgets of programs in a notebook; the widget's page runs in the installed Chromium."""
 
+import base64
 import io
 import json
 import sys
@@ -7,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image as pillow
-from playwright.sync_api import sync_playwright
+from views import chromium
 
 import shpy as sh
 from shpy.screen import Moment, drawn, pixels
@@ -151,15 +152,12 @@ HARNESS = """
 
 @pytest.fixture(scope="module")
 def browser():
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-        yield launched
-        launched.close()
+    with chromium() as found:
+        yield found
 
 
 def open_page(browser, widget, **options):
-    """A page that shows the widget, and asks it in this process."""
-    import base64
+    """Return a page that shows the widget, and asks it in this process."""
 
     def ask(asked):
         sent = []
