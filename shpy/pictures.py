@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shpy.ir.traverse import grid_rank
 from shpy.lang.values.value import Value
 from shpy.program import Program
-from shpy.screen import Moment, drawn, is_filled, pixels
+from shpy.screen import Moment, drawn, is_filled, pixels, unfilled
 from shpy.shown import show_by
 from shpy.streams.stream import Stream
 
@@ -24,12 +24,10 @@ _SIZE: Final = (384, 384)
 
 def of_pixels(program: Program) -> bool:
     """Return whether a program is one of pixels: it reads its place in the picture, and needs no other input."""
-    types = program.inputs
-    here = {name for name, type_ in types.items() if is_filled(name, type_)}
-    needed = set(types) - here - set(program.recorded.defaults)
     shown = next(iter(program.outputs.values()))
     is_number = isinstance(shown, type) and issubclass(shown, Value)
-    return is_number and not needed and (bool(here & {"uv", "pixel"}) or grid_rank(program.ir) == 2)
+    has_place = any(name in ("uv", "pixel") and is_filled(name, type_) for name, type_ in program.inputs.items())
+    return is_number and not unfilled(program) and (has_place or grid_rank(program.ir) == 2)
 
 
 def png(levels: NDArray[np.uint8]) -> bytes | None:

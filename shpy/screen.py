@@ -121,6 +121,11 @@ def _fixed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     return made
 
 
+def moves(program: Program) -> bool:
+    """Return whether a program of pixels has another picture in each frame: an input of `MOVING` is filled."""
+    return any(name in MOVING and is_filled(name, type_) for name, type_ in program.inputs.items())
+
+
 def unfilled(program: Program, given: Iterable[str] = ()) -> dict[str, Any]:
     """Return the types, by name, of the inputs that nothing fills: no name, no default, and not `given` either."""
     known = {*program.recorded.defaults, *given}

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from shpy.passes.modes import Math
 from shpy.pictures import png
 from shpy.program import Program
-from shpy.screen import MOVING, Moment, drawn, is_filled, pixels
-from shpy.view.controls import assign, describe
+from shpy.screen import Moment, drawn, moves, pixels
+from shpy.view.controls import Controls
 
 
 def _script() -> str:
@@ -55,10 +55,9 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
     ) -> None:
         self._program, self._size, self._encode = program, size, encode
         self._options: dict[str, Any] = {"backend": backend, "math": math, **values}
-        controls = [{**control, "first": control["value"]} for control in describe(program.params)]
-        self._first = {control["name"]: control["first"] for control in controls}
-        moves = any(name in MOVING and is_filled(name, type_) for name, type_ in program.inputs.items())
-        super().__init__(title=program.name, extent=list(size), controls=controls, moves=moves)
+        self._controls = Controls(program.params)
+        controls = self._controls.describe()
+        super().__init__(title=program.name, extent=list(size), controls=controls, moves=moves(program))
         self.on_msg(self._answer)
 
     def frame(self, time: float = 0.0, frame: int = 0, mouse: Any = (0, 0, 0, 0)) -> NDArray[np.uint8]:
@@ -69,17 +68,15 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
 
     def _answer(self, _widget: Any, asked: Mapping[str, Any], _buffers: Any) -> None:
         """Set the Params, and send the frame that was asked for, or the message of what went wrong."""
-        params = self._program.params
-        wanted = {n: self._first.get(n, []) if v is None else v for n, v in asked.get("params", {}).items()}
-        refused = assign(params, wanted)
+        refused = self._controls.assign(asked.get("params", {}))
         begun = time.monotonic()
         try:
             levels = self.frame(asked.get("time", 0), asked.get("frame", 0), asked.get("mouse", (0, 0, 0, 0)))
         except Exception as error:  # of a driver too: the widget shows it and goes on
             self.send({"error": str(error)})
             return
-        present = {control["name"]: control["value"] for control in describe(params)}
-        told = {"params": present, "error": "\n".join(refused), "milliseconds": 1000 * (time.monotonic() - begun)}
+        spent = 1000 * (time.monotonic() - begun)
+        told = {"params": self._controls.values(), "error": "\n".join(refused), "milliseconds": spent}
         self.send(told, buffers=[levels.tobytes()])
 
     def _repr_mimebundle_(self, **options: Any) -> Any:

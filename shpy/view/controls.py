@@ -1,10 +1,11 @@
 """Params as controls: sliders, colour pickers and switches, described in what JSON can hold.
 
-Stage: view. A control has `name`, `title`, `description`, `form`, the present `value` as a list of components, and for
-numbers `range` and `step`. Where a Param has no range, the slider spans a guess around its first value.
+Stage: view. A control has `name`, `title`, `description`, `form`, the `first` and the present `value` as lists of
+components, and for numbers `range` and `step`. Where a Param has no range, the slider spans a guess around its value.
 
-    describe(program.params)        # [{"name": "sea_level", "form": "number", "value": [0.02], …}]
-    assign(program.params, {"sea_level": [0.1]})
+    controls = Controls(program.params)
+    controls.describe()             # [{"name": "sea_level", "form": "number", "value": [0.02], …}]
+    controls.assign({"sea_level": [0.1]})
 """
 
 from __future__ import annotations
@@ -23,13 +24,37 @@ _STEPS: Final = 200
 """Positions of a slider whose Param says no step."""
 
 
-def describe(params: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the controls of a program's Params; dependent uniforms, matrices and structs have none."""
-    return [_described(name, param) for name, param in params.items() if _is_settable(param)]
+class Controls:
+    """The controls of a program's Params; dependent uniforms, matrices and structs have none."""
 
+    def __init__(self, params: Mapping[str, Any]) -> None:
+        self._params = {n: p for n, p in params.items() if isinstance(p, Param) and isinstance(p, Value)}
+        self._first = self.values()
 
-def _is_settable(param: Any) -> bool:
-    return isinstance(param, Param) and isinstance(param, Value)
+    def values(self) -> dict[str, list[Any]]:
+        """Return the present values, each a list of components, by name."""
+        return {name: np.atleast_1d(param.value).tolist() for name, param in self._params.items()}
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Return the controls as they are now."""
+        return [{**_described(name, param), "first": self._first[name]} for name, param in self._params.items()]
+
+    def assign(self, values: Mapping[str, Any]) -> list[str]:
+        """Set Params by name, by None to their first value; return the messages of those that refuse their value.
+
+        A page may send the values of an earlier version of the file, whose Params had other names, sizes and ranges:
+        unknown names are left out.
+        """
+        refused = []
+        for name, value in values.items():
+            param = self._params.get(name)
+            if param is None:
+                continue
+            try:
+                param.value = _typed(param, self._first[name] if value is None else value)
+            except (ShpyError, TypeError, ValueError, OverflowError) as error:
+                refused.append(getattr(error, "message", str(error)))
+        return refused
 
 
 def _described(name: str, param: Any) -> dict[str, Any]:
@@ -70,23 +95,6 @@ def _guess(value: Any) -> tuple[float, float]:
 def _round_step(step: float) -> float:
     """Return the power of ten at or below a step."""
     return float(10.0 ** math.floor(math.log10(step))) if step > 0 else 0.01
-
-
-def assign(params: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
-    """Set Params by name; gives the messages of those that refuse their value. Unknown names are left out.
-
-    A page may send the values of an earlier version of the file, whose Params had other names, sizes and ranges.
-    """
-    refused = []
-    for name, value in values.items():
-        param = params.get(name)
-        if param is None or not _is_settable(param):
-            continue
-        try:
-            param.value = _typed(param, value)
-        except (ShpyError, TypeError, ValueError, OverflowError) as error:
-            refused.append(getattr(error, "message", str(error)))
-    return refused
 
 
 def _typed(param: Any, value: Any) -> Any:

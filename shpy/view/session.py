@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from shpy.passes.modes import MODES
 from shpy.screen import Moment, pixels
 from shpy.view import kernels, questions
-from shpy.view.controls import assign, describe
+from shpy.view.controls import Controls
 from shpy.view.kernels import Form
 from shpy.view.source import explain, files_read, open_file
 from shpy.view.subject import subject_of
@@ -47,7 +47,7 @@ class Session:
         self.opened = open_file(Path(request["path"]))
         self.name, value = self.opened.pick(request.get("program"))
         self.subject = subject_of(value, self.opened, wake)
-        self.first = {c["name"]: c["value"] for c in describe(self.subject.params)}
+        self.controls = Controls(self.subject.params)
         self.recording = time.monotonic() - begun
         self.size = (512, 512)
         self.form = Form(kernels.preferred(), "strict")
@@ -65,7 +65,7 @@ class Session:
         return {
             "program": self.name,
             "programs": list(self.opened.shown),
-            "controls": [{**c, "first": self.first[c["name"]]} for c in describe(self.subject.params)],
+            "controls": self.controls.describe(),
             "mouse": self.subject.takes_mouse,
             "moves": self.subject.moves,
             "evolves": self.subject.evolves,
@@ -80,7 +80,7 @@ class Session:
         return [str(path) for path in files_read()]
 
     def set(self, changes: dict[str, Any]) -> list[str]:
-        """Change the state of the view; gives the messages of Params that refuse their value."""
+        """Change the state of the view; return the messages of Params that refuse their value."""
         size = changes.get("size", self.size)
         self.size = int(size[0]), int(size[1])
         self.form = Form(changes.get("backend") or self.form.backend, changes.get("math") or self.form.math)
@@ -94,8 +94,7 @@ class Session:
         self.playing = changes.get("playing", self.playing)
         self._clock = time.monotonic()
         self._changed = True
-        params = changes.get("params", {})
-        return assign(self.subject.params, {n: self.first.get(n, []) if v is None else v for n, v in params.items()})
+        return self.controls.assign(changes.get("params", {}))
 
     def reset(self) -> None:
         """Begin anew, at the time 0."""

@@ -17,7 +17,7 @@ import numpy as np
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyError
 from shpy.program import Program
-from shpy.screen import MOVING, Moment, filled, first_output, is_filled
+from shpy.screen import Moment, filled, first_output, moves
 from shpy.streams.stream import Stream
 from shpy.view.kernels import Form, Kernels, quick_backends
 from shpy.view.source import SHOW, START, Opened
@@ -66,7 +66,7 @@ class Still:
         self.program = program
         self.kernels = Kernels(program, wake)
         self.takes_mouse = "mouse" in program.inputs
-        self.moves = any(name in MOVING and is_filled(name, t) for name, t in program.inputs.items())
+        self.moves = moves(program)
         self.params = program.params
 
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
