@@ -24,7 +24,7 @@ from raytracer.cluster.job import Job, check_alike
 from raytracer.cluster.part import Part, PartData, Stepped
 from raytracer.cluster.records import Records, joined
 from raytracer.cluster.store import KEPT, kept
-from raytracer.cluster.tasks import shown
+from raytracer.cluster.tasks import await_worker, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted
@@ -157,7 +157,7 @@ class _Run:
     def __init__(self, client: Any, parts: list[PartData]) -> None:
         self.client, self.parts, self.moved = client, parts, Counter(records=0, bytes=0, rounds=0, traced=0)
         self.fingerprint: str | None = None
-        client.wait_for_workers(1)
+        await_worker(client)
         workers = sorted(client.nthreads())
         self.homes = [workers[number % len(workers)] for number in range(len(parts))]
         try:

@@ -20,16 +20,24 @@ import shpy as sh
 from raytracer import errors
 from raytracer.errors import ClusterError
 
+PATIENCE = 60
+"""Seconds within which a cluster must have a worker."""
 
-@contextmanager
-def spread(client: Any, thing: Any) -> Iterator[Any]:
-    """Send a thing to every worker once; give the future that stands for it, which is released at the end."""
+
+def await_worker(client: Any) -> None:
+    """Wait for the first worker of a cluster; ClusterError where none comes."""
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
         raise ClusterError(
             f"the cluster has no workers: start some by `dask worker {client.scheduler.address}`"
         ) from None
+
+
+@contextmanager
+def spread(client: Any, thing: Any) -> Iterator[Any]:
+    """Send a thing to every worker once; give the future that stands for it, which is released at the end."""
+    await_worker(client)
     try:
         future = client.scatter(thing, broadcast=True, hash=False)
     except Exception as error:
@@ -109,8 +117,6 @@ def shown(error: Exception) -> Exception:
     return error.with_traceback(_of_user(error.__traceback__))
 
 
-PATIENCE = 60
-"""Seconds within which a cluster must have a worker."""
 _FOREIGN = tuple(
     os.path.dirname(os.path.abspath(file)) + os.sep for file in (errors.__file__, inspect.getfile(sh.Program))
 )

@@ -12,7 +12,7 @@ import pytest
 
 import shpy as sh
 from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, cli, render
-from raytracer.cluster import connection
+from raytracer.cluster import connection, tasks
 from raytracer.meshes.shapes import box
 
 BITS = {"pixels": np.uint32, "depth": np.uint32, "normal": np.uint32, "object_id": np.uint32, "rays": np.uint32}
@@ -174,6 +174,19 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     monkeypatch.setattr(connection, "PATIENCE", 0.2)
     with pytest.raises(ClusterError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         render(Scene.builtin("boxes"), cluster="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize("partitions", [None, 2])
+def test_a_cluster_without_workers_is_told(monkeypatch, partitions):
+    from distributed import Client, LocalCluster
+
+    monkeypatch.setattr(tasks, "PATIENCE", 0.2)
+    with (
+        LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+        pytest.raises(ClusterError, match="the cluster has no workers: start some by `dask worker "),
+    ):
+        render(Scene.builtin("boxes"), (4, 4), backend="numpy", cluster=client, partitions=partitions)
 
 
 def test_without_dask_the_command_that_installs_it_is_named(monkeypatch):
