@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SLACK = 2.0**-9
-"""The part of a distance by which a part's box is taken to begin earlier and to end later: twice `triangle.REACH`."""
+from raytracer.kernels.triangle import REACH
+
+SLACK = 2 * REACH
+"""The part of a distance by which a part's box is taken to begin earlier and to end later."""
 GROWTH = 2.0**-16
 """The part of the largest coordinate by which boxes are grown, which is many roundings of f32, but of f16 one."""
 
