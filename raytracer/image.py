@@ -40,8 +40,8 @@ class Stats:
     """The cost of a picture: times in seconds, numbers of rays and triangles, and the `features` of its kernel.
 
     `picked` is the variant that `max_error` chose, if it was given. Of the staged tracer `calls` says how often each
-    kernel ran, and `alive` how many rays each round began with. Of a picture in partitions
-    `moved` says how many records of rays went from worker to worker, their bytes, and in how many rounds.
+    kernel ran, and `alive` how many rays each round began with. Of a picture in partitions `moved` says how many
+    records of rays went from part to part, their bytes, in how many rounds, and how many rays the parts traced.
     """
 
     backend: str

@@ -58,7 +58,7 @@ class Motion:
         self._take(number, placed)
 
     def follow(self, meshes: Sequence[Mesh]) -> bool:
-        """Take other meshes in the place of these; return False if they are others in more than their vertices."""
+        """Take other meshes in the place of these; return False if some are not alike, as `_alike` says."""
         if len(meshes) != len(self.meshes) or not all(map(_alike, meshes, self.meshes)):
             return False
         for number, (mesh, before) in enumerate(zip(meshes, self.meshes, strict=True)):
@@ -104,14 +104,12 @@ class Motion:
     def _box(self, number: int) -> Any:
         if number not in self._bounds:
             mesh = self.meshes[number]
-            by_axis = mesh.vertices[
-                self._used_by(number)
-            ].T.copy()  # min and max of contiguous numbers are ten times as fast
+            by_axis = mesh.vertices[self._used_by(number)].T.copy()  # min and max of contiguous numbers are faster
             self._bounds[number] = np.stack([by_axis.min(axis=1), by_axis.max(axis=1)])
         return self._bounds[number]
 
     def _used_by(self, number: int) -> Any:
-        """Return an index of the vertices that faces have, which no move changes."""
+        """Return the index of the vertices that faces have, kept as long as the array of faces is the same."""
         faces, used = self._used.get(number, (None, None))
         mesh = self.meshes[number]
         if faces is not mesh.faces:
@@ -126,7 +124,7 @@ _AT_VERTICES = ("normals", "colors", "uv")
 
 
 def _alike(mesh: Mesh, before: Mesh) -> bool:
-    """Return whether meshes have the same faces, materials and names, and the same kinds of data at their vertices."""
+    """Return whether meshes have as many vertices and faces, the same name and material, and data of the same kinds."""
     if mesh is before:
         return True
     kinds = all((getattr(mesh, name) is None) == (getattr(before, name) is None) for name in _AT_VERTICES)

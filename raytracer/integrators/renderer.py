@@ -139,9 +139,9 @@ class Renderer:
     def show(self, scene: Scene) -> None:
         """Take another scene, from the next picture on.
 
-        One with as many meshes, of the same faces and materials, and as many lights of the same kinds, is taken as
-        their movement, whatever its background and ambient; for any other all is built anew. Raises SceneError as a new
-        Renderer does, and keeps the scene that it has.
+        One with as many meshes, of the same names and materials and as many vertices and faces, and as many lights of
+        the same kinds, is taken as their movement, whatever its background and ambient; for any other all is built
+        anew. Raises SceneError as a new Renderer does, and keeps the scene that it has.
         """
         check_scene(scene, self.integrator)
         layout = self.layout

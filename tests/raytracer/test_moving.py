@@ -168,6 +168,18 @@ def test_lights_that_move_are_sent_and_nothing_is_built(backend, options):
     assert renderer.builds == 2, "a light of another kind is another kernel"
 
 
+def test_a_mesh_of_other_faces_is_shown_without_building_all():
+    made = scene()
+    renderer = Renderer(made, backend="numpy")
+    cube = made.meshes[1]
+    for turns in (1, 2):
+        other = dataclasses.replace(cube, faces=np.roll(cube.faces, turns, axis=0))
+        shown = from_scratch(made, {"box": other.moved((0, 0.1 * turns, 0))})
+        renderer.show(shown)
+        same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+    assert renderer.builds == 2  # the first time, the box gets a hierarchy of its own
+
+
 def test_a_scene_that_cannot_be_built_leaves_the_one_before():
     renderer = Renderer(scene(), backend="numpy", tracer="staged")
     before = renderer.render((8, 6))
