@@ -26,8 +26,8 @@ PATIENCE = 30
 MOST = 1024
 """Workers of this machine, at most."""
 _KEEPING = {"MALLOC_TRIM_THRESHOLD_": f"{1 << 28}", "MALLOC_MMAP_THRESHOLD_": f"{1 << 28}"}
-"""Settings of glibc's malloc that keep memory for the next array. Dask has it return all of it to the system, and numpy
-takes 1.4 to 1.6 times as long."""
+"""Settings of glibc's malloc that keep memory for the next array. Dask has it return all of it to the system, and
+numpy, which takes it again for each array, is slower."""
 
 
 @contextmanager
