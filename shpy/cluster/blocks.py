@@ -22,13 +22,13 @@ from shpy.streams.elements import Shape
 
 
 def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks: Any = None, **named: Any) -> Any:
-    """Return what a kernel gives over Dask arrays, as Dask arrays in the structure of its outputs. Nothing runs yet.
+    """Return the outputs of a kernel over Dask arrays, as Dask arrays in their structure. Nothing runs yet.
 
     The inputs are those of a call: Dask arrays (*S, N), or (*S,) for one component, with chunks along the axes of
     elements; host arrays, numbers, Params, Tables. They broadcast, and structs and several outputs are as for numpy
     arrays. `sh.grid_index` and `sh.grid_shape` are those of the whole array. Without any Dask array, `shape` and
-    `chunks` say over what the kernel runs. The kernel is sent with its Params as they are now, and each worker compiles
-    it once; a program is compiled for the default backend of the worker.
+    `chunks` are those of the elements. The kernel is sent with its Params as they are now, and each worker compiles it
+    once; a program is compiled for the default backend of the worker.
 
     Raises ShpyTypeError, before anything runs, for shapes, dtypes and chunks that do not fit; ShpyError without Dask.
     """

@@ -147,7 +147,7 @@ class Stencil(Job):
         return grid, repeat(_placed(self.chain, grid, local), self.steps)
 
     def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
-        """Run the chain over the block and its halo; what is kept has the values of the whole grid."""
+        """Run the chain over the block and its halo; the part that is kept has the values of the whole grid."""
         grid, chain = self._ready
         grid.move(origin)
         cut = iter(blocks)

@@ -25,7 +25,7 @@ from shpy.streams.elements import Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
 _FEWEST, _MOST = 1 << 12, 1 << 20
-"""The least and the largest size of a block, of which the result does not depend."""
+"""The least and the largest size of a block, on which the result does not depend."""
 
 Reduce = Callable[..., Any]
 

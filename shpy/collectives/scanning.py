@@ -123,7 +123,7 @@ def _scan_block(
 def _on_host(
     program: Program, stream: Stream, exclusive: bool, before: Arrays | None = None, last: Arrays | None = None
 ) -> Stream:
-    """Two neighbours become one on the way up, and one prefix two on the way down.
+    """Scan on the host: two neighbours become one on the way up, and one prefix becomes two on the way down.
 
     A block of a longer stream goes on from the prefix `before` it; `last` is the prefix that a whole block ends with.
     """

@@ -18,7 +18,7 @@ from shpy.ir.types import Type
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """Metadata of a param. Numbers are ints or floats of Python; what is None is not said."""
+    """Metadata of a param. Numbers are ints or floats of Python; None stands for metadata that the param lacks."""
 
     range: tuple[float, float] | None = None
     step: float | None = None

@@ -196,7 +196,7 @@ class Port:
 
 @dataclass(frozen=True, slots=True)
 class Param:
-    """A uniform, with its initial value in the form of a `const`, and what it says to viewers."""
+    """A uniform, with its initial value in the form of a `const`, and its metadata."""
 
     name: str
     kind: str

@@ -47,7 +47,7 @@ class _Placer(Rewriter):
         self.cut = cut
 
     def let(self, let: Let) -> None:
-        """Rewrite what depends on the place of the element."""
+        """Rewrite a statement that depends on the place of the element."""
         type_ = let.value.type
         if not _asks(let, self.cut):
             self.emit(let)

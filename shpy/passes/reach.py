@@ -50,7 +50,7 @@ class _Slots:
     first: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
     def load(self, variable: int, path: tuple[int, ...]) -> _Parts | None:
-        """Return what a load gives; a variable that may not be stored yet is zero, so it may be anything."""
+        """Return the parts of a load; a variable that may not be stored yet is zero, so it may be anything."""
         first = self.first.get(variable)
         if first is None or path[: len(first)] != first:
             self.opaque.add(variable)
@@ -74,7 +74,7 @@ class _Finder:
         self.found = [0] * rank
 
     def function(self, function: Function, given: Sequence[_Parts | None]) -> list[_Parts]:
-        """Follow the values of a function; return what its outputs hold."""
+        """Follow the values of a function; return the parts of its outputs."""
         inputs = zip(function.inputs, given, strict=True)
         known = {i.id: parts for i, parts in inputs if not isinstance(i, Variable) and parts is not None}
         slots = _Slots({i.id for i in function.inputs if isinstance(i, Variable)})

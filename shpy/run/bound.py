@@ -1,4 +1,4 @@
-"""Bound calls: what a call has to do whose inputs have a known signature, found out by the first such call.
+"""Bound calls: the steps of a call whose inputs have a known signature, found out by the first such call.
 
 Stage: run. Most calls of a kernel are like the one before: contiguous arrays of the same shapes, in the dtypes that the
 kernel works with, or streams of the same shapes and types. Nothing of these has to be checked or converted again. All
@@ -105,7 +105,7 @@ class BoundStreams(Bound):
     place: Place
 
     def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran:
-        """Run over streams of the signature; all that `out` needs is checked."""
+        """Run over streams of the signature; `out` is checked."""
         recorded, executable, place = self.recorded, self.executable, self.place
         if out is not None:
             check_places([out], place, recorded.module.name)

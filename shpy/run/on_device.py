@@ -71,7 +71,7 @@ def prepare(
     common: Shape,
     out: Any,
 ) -> Prepared:
-    """Make the call, and what the outputs are written to.
+    """Make the call, and the memory to which the outputs are written.
 
     The call writes the outputs' memory, or its own where theirs is still read or may have to stay.
     """
@@ -159,7 +159,7 @@ def build_streams(layout: Layout, place: Place, shape: Shape) -> Any:
 
 
 def _check_apart(targets: Sequence[StreamLeaf], tables: Mapping[str, Table]) -> None:
-    """No memory of an output may be read by index, or belong to another output too."""
+    """Raise ShpyTypeError for memory of an output that is read by index, or that belongs to another output too."""
     read = [table for table in tables.values() if isinstance(table, StreamTable)]
     for target, table in itertools.product(targets, read):
         if overlap(target.memory, table.memory):

@@ -235,7 +235,7 @@ class Stream(StreamReductions, Shown):
         return Stream.over(self._type, self._shape, self.place, memories)
 
     def reshape(self, *shape: Any) -> Stream:
-        """Return a view of another shape, in C order: what is written to one of both is in the other; no copy is made.
+        """Return a view of another shape, in C order: a write to the stream or the view changes both. No copy is made.
 
         `shape`: an int, several, or a tuple. Raises ShpyTypeError for a shape of another number of elements.
         """

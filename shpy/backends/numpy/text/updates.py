@@ -50,7 +50,7 @@ def _alike(before: Value, after: Value) -> bool:
 
 
 def _large(entry: Function, facts: LaneFacts) -> set[int]:
-    """Values with a number for each lane, even if the kernel knows its place in a grid: not for each row or column."""
+    """Return the values with a number for each lane, not only for each row or column of a grid."""
     lets = [s for s in walk(entry.body) if isinstance(s, Let)]
     if not any(s.op == "grid_index" for s in lets):
         return {v.id for v in defined(entry)} & facts.varying

@@ -364,7 +364,7 @@ class TreePrologue:
         return ["    sh_node made;", f"    made.part0 = {inner}({', '.join(arguments)});", "    return made;"]
 
     def _reads(self, inner: str) -> str:
-        """`sh_given`: the nodes of elements from `first` on, all of them before `end`; `sh_made`: those of parts."""
+        """Return `sh_given`, the nodes of the elements from `first` to before `end`, and `sh_made`, those of parts."""
         types = self.node_types
         lines, numbers = self._leaves("given", types.element)
         if types.lifted:
