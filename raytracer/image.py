@@ -31,8 +31,7 @@ _ENCODED = 1 << 18
 
 def encoded(pixels: Array) -> Array:
     """Convert linear RGB (..., 3), clipped to [0, 1], to sRGB in [0, 1] (IEC 61966-2-1), in binary64."""
-    linear = np.clip(np.nan_to_num(pixels.astype(np.float64)), 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return sh.screen.srgb(pixels.astype(np.float64))
 
 
 @dataclass(frozen=True, slots=True)

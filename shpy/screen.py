@@ -216,7 +216,12 @@ def _levels(numbers: NDArray[Any]) -> NDArray[np.uint8]:
     return scaled.astype(np.uint8)
 
 
-def srgb(linear: NDArray[Any]) -> NDArray[np.float32]:
-    """Return linear light from 0 to 1 as sRGB has it (IEC 61966-2-1); what lies beyond is clipped, NaN is 0."""
-    light = np.clip(np.fmax(np.asarray(linear, np.float32), 0), 0, 1)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
+def srgb(linear: NDArray[Any]) -> NDArray[Any]:
+    """Return linear light from 0 to 1 as sRGB has it (IEC 61966-2-1); what lies beyond is clipped, NaN is 0.
+
+    Numbers in binary64 stay there; others are computed in binary32.
+    """
+    array = np.asarray(linear)
+    number = np.float64 if array.dtype == np.float64 else np.float32
+    light = np.clip(np.fmax(array.astype(number, copy=False), 0), 0, 1)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** number(1 / 2.4) - 0.055).astype(number)

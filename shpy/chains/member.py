@@ -112,7 +112,8 @@ class Member:
             _check_shared(recorded, condition, Leaf(MASK), f'where="{condition}"')
             made = guarded(recorded, None, condition)
         else:
-            _check_condition(condition)
+            if not is_condition(condition):
+                raise no_condition(condition, "where=", "program", 'where="alive"')
             for name, type_ in condition.recorded.inputs.items():
                 _check_shared(recorded, name, type_, signature(condition.recorded))
             made = guarded(recorded, condition.recorded, "")
@@ -183,14 +184,18 @@ def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
         )
 
 
-def _check_condition(condition: Any) -> None:
-    if isinstance(condition, Program) and condition.recorded.output == Leaf(MASK):
-        return
-    spoken = signature(condition.recorded) if isinstance(condition, Program) else repr(condition)
-    raise ShpyTypeError(
-        f"where={spoken} is neither the name of a stream nor a program that returns one Attrib1b",
+def is_condition(given: Any) -> bool:
+    """Return whether something is a program that returns one Attrib1b."""
+    return isinstance(given, Program) and given.recorded.output == Leaf(MASK)
+
+
+def no_condition(given: Any, what: str, wanted: str, cure: str) -> ShpyTypeError:
+    """Return the error for something that is no condition; `what` stands before it in the message."""
+    spoken = signature(given.recorded) if isinstance(given, Program) else repr(given)
+    return ShpyTypeError(
+        f"{what}{spoken} is neither the name of a stream nor a {wanted} that returns one Attrib1b",
         loc=here(),
-        cure='where="alive", or a program of the element: alive(x: sh.Attrib1f) -> sh.Attrib1b',
+        cure=f"{cure}, or a program of the element: alive(x: sh.Attrib1f) -> sh.Attrib1b",
     )
 
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from shpy.algebra import alike, signature, with_article
-from shpy.chains.member import element_layout, is_gathered
+from shpy.algebra import alike, with_article
+from shpy.chains.member import element_layout, is_condition, is_gathered, no_condition
 from shpy.errors import ShpyTypeError
 from shpy.lang.programs.guarded import MASK
 from shpy.lang.recording.location import here
@@ -95,17 +95,12 @@ def share(condition: Condition, least: float, of: Condition | None = None) -> Sh
 
 
 def _check_condition(condition: Any) -> None:
+    """Raise ShpyTypeError for a condition that is not one of single elements."""
     if isinstance(condition, str):
         return
-    if isinstance(condition, Program) and condition.recorded.output == Leaf(MASK):
-        if condition.inputs and not any(is_gathered(type_) for type_ in condition.recorded.inputs.values()):
-            return
-    spoken = signature(condition.recorded) if isinstance(condition, Program) else repr(condition)
-    raise ShpyTypeError(
-        f"{spoken} is neither the name of a stream nor a program of the element that returns one Attrib1b",
-        loc=here(),
-        cure='sh.share("waiting", 0.2), or a program of the element: waiting(x: sh.Attrib1f) -> sh.Attrib1b',
-    )
+    types = condition.recorded.inputs.values() if is_condition(condition) else ()
+    if not types or any(map(is_gathered, types)):
+        raise no_condition(condition, "", "program of the element", 'sh.share("waiting", 0.2)')
 
 
 def _marks(condition: Condition, place: Place, streams: Mapping[Any, Stream]) -> Stream | None:

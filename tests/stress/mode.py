@@ -6,7 +6,9 @@ the seed repeats, takes the others, on every backend:
 - runs are split into two, three and many dispatches, or not split, whatever their pace says;
 - memory that a pool hands out is filled with a signalling NaN, and memory that it takes back is overwritten at once;
 - whatever the runtimes choose by size or by measurement is chosen by chance: tiles, bands, lists of live elements,
-  copies in place of lent memory, the number of runs under way.
+  copies in place of lent memory, the number of runs under way;
+- a device begins a run over streams only after the host has gone on, and meanwhile the tables that a chain reads hold
+  other data.
 
     with stressed(seed=7):
         assert_same(kernel(x), expected)
@@ -19,6 +21,8 @@ from __future__ import annotations
 
 import itertools
 import random
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -36,11 +40,14 @@ from shpy.backends.opencl.device import (
     staging as opencl_staging,
 )
 from shpy.backends.opencl.device.driver import _found, machine_of
+from shpy.chains.chain import Chain
 
 TAKEN = np.uint32(0x7FA0DEAD)
 """A signalling NaN: what memory holds that a pool hands out."""
 GIVEN_BACK = np.uint32(0x7FA0FEED)
 """Another one: what memory holds that a pool has taken back."""
+_LATE = 0.01
+"""Seconds by which a run begins late."""
 MANY = 9
 """Dispatches of a run that is split into many."""
 _EMPTY, _EMPTY_LIKE = np.empty, np.empty_like
@@ -117,6 +124,34 @@ class Stress:
         stack.enter_context(patch.object(opencl_device.Machine, "worth_lending", self.random.choice((1, 1 << 16))))
         stack.enter_context(patch.object(opencl_device.Machine, "lend", lend_sometimes))
 
+    # Lateness: what the host does after it has started a run comes before the run.
+
+    def begin_late(self, stack: ExitStack) -> None:
+        """Patch the start of runs over streams on OpenCL, and change the tables of chains while their runs wait."""
+        start, run = opencl_memory.OpenCLSpace.start, Chain.run
+
+        def start_late(space: Any, runs: Any) -> None:
+            if self.chance():
+                cl, machine = space.machine.cl, space.machine
+                gate = cl.UserEvent(machine.context)
+                with machine.lock:
+                    cl.enqueue_barrier(machine.queue, wait_for=[gate])
+                threading.Timer(_LATE, gate.set_status, [cl.command_execution_status.COMPLETE]).start()
+            start(space, runs)
+
+        def run_and_change(chain: Any, **streams: Any) -> Any:
+            result = run(chain, **streams)
+            tables = {t for kernel in chain.kernels for t in kernel.recorded.tables.values() if hasattr(t, "_array")}
+            for table in tables:
+                data = table._array.copy()
+                table.update(np.zeros_like(data), start=0)
+                time.sleep(2 * _LATE)
+                table.update(data, start=0)
+            return result
+
+        stack.enter_context(patch.object(opencl_memory.OpenCLSpace, "start", start_late))
+        stack.enter_context(patch.object(Chain, "run", run_and_change))
+
     # Memory: every pool hands out garbage, and overwrites what it gets back.
 
     def poison_pools(self, stack: ExitStack) -> None:
@@ -156,6 +191,7 @@ def stressed(seed: int) -> Iterator[Stress]:
     stress = Stress(seed)
     with ExitStack() as stack:
         stress.split(stack)
+        stress.begin_late(stack)
         stress.poison_pools(stack)
         stress.poison_stages(stack)
         stress.poison_numpy(stack)

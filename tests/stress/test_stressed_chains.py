@@ -37,7 +37,23 @@ def settle(n: sh.Attrib1i, v: sh.Attrib1f):
     return {"n": n + k, "v": v}
 
 
-MEMBERS = {1: (*ALL, settle), 2: (roll, place, move, swing, wear, settle), 3: (move, swing, wear, settle)}
+def looking():
+    """Return a kernel that reads a table of its own, large enough to be lent to a device that works in our memory."""
+    heights = sh.Table(np.arange(20_000) % 17 / 4 - 2, sh.Attrib1f)
+
+    @sh.program
+    def look(x: sh.Attrib1f, n: sh.Attrib1i):
+        return {"x": 0.5 * x + heights[n * 2221]}
+
+    return look
+
+
+look = looking()
+MEMBERS = {
+    1: (*ALL, settle, look),
+    2: (roll, place, move, swing, wear, settle, look),
+    3: (move, swing, wear, settle, look),
+}
 """Kernels of chains over shapes of each rank."""
 LOOPED = {1: (wear, count_up, settle), 2: (wear, settle), 3: (wear, settle)}
 """Chains that reject every element in the end."""
@@ -94,6 +110,18 @@ def check(number):
 def test_chains_agree(shard):
     for number in range(10 * shard, 10 * shard + 10):
         check(number)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_runs_read_tables_as_they_were(backend):
+    """Nobody waits for runs of `look`, and the mode changes its table before they begin."""
+    arrays = data(0, 2100)
+    expected = OneByOne("numpy", arrays)
+    expected.run(("repeat", look, 3))
+    for seed in range(20):
+        with stressed(seed):
+            found = sh.repeat(looking(), 3).run(x=arrays["x"], n=arrays["n"], backend=backend).streams["x"].numpy()
+        np.testing.assert_array_equal(found, expected.arrays["x"])
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
