@@ -224,4 +224,5 @@ def srgb(linear: NDArray[Any]) -> NDArray[Any]:
     array = np.asarray(linear)
     number = np.float64 if array.dtype == np.float64 else np.float32
     light = np.clip(np.fmax(array.astype(number, copy=False), 0), 0, 1)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** number(1 / 2.4) - 0.055).astype(number)
+    curve: NDArray[Any] = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** number(1 / 2.4) - 0.055)
+    return curve.astype(number, copy=False)
