@@ -91,7 +91,9 @@ class Hub:
         stamp = _stamp(Path(self.request["path"]))
         age = time.time() - stamp[0] / 1e9 if stamp else 0.0
         self._broadcast(wire.pack({"kind": "recording", "age": max(0.0, min(age, 10.0))}))
-        worker = self._recording = await self._pool.take()
+        worker = await self._pool.take()
+        self._drop_recording()  # the file may have changed again meanwhile
+        self._recording = worker
         worker.send({"do": "open", "request": self.request, "state": self.state, "worker": worker.number})
 
     def stop(self) -> None:
