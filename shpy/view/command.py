@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from shpy.backends.registry import NAMES
 from shpy.command import whole
 from shpy.errors import ShpyError
 from shpy.passes.modes import MODES
+from shpy.view.messages import SIDE
 from shpy.view.server import LOOPBACK, View, serve
 
 
@@ -50,8 +52,8 @@ def add_serving(command: argparse.ArgumentParser) -> None:
 def size(text: str) -> tuple[int, int]:
     """Read WIDTHxHEIGHT, for the `type` of an argument."""
     found = re.fullmatch(r"([1-9][0-9]{0,3})x([1-9][0-9]{0,3})", text)
-    if found is None or max(int(found[1]), int(found[2])) > 4096:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 640x360, of at most 4096x4096")
+    if found is None or max(int(found[1]), int(found[2])) > SIDE:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 640x360, of at most {SIDE}x{SIDE}")
     return int(found[1]), int(found[2])
 
 
@@ -61,8 +63,8 @@ def view(options: argparse.Namespace) -> int:
         path, program = _file(options.file)
         request = {"path": str(path), "name": path.name, "program": program}
         state = {"size": list(options.size), "backend": options.backend, "math": options.math, "playing": True}
-        say = lambda line: print(f"shpy view {path.name}: {line}", flush=True)  # noqa: E731
-        serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, said=say)
+        said = partial(print, f"shpy view {path.name}:", flush=True)
+        serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, said=said)
     except ShpyError as error:
         print(f"shpy view: {error}", file=sys.stderr)
         return 2

@@ -18,7 +18,7 @@ from shpy.passes.modes import MODES
 
 LONGEST: Final = 1 << 16
 """The most bytes of a message of a page."""
-_SIDE: Final = 4096
+SIDE: Final = 4096
 """The most pixels along one side of a picture."""
 _COMPONENTS: Final = 16
 
@@ -43,8 +43,8 @@ def _text(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= 200
 
 
-def _at(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(_whole(0, _SIDE), value))
+def _pair(low: int) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, list) and len(value) == 2 and all(map(_whole(low, SIDE), value))
 
 
 def _component(value: Any) -> bool:
@@ -68,7 +68,7 @@ _CHANGES: Final[dict[str, Callable[[Any], bool]]] = {
     "time": _number,
     "frame": _whole(0, 1 << 30),
     "steps": _whole(1, 1000),
-    "size": lambda value: isinstance(value, list) and len(value) == 2 and all(map(_whole(1, _SIDE), value)),
+    "size": _pair(1),
     "mouse": _numbers(4),
     "backend": lambda value: _text(value) and value in NAMES,
     "math": lambda value: _text(value) and value in MODES,
@@ -89,7 +89,7 @@ _MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
     "stop": {},
     "reset": {},
     "step": {},
-    "ask": {"about": _text, "at": _at, "with": _changes},
+    "ask": {"about": _text, "at": _pair(0), "with": _changes},
 }
 
 
