@@ -1,9 +1,9 @@
-"""The server of a view: a page, its two files, and one WebSocket, for this machine alone.
+"""The server of a view: the files of a page, and a WebSocket for each page that is open, for this machine alone.
 
 Stage: view. Every request has to name this machine as its Host, and a WebSocket has to come from a page of this
 server (Origin): so no other web page can read or change the view, by a name of its own for 127.0.0.1 either.
 
-    serve(View("shpy.view.session", {"path": "shader.py"}, folder), port=8000)
+    serve(View("shpy.view.session", {"path": "shader.py"}), port=8000)
 """
 
 from __future__ import annotations

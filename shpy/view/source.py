@@ -27,11 +27,10 @@ START, SHOW = "start", "show"
 
 @dataclass(frozen=True)
 class Opened:
-    """The names that a file defines, in their order, and the files that it was read from."""
+    """The names that a file defines, in their order."""
 
     path: Path
     names: dict[str, Any]
-    files: tuple[Path, ...]
 
     @property
     def start(self) -> Any:
@@ -98,7 +97,7 @@ def open_file(path: Path) -> Opened:
         imported = [sys.modules[name] for name in set(sys.modules) - before]
         files = [Path(f) for f in (getattr(m, "__file__", None) for m in imported) if f and _is_below(f, folder)]
         _read.update({path, *files})
-    return Opened(path, names, files_read())
+    return Opened(path, names)
 
 
 _read: set[Path] = set()
