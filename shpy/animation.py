@@ -24,7 +24,7 @@ from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math
 from shpy.program import Program
-from shpy.screen import Moment, check_pictures, filled, first_output, pixels
+from shpy.screen import Moment, check_pictures, filled, first_output, pixels, values_of
 from shpy.streams.stream import Stream
 from shpy.videos import FPS, writing
 
@@ -155,20 +155,16 @@ class _Evolving:
         """Return the output of a frame: of the one drawn last, or of a later one."""
         while self._drawn <= number:
             moment = Moment(self._size, self._drawn / self._fps, self._drawn)
-            given = self._given({**self._chain.inputs, **self._chain.outputs}, moment)
+            given = values_of({**self._chain.inputs, **self._chain.outputs}, moment, self._streams)
             self._streams |= self._chain.run(backend=self._backend, **given).streams
             self._picture = self._shown(moment)
             self._drawn += 1
         return self._picture
 
-    def _given(self, inputs: Mapping[str, Any], moment: Moment) -> dict[str, Any]:
-        given = {name: self._streams[name] for name in inputs if name in self._streams}
-        return given | filled(inputs, moment, given=given)
-
     def _shown(self, moment: Moment) -> Any:
         if self._show is None:
             return np.asarray(self._streams[list(self._chain.outputs)[-1]])
-        given = self._given(self._show.inputs, moment)
+        given = values_of(self._show.inputs, moment, self._streams)
         check_pictures(self._show, moment.size, given)
         return np.asarray(first_output(self._show(**given, shape=moment.shape)))
 

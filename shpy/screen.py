@@ -97,6 +97,12 @@ def filled(inputs: Mapping[str, Any], moment: Moment, *, given: Iterable[str] = 
     }
 
 
+def values_of(inputs: Mapping[str, Any], moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of inputs: the streams of their names, and for other inputs what their name is filled with."""
+    given = {name: streams[name] for name in inputs if name in streams}
+    return given | filled(inputs, moment, given=given)
+
+
 def _as(type_: Any, value: Any) -> Any:
     """Return the numbers in a form that an input of this type takes."""
     if type_.type.is_float or isinstance(value, int):

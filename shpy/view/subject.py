@@ -17,7 +17,7 @@ import numpy as np
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyError
 from shpy.program import Program
-from shpy.screen import Moment, filled, first_output, moves
+from shpy.screen import Moment, filled, first_output, moves, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import Form, Kernels, quick_backends
 from shpy.view.source import SHOW, START, Opened
@@ -40,7 +40,7 @@ class Subject(Protocol):
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
-        """Go on by some steps; gives whether it did, which it does not while the wanted form compiles."""
+        """Go on by some steps, and return True; return False while neither the wanted form nor a quick one is there."""
 
     def reset(self) -> None:
         """Begin anew."""
@@ -130,13 +130,13 @@ class Evolving:
         if self.show is None:
             return np.asarray(streams[self.shown]), wanted
         kernel, form = self.show.best(wanted)
-        given = self._given(self.show.program.inputs, moment, streams)
+        given = values_of(self.show.program.inputs, moment, streams)
         if form.backend != wanted.backend:
             given = {n: v.numpy() if isinstance(v, Stream) else v for n, v in given.items()}
         return np.asarray(first_output(kernel(**given))), form
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
-        """Go on by some steps; gives whether it did, which it does not before the wanted or a quick form is there."""
+        """Go on by some steps, and return True; return False while neither the wanted form nor a quick one is there."""
         streams = self._present(moment)
         forms = [wanted, *(Form(name, wanted.math) for name in quick_backends()[:1] if name != wanted.backend)]
         for form in reversed(forms):
@@ -169,13 +169,9 @@ class Evolving:
         self._wake()
 
     def _run(self, moment: Moment, form: Form, streams: Mapping[str, Any]) -> dict[str, Any]:
-        given = self._given(self.chain.inputs, moment, streams)
+        given = values_of(self.chain.inputs, moment, streams)
         placed: dict[str, Any] = {n: v.to(form.backend) if isinstance(v, Stream) else v for n, v in given.items()}
         return self.chain.run(backend=form.backend, **placed).streams
-
-    def _given(self, inputs: Mapping[str, Any], moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
-        given = {name: streams[name] for name in inputs if name in streams}
-        return given | filled(inputs, moment, given=given)
 
     def _present(self, moment: Moment) -> dict[str, Any]:
         """Return the streams; those of another size begin anew."""
@@ -210,7 +206,7 @@ class Evolving:
         """Return the last program of the chain and the steps of one pixel in it."""
         member = self.chain.kernels[-1]
         program = Program(member.recorded)
-        given = self._given(program.inputs, moment, self._present(moment))
+        given = values_of(program.inputs, moment, self._present(moment))
         return program, program.trace(**given, shape=moment.shape, at=at)
 
 
