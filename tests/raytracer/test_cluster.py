@@ -9,13 +9,12 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from pictures import same
 
 import shpy as sh
 from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, cli, render
 from raytracer.cluster import connection, tasks
 from raytracer.meshes.shapes import box
-
-BITS = {"pixels": np.uint32, "depth": np.uint32, "normal": np.uint32, "object_id": np.uint32, "rays": np.uint32}
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +24,7 @@ def client():
 
 
 def assert_same(found, wanted):
-    for name, kind in BITS.items():
-        a, b = found.layers[name], wanted.layers[name]
-        assert a.shape == b.shape
-        np.testing.assert_array_equal(a.view(kind), b.view(kind), err_msg=name)
+    same(found, wanted)
     assert (found.samples, found.origin, found.stats.rays) == (wanted.samples, wanted.origin, wanted.stats.rays)
 
 

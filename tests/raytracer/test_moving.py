@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pictures import SIZE, same
 
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Renderer, Scene, SceneError
@@ -14,7 +15,6 @@ from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 
 BACKENDS = ["numpy", "opencl", "glsl"]
-SIZE = (40, 30)
 
 
 def named(mesh, name):
@@ -50,11 +50,6 @@ MOVES = {
     "flat": turned(0, (0, 0.5, 0), (1, 0, 1)),
     "nothing": turned(0, (0, 0.5, 0), (0, 0, 0)),
 }
-
-
-def same(image, other):
-    for name, layer in image.layers.items():
-        assert np.array_equal(layer, other.layers[name], equal_nan=True), name
 
 
 def from_scratch(made, changes):

@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 import pytest
+from pictures import same
 
 import shpy as sh
 from raytracer import ClusterError, Material, Path, PointLight, Scene, SceneError, Staged, Surface, Texture, render
@@ -14,8 +15,6 @@ from raytracer.cluster.partitioned import _groups, render_partitioned
 from raytracer.cluster.records import Records, next_part
 from raytracer.integrators.integrator import Whitted
 from raytracer.meshes.shapes import box, floor, sphere
-
-LAYERS = ("pixels", "depth", "normal", "object_id", "rays")
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +46,7 @@ def test_any_number_of_parts_makes_the_same_picture(client, parts):
     given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
     found = render(mirrors(), (18, 13), cluster=client, partitions=parts, **given)
     wanted = render(mirrors(), (18, 13), **given)
-    for name in LAYERS:
-        a, b = found.layers[name], wanted.layers[name]
-        np.testing.assert_array_equal(a.view(np.uint32), b.view(np.uint32), err_msg=name)
+    same(found, wanted)
     assert found.stats.rays == wanted.stats.rays
     moved = found.stats.moved
     assert moved["traced"] >= found.stats.rays - 18 * 13

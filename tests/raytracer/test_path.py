@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from pictures import same
 
 import shpy as sh
 from raytracer import (
@@ -249,11 +250,6 @@ def everything():
     sky = np.random.default_rng(0).random((8, 16, 3))
     lights = [PointLight((2, 3, 2)), DirectionalLight((1, -1, -1), (0.2, 0.2, 0.2)), EnvironmentLight(sky)]
     return Scene(meshes, lights, Camera((0, 1.5, 5), (0, 0.6, 0), aperture=0.1))
-
-
-def same(one, other):
-    for name, layer in one.layers.items():
-        np.testing.assert_array_equal(layer.view(np.int32), other.layers[name].view(np.int32), err_msg=name)
 
 
 def test_backends_bands_and_parts_give_the_same_bits(monkeypatch, tmp_path):
