@@ -20,7 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, Let, Module, Region, Store, Variable
 from shpy.ir.traverse import regions_of, results
-from shpy.ir.types import Base
+from shpy.ir.types import Base, Type
 
 _ROUNDS: Final = 4
 """Variables that still change after so many rounds over a function may be anything."""
@@ -38,7 +38,6 @@ class _Part:
 
 _Parts = tuple[_Part | None, ...]
 """The origin of each component; None may be anything."""
-_UNKNOWN: Final[_Parts] = (None,) * 4
 
 
 @dataclass(slots=True)
@@ -50,7 +49,7 @@ class _Slots:
     first: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
     def load(self, variable: int, path: tuple[int, ...]) -> _Parts | None:
-        """Return the parts of a load; a variable that may not be stored yet is zero, so it may be anything."""
+        """Return the parts of a load, or None: a variable that may not be stored yet is zero, so it may be anything."""
         first = self.first.get(variable)
         if first is None or path[: len(first)] != first:
             self.opaque.add(variable)
@@ -63,7 +62,7 @@ def reach(module: Module, cut: Collection[str], rank: int) -> tuple[int, ...]:
     Raises ShpyTypeError, at the line of the read, for an index whose distance from the element is not bounded.
     """
     finder = _Finder(module, cut, rank)
-    finder.function(module.entry, [None] * len(module.entry.inputs))
+    finder.function(module.entry, [_unknown(i.type) for i in module.entry.inputs])
     return tuple(finder.found)
 
 
@@ -73,10 +72,10 @@ class _Finder:
         self.cut = cut
         self.found = [0] * rank
 
-    def function(self, function: Function, given: Sequence[_Parts | None]) -> list[_Parts]:
+    def function(self, function: Function, given: Sequence[_Parts]) -> list[_Parts]:
         """Follow the values of a function; return the parts of its outputs."""
         inputs = zip(function.inputs, given, strict=True)
-        known = {i.id: parts for i, parts in inputs if not isinstance(i, Variable) and parts is not None}
+        known = {i.id: parts for i, parts in inputs if not isinstance(i, Variable)}
         slots = _Slots({i.id for i in function.inputs if isinstance(i, Variable)})
         count = 0
         while True:
@@ -84,7 +83,8 @@ class _Finder:
             self._region(function.body, dict(known), slots, ())
             changed = {v for v, parts in slots.held.items() if before.get(v) != parts}
             if not changed and slots.opaque == opaque:
-                return [slots.held.get(o.id, _UNKNOWN) if o.id not in opaque else _UNKNOWN for o in function.outputs]
+                held = {v: parts for v, parts in slots.held.items() if v not in opaque}
+                return [held.get(o.id, _unknown(o.type)) for o in function.outputs]
             count += 1
             if count >= _ROUNDS:
                 slots.opaque |= changed
@@ -93,20 +93,18 @@ class _Finder:
         for place, s in enumerate(region):
             match s:
                 case Let():
-                    found = self._let(s, values, slots, path)
-                    if found is not None:
-                        values[s.value.id] = found
+                    values[s.value.id] = self._let(s, values, slots, path) or _unknown(s.value.type)
                 case Store(variable, value, components, index):
-                    stored = values.get(value)
+                    stored = values[value]
                     slots.first.setdefault(variable, path)
-                    if components is not None or index is not None or stored is None:
+                    if components is not None or index is not None:
                         slots.opaque.add(variable)
                     else:
                         slots.held[variable] = _join(slots.held.get(variable, stored), stored)
                 case Call(name, args):
                     inputs = list(zip(args, self.functions[name].inputs, strict=True))
                     slots.opaque |= {arg for arg, i in inputs if isinstance(i, Variable)}
-                    given = [None if isinstance(i, Variable) else values.get(a) for a, i in inputs]
+                    given = [_unknown(i.type) if isinstance(i, Variable) else values[a] for a, i in inputs]
                     found_each = self.function(self.functions[name], given)
                     values.update(zip((r.id for r in results(s)), found_each, strict=True))
             for k, inner in enumerate(regions_of(s)):
@@ -115,10 +113,10 @@ class _Finder:
     def _let(self, s: Let, values: dict[int, _Parts], slots: _Slots, path: tuple[int, ...]) -> _Parts | None:
         type_ = s.value.type
         if s.op == "table" and s.attr in self.cut:
-            self._read(s, values.get(s.args[0]))
+            self._read(s, values[s.args[0]])
         if s.op == "call":
             callee = self.functions[str(s.attr)]
-            return self.function(callee, [values.get(a) for a in s.args])[0][: type_.size]
+            return self.function(callee, [values[a] for a in s.args])[0]
         if type_.base is not Base.I:
             return None
         if s.op == "load":
@@ -130,11 +128,10 @@ class _Finder:
             return tuple(_Part("extent", k, 0, 0) for k in range(type_.size))
         if s.op == "const" and isinstance(s.attr, tuple):
             return tuple(_Part("number", 0, int(n), int(n)) for n in decode(type_, s.attr))
-        args = [values.get(a, _UNKNOWN) for a in s.args]
-        return _OPERATIONS[s.op](s, args) if s.op in _OPERATIONS else None
+        return _OPERATIONS[s.op](s, [values[a] for a in s.args]) if s.op in _OPERATIONS else None
 
-    def _read(self, s: Let, index: _Parts | None) -> None:
-        for axis, part in enumerate(index or (None,)):
+    def _read(self, s: Let, index: _Parts) -> None:
+        for axis, part in enumerate(index):
             if part is None or part.of != "index" or part.axis != axis:
                 raise ShpyTypeError(
                     f"{s.attr} is read at an index whose distance from sh.grid_index has no known bound, so no halo is "
@@ -144,6 +141,10 @@ class _Finder:
                     "array as a sh.Table",
                 )
             self.found[axis] = max(self.found[axis], -part.low, part.high)
+
+
+def _unknown(type: Type) -> _Parts:
+    return (None,) * type.size
 
 
 def _join(a: _Parts, b: _Parts) -> _Parts:

@@ -75,6 +75,15 @@ def far(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
     return u[sh.grid_index(2).yx]
 
 
+@sh.program
+def counted(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+    i, k, total = sh.grid_index(2), sh.Attrib1i(0), sh.Attrib1f(0)
+    with sh.SH_WHILE(lambda: k < 3):
+        total += u[i + sh.Attrib2i(k, 0)]
+        k += 1
+    return total
+
+
 def cut(array, *chunks):
     return da.from_array(array, chunks=chunks)
 
@@ -211,6 +220,11 @@ REFUSED = [
     ),
     (
         lambda: sh.map_overlap(far, {"u": cut(U, 9, 9)}),
+        "u is read at an index whose distance from sh.grid_index has no known bound, so no halo is wide enough",
+        "u[i + (0, 1)] with i = sh.grid_index(2) and constants, or the whole array as a sh.Table",
+    ),
+    (
+        lambda: sh.map_overlap(counted, {"u": cut(U, 9, 9)}),
         "u is read at an index whose distance from sh.grid_index has no known bound, so no halo is wide enough",
         "u[i + (0, 1)] with i = sh.grid_index(2) and constants, or the whole array as a sh.Table",
     ),
