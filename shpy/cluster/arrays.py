@@ -5,7 +5,6 @@ Stage: cluster.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -59,8 +58,6 @@ def cut_leaves(layout: Layout, given: Any, name: str, precision: str) -> list[An
             continue
         array = entry if is_lazy(entry) else dask_array().from_array(np.asarray(entry), chunks=-1)
         shape = shape_before_data(path, cls, array, _dtype(cls, precision))
-        if any(math.isnan(n) for chunks in array.chunks for n in chunks):
-            raise ShpyTypeError(f"{path} has chunks of unknown sizes", loc=here(), cure=f"{path}.compute_chunk_sizes()")
         if len(shape) < array.ndim and len(array.chunks[-1]) > 1:
             raise ShpyTypeError(
                 f"{path} is a {cls.__name__}, and its chunks {array.chunks[-1]} on the last axis cut the components of "

@@ -67,9 +67,12 @@ def element_shape(name: str, cls: type[Value], shape: Shape) -> Shape:
 
 
 def shape_before_data(name: str, cls: type[Value], array: Any, dtype: Any) -> Shape:
-    """Return the shape of the elements of an array of Dask; ShpyTypeError as for the array that it will be."""
+    """Return the shape of the elements of an array of Dask; ShpyTypeError as for its data, and for unknown extents."""
     shape = element_shape(name, cls, array.shape)
     InputLeaf(name, cls, np.empty((0, *array.shape[len(shape) :]), array.dtype), dtype)
+    if any(math.isnan(n) for n in array.shape):
+        cure = f"{name.removeprefix('the ')}.compute_chunk_sizes()"
+        raise ShpyTypeError(f"{name} has chunks of unknown sizes", loc=here(), cure=cure)
     return shape
 
 

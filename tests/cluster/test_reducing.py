@@ -60,6 +60,12 @@ def test_mistakes_are_errors_before_anything_runs():
         sh.reduce(add, x > 1)
     with pytest.raises(sh.ShpyTypeError, match="takes a program of two scalars or vectors"):
         sh.reduce(max, x)
+    filtered = da.ones(9, chunks=2, dtype=np.float32)
+    filtered = filtered[filtered > 0]
+    for call in (lambda: sh.reduce(add, filtered), lambda: sh.scan(add, filtered), lambda: sh.sort(filtered)):
+        with pytest.raises(sh.ShpyTypeError, match="the array has chunks of unknown sizes") as caught:
+            call()
+        assert caught.value.cure == "array.compute_chunk_sizes()"
 
 
 @pytest.mark.parametrize("n", [1, 2, 4096, 4097, 20_001])
