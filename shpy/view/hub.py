@@ -94,6 +94,8 @@ class Hub:
         worker = await self._pool.take()
         self._drop_recording()  # the file may have changed again meanwhile
         self._recording = worker
+        if worker.status is not None:
+            self._ended(worker)  # before anybody listened to it
         worker.send({"do": "open", "request": self.request, "state": self.state, "worker": worker.number})
 
     def stop(self) -> None:

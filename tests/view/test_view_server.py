@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import signal
 import struct
 import time
 from contextlib import ExitStack, contextmanager
@@ -53,9 +54,10 @@ def page(view, **options):
 
 
 def told(socket, kind):
-    """Return the next message of a kind; frames before it are acknowledged."""
+    """Return the next message of a kind, within 30 s; frames before it are acknowledged."""
+    end = time.monotonic() + 30
     while True:
-        header, rest = wire.unpack(socket.recv(timeout=30))
+        header, rest = wire.unpack(socket.recv(timeout=max(0, end - time.monotonic())))
         if header["kind"] == kind:
             return header, rest
         if header["kind"] == "frame":
@@ -230,6 +232,20 @@ def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_pat
         while any(os.path.exists(f"/proc/{pid}") for pid in workers) and time.monotonic() < deadline:
             time.sleep(0.05)
         assert [pid for pid in workers if os.path.exists(f"/proc/{pid}")] == []
+
+
+def test_a_warm_process_that_ended_is_said_and_the_next_one_draws(tmp_path):
+    path = tmp_path / "wave.py"
+    path.write_text(MOVING)
+    with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
+        told(socket, "frame")
+        for pid in children(found.process.pid):
+            os.kill(pid, signal.SIGKILL)
+        assert "ended by signal 9" in told(socket, "error")[0]["message"]
+        send(socket, do="record")
+        assert "ended by signal 9" in told(socket, "error")[0]["message"]
+        send(socket, do="record")
+        assert told(socket, "recorded")[0]["program"] == "wave"
 
 
 def test_hosts_beyond_loopback_are_numbers_alone():
