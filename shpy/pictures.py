@@ -45,7 +45,7 @@ def picture(shown: Any) -> bytes | None:
     """Return the PNG file of a program of pixels or a stream of colours; None for anything else."""
     if isinstance(shown, Program) and of_pixels(shown):
         return png(pixels(drawn(shown, Moment(_SIZE))))
-    if isinstance(shown, Stream) and len(shown.shape) == 2 and getattr(shown.type, "__name__", "").startswith("Color"):
+    if isinstance(shown, Stream) and len(shown.shape) == 2 and getattr(shown.type, "kind", "") == "Color":
         return png(pixels(shown.numpy()))
     return None
 

@@ -100,10 +100,11 @@ def _into_folder(folder: Path, frames: int, drawn: _Drawn, resume: bool) -> Iter
 
     def run() -> Iterator[int]:
         missing = [number for number, path in enumerate(paths) if not (resume and path.exists())]
-        pictures = zip(missing, drawn(missing), strict=True)
+        pictures = drawn(missing)
+        left = set(missing)
         for number, path in enumerate(paths):
-            if number in missing:
-                _, pixels = next(pictures)
+            if number in left:
+                pixels = next(pictures)
                 picture = pillow.fromarray(np.ascontiguousarray(pixels))
                 with replacing(path) as temporary:
                     picture.save(str(temporary), "PNG", optimize=True)
