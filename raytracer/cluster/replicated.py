@@ -31,6 +31,8 @@ TILE = 1 << 16
 """Pixels of a tile, at most."""
 TILES = 4
 """Tiles for each thread of the cluster, at least: then all finish at about the same time."""
+_PREPARING = ("build_seconds", "record_seconds", "compile_seconds")
+"""Times of `Stats` before the first picture of a Renderer."""
 _Begun = tuple[Layers, int]
 """The layers of a picture that is continued, and the number of its samples."""
 
@@ -135,6 +137,3 @@ def _joined(before: Tile | None, found: Tile) -> Tile:
     joined["calls"] = dict(Counter(a.calls) + Counter(b.calls))
     joined["alive"] = tuple(map(sum, zip_longest(a.alive, b.alive, fillvalue=0)))
     return dataclasses.replace(before, stats=dataclasses.replace(a, rays=a.rays + b.rays, **joined))
-
-
-_PREPARING = ("build_seconds", "record_seconds", "compile_seconds")

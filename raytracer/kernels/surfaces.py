@@ -94,7 +94,7 @@ class SurfaceTables:
             table, rows = getattr(self, name), getattr(layout, name)
             for first, past, _, stale in changes:
                 if table is not None and name in stale:
-                    table.update(layout.held(rows[3 * first : 3 * past]), start=3 * first)
+                    table.update(rows[3 * first : 3 * past], start=3 * first)
 
     @cached_property
     def scale(self) -> Any:
