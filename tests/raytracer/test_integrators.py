@@ -2,19 +2,14 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
+from pictures import same
 
 from raytracer import LayeredCube, Path, PointLight, Renderer, Scene, SceneError, Staged, Whitted, render
 from raytracer.integrators.integrator import Options, chosen
 from raytracer.meshes.shapes import box, floor
 
 SCENE = Scene([box(), floor(4)], [PointLight((2, 4, 3))], name="box")
-
-
-def same(one, other):
-    for layer in one.layers:
-        np.testing.assert_array_equal(one.layers[layer], other.layers[layer])
 
 
 @pytest.mark.parametrize(
