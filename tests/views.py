@@ -39,7 +39,7 @@ class View:
         new.replace(self.path)
 
     def end(self):
-        """End it as Ctrl-C does; gives its exit status and what it said."""
+        """End it as Ctrl-C does; return its exit status and its standard error."""
         self.process.send_signal(signal.SIGINT)
         _, said = self.process.communicate(timeout=20)
         return self.process.returncode, said

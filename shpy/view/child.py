@@ -92,7 +92,7 @@ class Worker:
         self.line.send({"kind": "recorded", "files": session.files(), **session.describe()})
 
     def _frame(self) -> bool:
-        """Send the next frame; gives whether there may be another one at once."""
+        """Send the next frame; return whether another one may follow at once."""
         if self.session is None or self.faulty or self.sent - self.acknowledged >= _AHEAD:
             return False
         found: list[Any] = []

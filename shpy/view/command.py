@@ -58,7 +58,7 @@ def size(text: str) -> tuple[int, int]:
 
 
 def view(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; gives 2 where there is no file, or the server cannot start."""
+    """Serve the page until Ctrl-C; return 0, or 2 where there is no file, or the server cannot start."""
     try:
         path, program = _file(options.file)
         request = {"path": str(path), "name": path.name, "program": program}

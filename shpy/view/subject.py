@@ -79,7 +79,7 @@ class Still:
         return first_output(self.kernels.exactly(form)(**self._given(moment), shape=moment.shape))
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
-        """Go on: time does, and nothing else is kept."""
+        """Return True: time alone goes on, and no stream is kept."""
         return True
 
     def reset(self) -> None:

@@ -1,4 +1,4 @@
-// What there is to say: errors, the trace of a pixel, and the comparison of two forms.
+// Errors, the trace of a pixel, and the comparison of two forms.
 
 import { at, fileName, list, make, spoken } from "./elements.js";
 
