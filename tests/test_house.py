@@ -111,9 +111,11 @@ def test_files_are_short_and_well_named():
     assert [name for name, names in parts.items() if any(UNNAMED.fullmatch(n) for n in names)] == []
 
 
-def test_no_two_files_of_tests_have_one_name():
-    """Pytest imports them by their names alone, and refuses the second."""
-    names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+def test_no_two_modules_of_tests_and_examples_have_one_name():
+    """Their folders stand on one path, where the first module of a name hides the others."""
+    modules = [path for path in CODE if shown(path).startswith(("tests/", "examples/"))]
+    names = Counter(path.name for path in modules if "snapshots" not in path.parts and path.name[:2] != "__")
+    assert names["test_house.py"] == 1
     assert [name for name, count in names.items() if count > 1] == []
 
 

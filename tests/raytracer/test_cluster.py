@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from pictures import same
+from scene_pictures import same
 
 import shpy as sh
 from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, cli, render

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gltf_files import File
-from pictures import SIZE, frames, same
 from PIL import Image as pillow
+from scene_pictures import SIZE, frames, same
 
 from raytracer import Scene, SceneError, cli, render
 from raytracer.animation import animate, spread

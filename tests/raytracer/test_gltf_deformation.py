@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from gltf_files import File
-from pictures import SIZE, frames, same
+from scene_pictures import SIZE, frames, same
 from test_gltf_animation import animated
 
 from raytracer import Scene, SceneError, render

@@ -3,7 +3,7 @@
 import dataclasses
 
 import pytest
-from pictures import same
+from scene_pictures import same
 
 from raytracer import LayeredCube, Path, PointLight, Renderer, Scene, SceneError, Staged, Whitted, render
 from raytracer.integrators.integrator import Options, chosen

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pictures import SIZE, same
+from scene_pictures import SIZE, same
 
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Renderer, Scene, SceneError

@@ -5,7 +5,7 @@ import signal
 
 import numpy as np
 import pytest
-from pictures import same
+from scene_pictures import same
 
 import shpy as sh
 from raytracer import ClusterError, Material, Path, PointLight, Scene, SceneError, Staged, Surface, Texture, render

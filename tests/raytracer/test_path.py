@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from pictures import same
+from scene_pictures import same
 
 import shpy as sh
 from raytracer import (
