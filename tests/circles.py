@@ -1,6 +1,6 @@
 """A contract of import-linter: no circle of files, where imports in functions and for the type checker count too.
 
-`lint-imports` checks it with the others of pyproject.toml. An import that is ignored must be part of a circle.
+`lint-imports` checks it with the others of pyproject.toml.
 """
 
 from __future__ import annotations
@@ -8,43 +8,23 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from grimp import ImportGraph
-from importlinter import Contract, ContractCheck, fields, output
-
-Import = tuple[str, str]
+from importlinter import Contract, ContractCheck, output
 
 
 class NoCircles(Contract):
-    """No module imports itself, directly or through others.
-
-    Options:
-
-        - ignore_imports: imports that are to be removed, as "importer -> imported".
-    """
+    """No module imports itself, directly or through others."""
 
     type_name = "no_circles"
 
-    ignore_imports = fields.SetField(subfield=fields.StringField(), required=False)
-
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Find the circles that are left without the ignored imports, and the ignored imports that close none."""
-        ignored: set[Import] = {tuple(entry.split(" -> ")) for entry in self.ignore_imports or ()}  # type: ignore[misc]
-        edges = {m: graph.find_modules_directly_imported_by(m) for m in graph.modules}
-        kept = {m: {n for n in found if (m, n) not in ignored} for m, found in edges.items()}
-        circles = circles_of(kept)
-        unneeded = [
-            (importer, imported)
-            for importer, imported in sorted(ignored)
-            if imported not in edges.get(importer, ()) or importer not in reached(kept, imported)
-        ]
-        metadata = {"circles": circles, "unneeded": unneeded}
-        return ContractCheck(kept=not circles and not unneeded, metadata=metadata)
+        """Find the circles."""
+        circles = circles_of({m: graph.find_modules_directly_imported_by(m) for m in graph.modules})
+        return ContractCheck(kept=not circles, metadata={"circles": circles})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
-        """Print the circles and the entries without need."""
+        """Print the circles."""
         for circle in check.metadata["circles"]:
             output.print_error(f"circle: {' -> '.join(circle)}")
-        for importer, imported in check.metadata["unneeded"]:
-            output.print_error(f"closes no circle, remove the entry: {importer} -> {imported}")
 
 
 def reached(edges: dict[str, set[str]], start: str) -> set[str]:

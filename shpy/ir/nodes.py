@@ -15,6 +15,7 @@ count for equality, nor does the metadata of params; names of ports, params, tab
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from shpy.errors import Loc as Loc
@@ -232,6 +233,13 @@ class Module:
         return self.functions[-1]
 
     def __str__(self) -> str:
-        from shpy.ir.text import print_module
+        return _printer(self)
 
-        return print_module(self)
+
+_printer: Callable[[Module], str] = repr
+
+
+def bind_printer(printer: Callable[[Module], str]) -> None:
+    """Have `str` of a module call this function. The text imports the nodes, so it binds its printer here."""
+    global _printer
+    _printer = printer

@@ -44,6 +44,7 @@ from shpy.ir.nodes import (
     Table,
     Value,
     Variable,
+    bind_printer,
 )
 from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Type
@@ -75,6 +76,9 @@ class Line:
 def print_module(module: Module, names: bool = True, locations: bool = True) -> str:
     """Return the module as text; `names` of values and variables and `locations` can be left out."""
     return "\n".join(map(str, lines(module, names, locations))) + "\n"
+
+
+bind_printer(print_module)
 
 
 def lines(module: Module, names: bool = True, locations: bool = True) -> list[Line]:
