@@ -74,7 +74,7 @@ class Part:
         tracer.surfaces.black = data.black
         walk = tracer.intersector
         assert isinstance(walk, BvhIntersector)
-        walk.leaves.numbers = sh.Table(data.numbers[structure.items], sh.Attrib1i, "items")
+        tracer.surfaces.numbers = sh.Table(data.numbers, sh.Attrib1i, "numbers")
         self.eyes = stages.generator(tracer, eye_rays_of(data.camera))
         programs = {"generate": self.eyes, "meet": stages.meeting(walk), "shade": stages.shading(tracer)}
         options: dict[str, Any] = {"precision": integrator.precision, "math": integrator.math, "loop_limit": None}
@@ -138,19 +138,26 @@ class Part:
         columns["nearest.l"] = columns["ray.limit"].copy()
         columns["nearest.uv"] = np.zeros((size, 2), np.float32)
         columns["nearest.id"] = np.full(size, -1, np.int32)
-        columns["visited"] = np.zeros(size, np.int64)
+        columns["last"] = np.full(size, -1, np.int64)
         columns["owner"] = np.full(size, -1, np.int64)
         return self._routed(records)
 
     def _meet(self, records: Records) -> Records:
-        """Let rays meet the triangles of this part."""
-        before = records.columns["nearest.id"]
+        """Let rays meet the triangles of this part.
+
+        A triangle of another part that was met before stands as the place that it would have among those of this one:
+        at the same distance, those before this place are the ones of lower numbers.
+        """
+        columns, numbers = records.columns, self.data.numbers
         self.visits += len(records)
-        found = self.kernels["meet"](ray=records.given("ray"), nearest=records.given("nearest"))
-        records.take("nearest", found)
-        mine = records.columns["nearest.id"] != before
-        records.columns["owner"] = np.where(mine, self.data.number, records.columns["owner"])
-        records.columns["visited"] = records.columns["visited"] | (1 << self.data.number)
+        before, reach = columns["nearest.id"], columns["nearest.l"]
+        place = np.where(before >= 0, np.searchsorted(numbers, before), -1).astype(np.int32)
+        columns["nearest.id"] = place
+        records.take("nearest", self.kernels["meet"](ray=records.given("ray"), nearest=records.given("nearest")))
+        mine = (columns["nearest.id"] != place) | (columns["nearest.l"] != reach)
+        columns["nearest.id"] = np.where(mine, numbers[columns["nearest.id"].clip(0, len(numbers) - 1)], before)
+        columns["owner"] = np.where(mine, self.data.number, columns["owner"])
+        columns["last"] = np.full(len(records), self.data.number)
         return self._routed(records)
 
     def _routed(self, records: Records) -> Records:

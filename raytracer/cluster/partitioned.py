@@ -24,7 +24,7 @@ from raytracer.cluster.job import Job, check_alike
 from raytracer.cluster.part import Part, PartData, Stepped
 from raytracer.cluster.records import Records, joined
 from raytracer.cluster.store import KEPT, kept
-from raytracer.cluster.tasks import await_worker, shown
+from raytracer.cluster.tasks import await_worker, is_loss, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted
@@ -35,8 +35,10 @@ from raytracer.kernels.tracer import Pixel
 from raytracer.layered.cube import is_layered
 from raytracer.scene.layout import Layout
 
-MOST = 62
-"""Parts, at most: a record has a bit for each."""
+MOST = 1024
+"""Parts, at most."""
+LOSSES = 3
+"""Workers that may be lost over the same band, as Dask has it for a task."""
 BAND = 1 << 17
 """Eye rays that are on their way at once."""
 
@@ -46,9 +48,9 @@ def render_partitioned(
 ) -> Image:
     """Render a picture of a scene that is cut into `partitions` parts, with the bits that one process gives it.
 
-    The integrator is a `Whitted` with the accelerator "bvh". Raises SceneError for others, for scenes with glass or
-    cutouts and programs that read `Hit.triangle`, and for a number of parts that is not from 1 to 62; ClusterError
-    where a worker is lost, whose part no other has.
+    The integrator is a `Whitted` with the accelerator "bvh". Raises SceneError for others, for scenes with glass, and
+    for a number of parts that is not from 1 to 1024. Where a worker is lost, its parts are sent to others and the band
+    begins again; ClusterError where that happens again and again.
     """
     started = time.perf_counter()
     width, height = whole_size(size)
@@ -89,14 +91,10 @@ def check_partitions(job: Job, partitions: int) -> None:
 
 
 def _check_layout(layout: Layout) -> Appearance:
-    """Return the materials of a scene; SceneError for those that need more of a hit than its part knows."""
+    """Return the materials of a scene; SceneError where some are clear."""
     appearance = Appearance(layout)
     if (layout.glass[::2, 0] > 0).any() or "transmission" in appearance.gives:
         raise SceneError("partitions follow mirrored rays alone, and this scene has glass: leave the partitions out")
-    if "cutout" in appearance.gives:
-        raise SceneError("partitions have no cutouts, and this scene has: leave the partitions out")
-    if "triangle" in appearance.reads:
-        raise SceneError("a program reads Hit.triangle, which partitions do not tell: leave it or the partitions out")
     return appearance
 
 
@@ -157,18 +155,40 @@ class _Run:
     def __init__(self, client: Any, parts: list[PartData]) -> None:
         self.client, self.parts, self.moved = client, parts, Counter(records=0, bytes=0, rounds=0, traced=0)
         self.fingerprint: str | None = None
-        await_worker(client)
-        workers = sorted(client.nthreads())
-        self.homes = [workers[number % len(workers)] for number in range(len(parts))]
-        try:
-            self.sent = [
-                client.scatter(part, workers=[home], hash=False) for part, home in zip(parts, self.homes, strict=True)
-            ]
-        except Exception as error:
-            raise shown(error) from None
+        self.sent: dict[int, Any] = {}
+        self.homes: dict[int, str] = {}
 
     def traced(self, top: int, count: int, width: int) -> Pixel:
-        """Trace `count` rows of eye rays from `top` on; return their layers."""
+        """Trace `count` rows of eye rays from `top` on; return their layers.
+
+        Once more where a worker is lost: the records that it held are lost as well.
+        """
+        before = self.moved.copy()
+        for losses in range(LOSSES + 1):
+            try:
+                self._place()
+                return self._traced(top, count, width)
+            except Exception as error:
+                if losses == LOSSES or not is_loss(error):
+                    raise shown(error) from None
+            self.moved = before.copy()
+        raise AssertionError  # the last attempt returns or raises
+
+    def _place(self) -> None:
+        """Send each part that no worker holds to the worker that has the fewest."""
+        await_worker(self.client)
+        there = [sent for sent in self.sent.values() if not sent.cancelled()]
+        holders = self.client.who_has(there) if there else {}
+        self.homes = {number: home for number, sent in self.sent.items() for home in holders.get(sent.key, ())[:1]}
+        load = dict.fromkeys(sorted(self.client.nthreads()), 0) | Counter(self.homes.values())
+        for number, part in enumerate(self.parts):
+            if number not in self.homes:
+                home = min(load, key=lambda worker: load[worker])
+                self.sent[number] = self.client.scatter(part, workers=[home], hash=False)
+                self.homes[number] = home
+                load[home] += 1
+
+    def _traced(self, top: int, count: int, width: int) -> Pixel:
         ends = [count * number // len(self.parts) for number in range(len(self.parts) + 1)]
         steps = {
             number: self._submit(_begin, number, (top + first, past - first, width, first * width))
@@ -188,10 +208,7 @@ class _Run:
 
     def _round(self, steps: dict[int, Any], done: list[Records]) -> dict[int, Any]:
         """Wait for the step of every part; start those of the next round, with the records that go there."""
-        try:
-            tellings = self.client.gather([self.client.submit(_tell, step, pure=False) for step in steps.values()])
-        except Exception as error:
-            raise shown(error) from None
+        tellings = self.client.gather([self.client.submit(_tell, step, pure=False) for step in steps.values()])
         self.moved["rounds"] += 1
         incoming: dict[int, list[Any]] = {}
         data = self.parts[0]

@@ -15,6 +15,8 @@ from raytracer.kernels.triangle import REACH
 
 SLACK = 2 * REACH
 """The part of a distance by which a part's box is taken to begin earlier and to end later."""
+AT_ONCE = 1 << 20
+"""Pairs of a ray and a box that are computed at once."""
 GROWTH = 2.0**-16
 """The part of the largest coordinate by which boxes are grown, which is many roundings of f32, but of f16 one."""
 
@@ -63,9 +65,17 @@ def joined(parts: Iterable[Records]) -> Records:
 def next_part(records: Records, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.int64]:
     """Return for each ray the part, of boxes from `low` to `high` (k, 3), that it enters next; -1 for none.
 
-    Parts that it has visited are left out, and those that begin behind its nearest hit. Boxes are met with a margin, so
-    that no triangle is missed that its part would find; a visit too many finds nothing.
+    A ray visits parts in the order of the distances at which it enters them, and at equal distances in that of their
+    numbers. So those after its `last` one in this order are left, and `last` = -1 is before all. Parts that begin
+    behind the nearest hit are left out. Boxes are met with a margin, so that no triangle is missed that its part would
+    find; a visit too many finds nothing.
     """
+    rays = max(1, AT_ONCE // len(low))
+    blocks = [records[slice(first, first + rays)] for first in range(0, len(records), rays)]
+    return np.concatenate([np.empty(0, np.int64), *(_next_part(block, low, high) for block in blocks)])
+
+
+def _next_part(records: Records, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.int64]:
     eye, ray = (records.columns[name].astype(np.float64)[:, None] for name in ("ray.eye", "ray.direction"))
     reach = records.columns["nearest.l"].astype(np.float64)[:, None]
     grown = GROWTH * np.maximum(np.abs(low).max(initial=0), np.abs(high).max(initial=0))
@@ -78,6 +88,8 @@ def next_part(records: Records, low: NDArray[Any], high: NDArray[Any]) -> NDArra
     leave = np.where(still, np.where(inside, np.inf, -np.inf), np.maximum(first, last)).min(axis=2)
     enter = np.maximum(enter, 0)
     met = (enter * (1 - SLACK) <= leave * (1 + SLACK)) & (enter * (1 - SLACK) <= reach)
-    met &= (records.columns["visited"][:, None] >> np.arange(len(low))) & 1 == 0
+    last, numbers = records.columns["last"][:, None], np.arange(len(low))
+    before = np.take_along_axis(enter, last, axis=1)
+    met &= (last < 0) | (enter > before) | ((enter == before) & (numbers > last))
     enter = np.where(met, enter, np.inf)
     return np.where(met.any(axis=1), enter.argmin(axis=1), -1)

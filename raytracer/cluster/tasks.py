@@ -96,6 +96,14 @@ def in_order(client: Any, function: Callable[..., Any], items: Iterable[Any], *s
         client.cancel(futures, force=True)
 
 
+def is_loss(error: Exception) -> bool:
+    """Return whether a task was lost with a worker."""
+    from distributed import CancelledError, KilledWorker
+    from distributed.comm import CommClosedError
+
+    return isinstance(error, KilledWorker | CancelledError | CommClosedError | TimeoutError)
+
+
 def shown(error: Exception) -> Exception:
     """Return a task's error with the lines of the user's code alone, or the ClusterError that says what befell it."""
     from distributed import CancelledError, KilledWorker

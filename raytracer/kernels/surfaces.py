@@ -62,6 +62,7 @@ class SurfaceTables:
 
     def __init__(self, layout: Layout, triangles: Triangles) -> None:
         self.triangles = triangles
+        self.numbers: Any = None  # the table of the numbers by which programs know triangles, if not their places
         self.roundoff = layout.roundoff
         self.normals = None if layout.normals is None else sh.Table(layout.held(layout.normals), sh.Attrib4f, "normals")
         self.colors = None if layout.colors is None else sh.Table(layout.held(layout.colors), sh.Attrib4f, "colors")
@@ -225,7 +226,7 @@ class SurfaceTables:
                 "uv": lambda: self.uv_at(hit),
                 "color": lambda: self.vertex_color(hit),
                 "object": lambda: self.object_at(hit),
-                "triangle": lambda: hit.id,
+                "triangle": lambda: hit.id if self.numbers is None else self.numbers[hit.id],
                 "distance": lambda: hit.l / self.scale,
                 "outside": lambda: side > 0,
             }

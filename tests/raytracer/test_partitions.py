@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -9,9 +10,8 @@ from scene_pictures import same
 
 import shpy as sh
 from raytracer import ClusterError, Material, Path, PointLight, Scene, SceneError, Staged, Surface, Texture, render
-from raytracer.cluster import connection
-from raytracer.cluster.job import Job
-from raytracer.cluster.partitioned import _groups, render_partitioned
+from raytracer.cluster import connection, partitioned, records
+from raytracer.cluster.partitioned import _groups
 from raytracer.cluster.records import Records, next_part
 from raytracer.integrators.integrator import Whitted
 from raytracer.meshes.shapes import box, floor, sphere
@@ -27,6 +27,10 @@ def striped(hit):
     return Surface(color=sh.cond(sh.fract(4 * hit.position.x) < 0.5, sh.Color3f(0.9), sh.Color3f(0.1)))
 
 
+def numbered(hit):
+    return Surface(color=sh.Color3f(0.01 * sh.Attrib1f(hit.triangle)))
+
+
 def mirrors():
     """Boxes and balls that share faces, edges and corners, with lights, mirrors, a program and a texture."""
     mirror = Material((0.9, 0.9, 0.9), reflectivity=0.7)
@@ -36,6 +40,8 @@ def mirrors():
         box((1, 1, 1), Material(surface=striped)).moved((1, 0, 0)),
         box((1, 1, 1), mirror).moved((1, 0, 0)),  # each of its triangles twice: ties are broken by the number
         sphere(0.7, Material((0.8, 0.2, 0.1), specular=0.6), rings=6, segments=8).moved((-0.5, 1.2, 0)),
+        box((0.5, 2, 0.5), Material(cutout=Texture(np.eye(4)))).moved((-1.5, 0.5, 1)),
+        sphere(0.3, Material(surface=numbered), rings=3, segments=4).moved((1, 1.2, 0.5)),
         floor(9, picture).moved((0, -0.5, 0)),
     )
     return Scene(meshes, (PointLight((3, 6, 5), (0.8, 0.8, 0.7)), PointLight((-4, 5, 3), (0.3, 0.3, 0.4))))
@@ -68,31 +74,47 @@ def test_a_ray_goes_to_the_part_that_it_enters_next():
     low = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     high = low + 1
 
-    def goals(eye, ray, reach=np.inf, visited=0):
-        columns = {"ray.eye": [eye], "ray.direction": [ray], "nearest.l": [reach], "visited": [visited]}
+    def goals(eye, ray, reach=np.inf, last=-1):
+        columns = {"ray.eye": [eye], "ray.direction": [ray], "nearest.l": [reach], "last": [last]}
         return next_part(Records({name: np.array(value) for name, value in columns.items()}), low, high).tolist()
 
     assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0)) == [0]
-    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), visited=0b001) == [1]
-    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), visited=0b111) == [-1]
-    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), reach=1.5, visited=0b001) == [-1]
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), last=0) == [1]
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), last=2) == [-1]
+    assert goals((-1.0, 0.5, 0.5), (1.0, 0.0, 0.0), reach=1.5, last=0) == [-1]
     assert goals((4.0, 0.5, 0.5), (-1.0, 0.0, 0.0)) == [2]
     assert goals((1.5, 0.5, 0.5), (0.0, 0.0, 1.0)) == [1]
     assert goals((1.5, 1.5, 0.5), (0.0, 0.0, 1.0)) == [-1]
     assert goals((1.5, 0.5, 0.5), (np.nan, 0.0, 1.0)) == [-1]
 
 
-def triangles(hit):
-    return Surface(color=sh.Color3f(sh.Attrib1f(hit.triangle)))
+def test_a_ray_visits_any_number_of_parts_once_and_in_their_order():
+    low = np.random.default_rng(1).permutation(100)[:, None] * np.ones(3)
+    last, visited = -1, []
+    while True:
+        columns = {"ray.eye": [[-1.0, -1, -1]], "ray.direction": [[1.0, 1, 1]], "nearest.l": [np.inf], "last": [last]}
+        (last,) = next_part(Records({name: np.array(value) for name, value in columns.items()}), low, low + 1).tolist()
+        if last < 0:
+            break
+        visited.append(last)
+    assert visited == np.argsort(low[:, 0]).tolist()
+
+
+def test_parts_are_found_for_blocks_of_rays(monkeypatch):
+    monkeypatch.setattr(records, "AT_ONCE", 7)
+    low = np.array([[0.0, 0, 0], [1, 0, 0]])
+    eye = np.array([[0.5 + k % 2, 0.5, -1] for k in range(9)])
+    rays = {"ray.eye": eye, "ray.direction": np.tile([0.0, 0, 1], (9, 1)), "nearest.l": np.full(9, np.inf)}
+    rays["last"] = np.full(9, -1)
+    assert next_part(Records(rays), low, low + 1).tolist() == [0, 1, 0, 1, 0, 1, 0, 1, 0]
+    assert not len(next_part(Records({}), low, low + 1))
 
 
 @pytest.mark.parametrize(
     ("material", "given", "message"),
     [
         (Material(transmission=1.0), {}, "this scene has glass"),
-        (Material(cutout=Texture(np.ones((1, 1)))), {}, "partitions have no cutouts"),
-        (Material(surface=triangles), {}, "a program reads Hit.triangle"),
-        (Material(), {"partitions": 0}, "a scene is cut into 1 to 62 partitions, not 0"),
+        (Material(), {"partitions": 0}, "a scene is cut into 1 to 1024 partitions, not 0"),
         (Material(), {"integrator": Path()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
         (Material(), {"integrator": Staged()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
         (Material(), {"accel": "grid"}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
@@ -108,12 +130,50 @@ def test_what_partitions_cannot_render_is_refused(client, material, given, messa
         render(scene, (4, 4), backend="numpy", **{"cluster": client, "partitions": 2, **given})
 
 
-def test_the_loss_of_a_worker_with_a_part_is_told(client):
-    pid = next(iter(client.run(os.getpid).values()))
+def test_the_parts_of_a_worker_that_is_killed_go_to_others(client, monkeypatch):
+    monkeypatch.setattr(partitioned, "BAND", 60)
+    given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
+    pids, killed = list(client.run(os.getpid).values()), []
 
     def kill(done, rows):
-        os.kill(pid, signal.SIGKILL)
+        if not killed:
+            killed.append(pids[0])
+            os.kill(pids[0], signal.SIGKILL)
 
-    job = Job(mirrors(), Whitted(bounces=2), "numpy")
-    with pytest.raises(ClusterError, match="lost"):
-        render_partitioned(client, job, (400, 700), 2, progress=kill)
+    found = render(mirrors(), (18, 13), cluster=client, partitions=4, progress=kill, **given)
+    assert killed
+    same(found, render(mirrors(), (18, 13), **given))
+
+
+def test_the_loss_of_workers_again_and_again_over_the_same_band_is_told(client, monkeypatch):
+    from distributed import CancelledError
+
+    tries = []
+
+    def lost(self, *band):
+        tries.append(band)
+        raise CancelledError("a part")
+
+    monkeypatch.setattr(partitioned._Run, "_traced", lost)
+    with pytest.raises(ClusterError, match="the cluster has lost or cancelled a task"):
+        render(mirrors(), (4, 4), cluster=client, partitions=2, backend="numpy")
+    assert tries == [(0, 4, 4)] * 4
+
+
+@pytest.mark.slow
+def test_pictures_of_parts_with_workers_killed_at_twenty_moments_are_the_same(client, monkeypatch):
+    """Each run loses a worker after another number of milliseconds."""
+    monkeypatch.setattr(partitioned, "BAND", 4000)
+    given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
+    wanted, counts = render(mirrors(), (160, 120), **given), []
+    random = np.random.default_rng(5)
+    for parts in (1, 2, 4, 8) * 5:
+        client.wait_for_workers(2, timeout=120)
+        pid = int(random.choice(list(client.run(os.getpid).values())))
+        timer = threading.Timer(random.uniform(0, 4), os.kill, (pid, signal.SIGKILL))
+        timer.start()
+        found = render(mirrors(), (160, 120), cluster=client, partitions=parts, **given)
+        timer.join()
+        same(found, wanted)
+        counts.append((parts, *found.stats.moved.values()))
+    assert len(set(counts)) == 4  # what was lost is not counted
