@@ -33,14 +33,13 @@ _TRANSLATED = (
     *("KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"),
     *("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_volume"),
 )
-_HARMLESS = ("KHR_materials_", "KHR_animation_", "KHR_xmp", "MSFT_", "KHR_node_")
-"""Beginnings of the names of extensions without which a file still shows its shapes."""
 
 
 class Document:
     """The JSON of a file as `tree`, and what its buffers hold.
 
-    Raises SceneError for another version, for what is cut off, and for extensions without which no shape can be read.
+    Raises SceneError for another version, for what is cut off, and for extensions that the file requires and that are
+    not read: the specification forbids to show such a file without them.
     """
 
     def __init__(self, data: bytes, folder: Folder) -> None:
@@ -53,10 +52,10 @@ class Document:
         version = str(tree.get("asset", {}).get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise SceneError(f"its version of glTF is {shown(version)}, not 2.0")
-        unread = set(tree.get("extensionsRequired", [])) - set(_TRANSLATED)
-        unread = {name for name in unread if not name.startswith(_HARMLESS)}
+        unread = set(map(str, tree.get("extensionsRequired", []))) - set(_TRANSLATED)
         if unread:
-            raise SceneError(f"it needs {shown(', '.join(sorted(unread)))}, which is not read: export it without")
+            names, are = shown(", ".join(sorted(unread))), "is" if len(unread) == 1 else "are"
+            raise SceneError(f"it needs {names}, which {are} not read: export it without")
         self._lists: dict[str, list[dict[str, Any]]] = {}
         self._buffers: dict[int, bytes] = {}
         self._zeros = 0

@@ -297,6 +297,8 @@ def test_trimesh_reads_what_we_read(tmp_path):
         (lambda tree: tree["bufferViews"][0].update(byteLength=10**9), "ends at byte"),
         (lambda tree: tree["accessors"][2].update(componentType=5126), "not a readable GLB"),
         (lambda tree: tree.update(extensionsRequired=["KHR_draco_mesh_compression"]), "export it without"),
+        (lambda tree: tree.update(extensionsRequired=["KHR_materials_unlit"]), "KHR_materials_unlit, which is not"),
+        (lambda tree: tree.update(extensionsRequired=["MSFT_lod", "A_b"]), "needs A_b, MSFT_lod, which are not read"),
         (lambda tree: tree.update(asset={"version": "1.0"}), "version of glTF is 1.0"),
         (lambda tree: tree.update(nodes=[{"mesh": 0, "children": "x"}]), "not a readable GLB"),
         (lambda tree: tree["accessors"][0].pop("type"), r"\(it lacks 'type'\)"),
