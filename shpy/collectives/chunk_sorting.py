@@ -1,4 +1,4 @@
-"""sh.sort over Dask arrays: blocks are sorted, and a network of merges brings each element to its block.
+"""sh.sort and sh.argsort over Dask arrays: blocks are sorted, and a network of merges brings each element to its block.
 
 Stage: run. A merge takes two blocks and gives the lesser and the greater half, so a worker holds two blocks at a time,
 and the chunks of the result are known before anything runs. Elements are ordered by key and then by their first place,
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -25,34 +25,63 @@ from shpy.streams.elements import dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-"""Keys as unsigned ints, first places, and elements of a block."""
-_TYPES = {"f": Attrib1f, "i": Attrib1i, "u": Attrib1u, "b": Attrib1b}
+"""Keys as unsigned ints, first places, and elements of a block, which `argsort` leaves out."""
+Keys = Callable[[Stream], NDArray[Any]]
+"""Gives the keys of a stream, (n,)."""
+TYPES = {"f": Attrib1f, "i": Attrib1i, "u": Attrib1u, "b": Attrib1b}
+"""The types of scalars by the kinds of numpy's dtypes."""
 
 
-def sort_chunks(keys_of: Callable[..., Any], array: Any, key: Program | None, descending: bool) -> Any:
-    """Return the Dask array of the elements in order; `keys_of` gives the memory of the keys of a stream."""
-    import dask
+def sort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool) -> Any:
+    """Return the Dask array of the elements in order; `keys_of` gives the keys of a stream."""
+    cls = _element(array, key, "sort")
+    dtype = dtypes_at("f32")[cls.base]
+    parts, tail = _ordered(keys_of, array, cls, descending, keeps=True)
+    return _joined(((part[2], n) for part, n in parts), tail, dtype)
+
+
+def argsort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool) -> Any:
+    """Return the Dask array of the first places of the elements in order."""
+    parts, _ = _ordered(keys_of, array, _element(array, key, "argsort"), descending, keeps=False)
+    return _joined(((part[1], n) for part, n in parts), (), np.dtype(np.int64)).astype(place_type(array.size))
+
+
+def place_type(count: int) -> type[np.signedinteger[Any]]:
+    """Return the type of the places of so many elements: int32, as in streams, if it holds all of them."""
+    return np.int32 if count <= 1 << 31 else np.int64
+
+
+def _joined(blocks: Iterable[tuple[Any, int]], tail: tuple[int, ...], dtype: np.dtype[Any]) -> Any:
+    """Return the Dask array of blocks, each with its number of elements."""
     import dask.array as da
 
-    cls = _element(array, key)
+    return da.concatenate([da.from_delayed(block, shape=(n, *tail), dtype=dtype) for block, n in blocks])
+
+
+def _ordered(
+    keys_of: Keys, array: Any, cls: Any, descending: bool, *, keeps: bool
+) -> tuple[list[tuple[Any, int]], tuple[int, ...]]:
+    """Return the parts in order, each with its number of elements, and the axes of components.
+
+    `keeps` says whether the parts hold the elements.
+    """
+    import dask
+
     dtype = dtypes_at("f32")[cls.base]
     shape = shape_before_data("the array", cls, array, dtype)
     tail = array.shape[len(shape) :]
-    keys_of(Stream(np.zeros((1, *tail), dtype), cls, "numpy"), key, "sort")
+    keys_of(Stream(np.zeros((1, *tail), dtype), cls, "numpy"))
     flat = array.reshape((math.prod(shape), *tail))
     flat = flat.rechunk({0: max(1, *flat.chunks[0]), **({1: -1} if tail else {})})
     starts = np.cumsum((0, *flat.chunks[0])).tolist()
-    packed = pickle.dumps((cls, key))
+    packed = pickle.dumps((cls, keys_of))
     parts = [
-        dask.delayed(_sorted, pure=True)(block, start, keys_of, packed, descending)
+        dask.delayed(_sorted, pure=True)(block, start, packed, descending, keeps)
         for block, start in zip(flat.to_delayed().ravel(), starts[:-1], strict=True)
     ]
     for low, high in network(len(parts)):
         parts[low], parts[high] = dask.delayed(_merged, pure=True, nout=2)(parts[low], parts[high])
-    made = [
-        da.from_delayed(part[2], shape=(n, *tail), dtype=dtype) for part, n in zip(parts, flat.chunks[0], strict=True)
-    ]
-    return da.concatenate(made)
+    return list(zip(parts, flat.chunks[0], strict=True)), tail
 
 
 def network(count: int) -> Iterator[tuple[int, int]]:
@@ -69,29 +98,29 @@ def network(count: int) -> Iterator[tuple[int, int]]:
         p *= 2
 
 
-def _element(array: Any, key: Any) -> Any:
+def _element(array: Any, key: Any, name: str) -> Any:
     """Return the type of an element: that of the key's input, or one of the array's dtype."""
     if key is None:
-        if array.dtype.kind not in _TYPES:
-            raise ShpyTypeError(f"sh.sort takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
-        return _TYPES[array.dtype.kind]
+        if array.dtype.kind not in TYPES:
+            raise ShpyTypeError(f"sh.{name} takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
+        return TYPES[array.dtype.kind]
     types = list(key.recorded.inputs.values()) if isinstance(key, Program) else []
     if len(types) == 1 and isinstance(types[0], Leaf):
         return types[0].cls
     raise ShpyTypeError(
-        f"sh.sort over a Dask array takes a program of one scalar or vector as key, not {key!r}",
+        f"sh.{name} over a Dask array takes a program of one scalar or vector as key, not {key!r}",
         loc=here(),
         cure="@sh.program of one sh.Attrib3f that gives one number",
     )
 
 
-def _sorted(block: Any, start: int, keys_of: Callable[..., Any], packed: bytes, descending: bool) -> Part:
-    cls, key = pickle.loads(packed)
+def _sorted(block: Any, start: int, packed: bytes, descending: bool, keeps: bool) -> Part:
+    cls, keys_of = pickle.loads(packed)
     stream = Stream(block, cls)
-    keys = _unsigned(np.asarray(keys_of(stream, key, "sort").read()).reshape(-1))
+    keys = _unsigned(keys_of(stream))
     keys = ~keys if descending else keys
     order = np.argsort(keys, kind="stable")
-    return keys[order], order + start, stream.numpy()[order]
+    return keys[order], order + start, stream.numpy()[order] if keeps else np.empty((len(order), 0))
 
 
 def _merged(low: Part, high: Part) -> tuple[Part, Part]:

@@ -10,8 +10,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from shpy.collectives.arguments import check_stream, mask_at, shaped
+from shpy.collectives.chunk_places import compact_chunks
 from shpy.collectives.leaves import Leaves
 from shpy.ieee import in_ieee_arithmetic
+from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.values.types import Attrib1i
 from shpy.streams.stream import Stream
 
@@ -19,18 +21,22 @@ from shpy.streams.stream import Stream
 class Compacted(NamedTuple):
     """The result of `sh.compact`: the elements, (n,), and the former index of each, (n,) ints."""
 
-    elements: Stream
-    indices: Stream
+    elements: Any
+    indices: Any
 
 
 @in_ieee_arithmetic
-def compact(stream: Stream, mask: Any) -> Compacted:
+def compact(stream: Any, mask: Any) -> Compacted:
     """Return the elements for which the mask holds, in their order, and the indices that they had.
 
     `mask`: bools of the stream's shape, a Stream or an array. Elements of several axes are taken in C order, and an
     index is a position in that order: `sh.gather` takes it. Both results have the shape (n,) for n elements, and the
-    call waits for the device to know n. Raises ShpyTypeError for a mask of another type, shape or device.
+    call waits for the device to know n. Of a Dask array of scalars or vectors, with a mask of bools in chunks or not,
+    both are Dask arrays, whose chunks have unknown sizes until they are computed.
+    Raises ShpyTypeError for a mask of another type, shape or device.
     """
+    if is_lazy(stream):
+        return Compacted(*compact_chunks(stream, mask))
     given = check_stream(stream, "compact")
     place = given.place
     marks = mask_at(place, mask, given.shape)

@@ -15,6 +15,7 @@ import numpy as np
 
 from shpy.backends.base import Memory
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
+from shpy.collectives.chunk_places import scatter_chunks
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
 from shpy.collectives.programs import annotated
 from shpy.collectives.scanning import scan
@@ -22,6 +23,7 @@ from shpy.collectives.trees import check_combination, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
+from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
@@ -54,8 +56,8 @@ def gather(stream: Stream, index: Any) -> Stream:
 
 @in_ieee_arithmetic
 def scatter(
-    values: Stream, index: Any, shape: Any = None, combine: Program | None = None, out: Stream | None = None
-) -> Stream:
+    values: Any, index: Any, shape: Any = None, combine: Program | None = None, out: Stream | None = None
+) -> Any:
     """Write each value to the place that its index names, in a new stream of `shape` or in `out`; return that stream.
 
     `index`: an int for each value, a Stream of Attrib1i or Attrib1u or an array. It counts the places in C order.
@@ -64,9 +66,13 @@ def scatter(
     `combine`, a program (a, b) -> a, combines them instead: first with second, the result with the third, and so on in
     the order of their positions, a left fold. What `out` held takes no part in it. The values of one place are
     combined one after the other, so a place with many values takes long.
+    Of a Dask array of scalars or vectors, with an index that is one or an array of numpy, and a shape, it returns a
+    Dask array, for any chunks with the bits of one Stream. A worker holds all values that go to a block of it.
     Raises ShpyTypeError for an index of another type, shape or device, a program of other types, and for an `out` of
     another type, shape or device.
     """
+    if is_lazy(values) or is_lazy(index):
+        return scatter_chunks(scatter, values, index, shape, combine, out)
     given = check_stream(values, "scatter")
     memory, index_shape = indices_at(given.place, index, "index")
     if index_shape != given.shape:

@@ -8,11 +8,15 @@ Stage: run.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shpy.backends.base import Memory
 from shpy.collectives.arguments import check_stream, shaped
-from shpy.collectives.chunk_sorting import sort_chunks
+from shpy.collectives.chunk_sorting import argsort_chunks, sort_chunks
 from shpy.collectives.leaves import Leaves
 from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
@@ -39,7 +43,7 @@ def sort(stream: Any, key: Program | None = None, descending: bool = False) -> A
     """
     descending = checked_bool(descending, "descending")
     if is_lazy(stream):
-        return sort_chunks(keys_of, stream, key, descending)
+        return sort_chunks(partial(host_keys, key=key, name="sort"), stream, key, descending)
     given = check_stream(stream, "sort")
     leaves = Leaves(given.place)
     keys = keys_of(given, key, "sort")
@@ -50,20 +54,29 @@ def sort(stream: Any, key: Program | None = None, descending: bool = False) -> A
 
 
 @in_ieee_arithmetic
-def argsort(
-    stream: Stream, key: Program | None = None, descending: bool = False, *, below: int | None = None
-) -> Stream:
+def argsort(stream: Any, key: Program | None = None, descending: bool = False, *, below: int | None = None) -> Any:
     """Return the indices, ints of shape (n,), that bring the elements into the order of `sh.sort`.
 
     `sh.gather(stream, sh.argsort(stream))` is `sh.sort(stream)`; so several streams can be sorted by one of them.
     `below` says that the keys are ints from 0 to `below` - 1, such as numbers of cells: a device that sorts by digits
-    takes fewer passes then. A key that is out of range counts as the nearest one in range. Raises ShpyTypeError as
+    takes fewer passes then. A key that is out of range counts as the nearest one in range. Of a Dask array of scalars
+    or vectors it returns a Dask array, of int64 where that has more than 2**31 elements. Raises ShpyTypeError as
     `sh.sort` does, and for a `below` that is no int from 1 to 2**31 or beside keys that are no ints.
     """
-    given, descending = check_stream(stream, "argsort"), checked_bool(descending, "descending")
+    descending = checked_bool(descending, "descending")
+    if is_lazy(stream):
+        return argsort_chunks(partial(host_keys, key=key, name="argsort", below=below), stream, key, descending)
+    given = check_stream(stream, "argsort")
     keys = keys_of(given, key, "argsort")
     order = Leaves(given.place).order(keys, descending, _checked_below(below, keys))
     return Stream.over(Attrib1i, (given.size,), given.place, [order])
+
+
+def host_keys(stream: Stream, key: Program | None, name: str, below: int | None = None) -> NDArray[Any]:
+    """Return the keys, (n,), those that `below` has out of range as the nearest ones in range."""
+    keys = keys_of(stream, key, name)
+    found, below = np.asarray(keys.read()).reshape(-1), _checked_below(below, keys)
+    return found if below is None else np.clip(found, 0, below - 1)
 
 
 def _checked_below(below: int | None, keys: Memory) -> int | None:

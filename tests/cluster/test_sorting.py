@@ -53,14 +53,29 @@ def test_numbers_are_in_the_order_of_one_stream(chunks, descending, kind):
     found = sh.sort(da.from_array(x, chunks=chunks), descending=descending)
     assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
     assert found.compute().tobytes() == wanted.tobytes()
+    wanted = sh.argsort(sh.Stream(x, cls, "numpy"), descending=descending).numpy()
+    found = sh.argsort(da.from_array(x, chunks=chunks), descending=descending)
+    assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
+    assert found.compute().tobytes() == wanted.tobytes()
 
 
 @pytest.mark.parametrize("descending", [False, True])
 def test_vectors_by_a_key_are_stable(descending):
     x = (draw.standard_normal((20, 31, 3)) * 2).astype(np.float32)
     wanted = sh.sort(sh.Stream(x, sh.Attrib3f, "numpy"), key=height, descending=descending).numpy()
-    found = sh.sort(da.from_array(x, chunks=(3, 10, 2)), key=height, descending=descending)
-    assert found.compute().tobytes() == wanted.tobytes()
+    chunked = da.from_array(x, chunks=(3, 10, 2))
+    assert sh.sort(chunked, key=height, descending=descending).compute().tobytes() == wanted.tobytes()
+    wanted = sh.argsort(sh.Stream(x, sh.Attrib3f, "numpy"), key=height, descending=descending).numpy()
+    assert sh.argsort(chunked, key=height, descending=descending).compute().tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.uint32])
+def test_keys_that_are_out_of_range_count_as_the_nearest(kind):
+    x = draw.integers(-20 if kind is np.int32 else 0, 20, 300).astype(kind)
+    x[:3] = np.iinfo(kind).max
+    cls = sh.Attrib1i if kind is np.int32 else sh.Attrib1u
+    wanted = sh.argsort(sh.Stream(x, cls, "numpy"), below=10).numpy()
+    assert np.array_equal(sh.argsort(da.from_array(x, chunks=70), below=10).compute(), wanted)
 
 
 def test_mistakes_are_errors_before_anything_runs():
@@ -68,3 +83,9 @@ def test_mistakes_are_errors_before_anything_runs():
         sh.sort(da.ones(5), key=max)
     with pytest.raises(sh.ShpyTypeError, match="takes numbers, not complex128"):
         sh.sort(da.ones(5, dtype=complex))
+    with pytest.raises(sh.ShpyTypeError, match="below=4 is for keys that are ints"):
+        sh.argsort(da.ones(5), below=4)
+    with pytest.raises(
+        sh.ShpyTypeError, match=r"sh\.argsort over a Dask array takes a program of one scalar or vector"
+    ):
+        sh.argsort(da.ones(5), key=max)

@@ -1,0 +1,128 @@
+"""sh.compact and sh.scatter over Dask arrays: elements that leave their places, with the bits of one stream.
+
+Stage: run. Values keep their order on the way, so those of one place come in the order that they have in one stream.
+Nothing runs before Dask is asked for the result.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.collectives.chunk_sorting import TYPES, place_type
+from shpy.collectives.trees import check_combination
+from shpy.errors import ShpyTypeError
+from shpy.lang.data.hostdata import is_lazy
+from shpy.lang.recording.location import here
+from shpy.lang.values.value import CLASSES
+from shpy.program import Program
+from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data
+from shpy.streams.stream import Stream
+
+Piece = tuple[NDArray[np.int64], NDArray[Any]]
+"""Values with the places in a block of the result that they go to."""
+
+
+def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
+    """Return the Dask arrays of the elements for which the mask holds, and of their indices.
+
+    Their chunks have unknown sizes until the mask is computed.
+    """
+    import dask.array as da
+
+    array, mask, cls, shape = _beside(array, mask, "mask", "b", "compact")
+    flat = array.reshape((mask.size, *array.shape[len(shape) :])).astype(dtypes_at("f32")[cls.base])
+    marks = mask.reshape(mask.size).rechunk({0: flat.chunks[0]})
+    indices = da.arange(mask.size, chunks=(flat.chunks[0],), dtype=place_type(mask.size))
+    return flat[marks], indices[marks]
+
+
+def scatter_chunks(
+    scatter: Callable[..., Any], values: Any, index: Any, shape: Any, combine: Program | None, out: Any
+) -> Any:
+    """Return the Dask array of `shape` with each value at its place; `scatter` does it for the values of a block."""
+    import dask
+    import dask.array as da
+
+    if out is not None or shape is None:
+        raise ShpyTypeError(
+            "scatter of a Dask array makes a new one of a shape", loc=here(), cure="sh.scatter(values, index, shape)"
+        )
+    values, index, cls, inner = _beside(values, index, "index", "iu", "scatter")
+    tail, wanted, dtype = values.shape[len(inner) :], given_shape(shape), dtypes_at("f32")[cls.base]
+    if combine is not None:
+        check_combination(combine, Stream(np.zeros((1, *tail), dtype), cls, "numpy"), "scatter")
+    flat = values.reshape((index.size, *tail)).rechunk({1: -1} if tail else {})
+    places = index.reshape(index.size).rechunk({0: flat.chunks[0]})
+    length, size = math.prod(wanted), max(1, *flat.chunks[0])
+    if not length:
+        return da.zeros((*wanted, *tail), dtype)
+    bounds = [*range(0, length, size), length]
+    split = dask.delayed(_split, pure=True, nout=len(bounds) - 1)
+    pieces = [
+        split(block, where, bounds)
+        for block, where in zip(flat.to_delayed().ravel(), places.to_delayed().ravel(), strict=True)
+    ]
+    put, packed = dask.delayed(_put, pure=True), pickle.dumps((cls, combine))
+    blocks = [
+        da.from_delayed(
+            put([piece[k] for piece in pieces], past - first, scatter, packed), shape=(past - first, *tail), dtype=dtype
+        )
+        for k, (first, past) in enumerate(pairwise(bounds))
+    ]
+    return da.concatenate(blocks).reshape((*wanted, *tail))
+
+
+def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[Any, Any, Any, Shape]:
+    """Return an array and what says something of each element as Dask arrays, the element's type, and the shape.
+
+    `kinds` are those of numpy that `other` may have. Raises ShpyTypeError for others, and for shapes that do not fit.
+    """
+    import dask.array as da
+
+    array, other = (given if is_lazy(given) else da.from_array(np.asarray(given)) for given in (array, other))
+    if other.dtype.kind not in kinds:
+        wanted = "bools" if kinds == "b" else "ints"
+        raise ShpyTypeError(f"{what} takes {wanted}, not {other.dtype}", loc=here(), cure=f"{what} as {wanted}")
+    if array.dtype.kind not in TYPES:
+        raise ShpyTypeError(f"sh.{name} takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
+    base = TYPES[array.dtype.kind].base
+    for given, said in ((array, "the array"), (other, what)):
+        scalar = TYPES[given.dtype.kind]
+        shape_before_data(said, scalar, given, dtypes_at("f32")[scalar.base])
+    if other.shape not in (array.shape, array.shape[:-1]):
+        raise ShpyTypeError(
+            f"{what} has the shape {other.shape}, and the array {array.shape}",
+            loc=here(),
+            cure=f"an array ({what} for each element), or of elements with components on one axis more",
+        )
+    size = 1 if other.shape == array.shape else array.shape[-1]
+    cls = CLASSES.get(("Attrib", size, base))
+    if cls is None or (size == 1 and other.shape != array.shape):
+        raise ShpyTypeError(
+            f"sh.{name} over a Dask array takes scalars and vectors, not {size} components",
+            loc=here(),
+            cure="components on the last axis, 2 to 4",
+        )
+    return array, other, cls, other.shape
+
+
+def _split(values: NDArray[Any], index: NDArray[Any], bounds: list[int]) -> tuple[Piece, ...]:
+    """Return the values of a block that go to each block of the result, in their order."""
+    home = np.searchsorted(bounds, index, side="right") - 1
+    found = [np.flatnonzero(home == k) for k in range(len(bounds) - 1)]
+    return tuple((index[at].astype(np.int64) - first, values[at]) for at, first in zip(found, bounds, strict=False))
+
+
+def _put(pieces: list[Piece], length: int, scatter: Callable[..., Any], packed: bytes) -> NDArray[Any]:
+    """Return a block of the result."""
+    cls, combine = pickle.loads(packed)
+    places, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    found: NDArray[Any] = scatter(Stream(values, cls), places, (length,), combine).numpy()
+    return found

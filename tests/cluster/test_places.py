@@ -1,0 +1,84 @@
+"""sh.compact and sh.scatter over Dask arrays: the elements of one stream for any chunks."""
+
+from __future__ import annotations
+
+import dask
+import dask.array as da
+import numpy as np
+import pytest
+
+import shpy as sh
+
+draw = np.random.default_rng(5)
+
+
+@sh.program
+def mixed(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a * 0.75 + b
+
+
+@sh.program
+def turned(a: sh.Attrib3f, b: sh.Attrib3f) -> sh.Attrib3f:
+    return a * 0.75 + b.yzx
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    with dask.config.set(scheduler="synchronous"):
+        yield
+
+
+@pytest.mark.parametrize("chunks", [(20, 31), (3, 10), (1, 31), (20, 1)])
+@pytest.mark.parametrize("size", [1, 3])
+def test_compacted_elements_and_indices_are_those_of_one_stream(chunks, size):
+    x = draw.standard_normal((20, 31, 3)[: 2 + (size > 1)]).astype(np.float32)
+    mask = draw.random((20, 31)) < 0.3
+    wanted = sh.compact(sh.Stream(x, sh.Attrib3f if size > 1 else sh.Attrib1f, "numpy"), mask)
+    cut = da.from_array(x, chunks=(*chunks, 2)[: x.ndim])
+    for marks in (mask, da.from_array(mask, chunks=(7, 9))):
+        for array, stream in zip(sh.compact(cut, marks), wanted, strict=True):
+            assert array.dtype == stream.numpy().dtype
+            assert array.compute().tobytes() == stream.numpy().tobytes()
+
+
+@pytest.mark.parametrize("chunks", [(20, 31), (3, 10), (1, 31)])
+@pytest.mark.parametrize("combine", [None, mixed, turned])
+def test_scattered_values_have_the_bits_of_one_stream(chunks, combine):
+    vectors = combine is turned
+    x = draw.standard_normal((20, 31, 3)[: 2 + vectors]).astype(np.float32)
+    index = draw.integers(-9, 200, (20, 31))
+    index[5, 6] = 2**40
+    index[:, 3] = 77
+    values = sh.Stream(x, sh.Attrib3f if vectors else sh.Attrib1f, "numpy")
+    wanted = sh.scatter(values, index, (12, 16), combine).numpy()
+    cut = da.from_array(x, chunks=(*chunks, 2)[: x.ndim])
+    for given in (index, da.from_array(index, chunks=(7, 9))):
+        found = sh.scatter(cut, given, (12, 16), combine)
+        assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
+        assert found.compute().tobytes() == wanted.tobytes()
+
+
+def test_nothing_goes_to_nowhere():
+    x = da.zeros((0,), dtype=np.float32)
+    assert sh.scatter(x, np.zeros(0, np.int32), 5).compute().tolist() == [0] * 5
+    assert sh.scatter(da.ones(3), np.zeros(3, np.int32), (0, 2)).compute().shape == (0, 2)
+    assert sh.compact(x, np.zeros(0, bool)).elements.compute().shape == (0,)
+
+
+def test_mistakes_are_errors_before_anything_runs():
+    x, index = da.ones((4, 3), chunks=2), np.zeros((4, 3), np.int32)
+    with pytest.raises(sh.ShpyTypeError, match=r"mask has the shape \(4, 2\), and the array \(4, 3\)"):
+        sh.compact(x, np.zeros((4, 2), bool))
+    with pytest.raises(sh.ShpyTypeError, match="mask takes bools, not int32"):
+        sh.compact(x, index)
+    with pytest.raises(sh.ShpyTypeError, match="index takes ints, not float64"):
+        sh.scatter(x, x, 4)
+    with pytest.raises(sh.ShpyTypeError, match="scatter of a Dask array makes a new one of a shape"):
+        sh.scatter(x, index)
+    with pytest.raises(sh.ShpyTypeError, match="takes scalars and vectors, not 7 components"):
+        sh.scatter(da.ones((4, 7)), np.zeros(4, np.int32), 4)
+    with pytest.raises(sh.ShpyTypeError, match="scatter takes a program of two elements"):
+        sh.scatter(x, index, 4, max)
+    filtered = da.ones(9, chunks=2, dtype=np.float32)
+    with pytest.raises(sh.ShpyTypeError, match="the array has chunks of unknown sizes"):
+        sh.compact(filtered[filtered > 0], np.ones(9, bool))
