@@ -57,16 +57,21 @@ class Motion:
         self._given[number] = found
         self._take(number, placed)
 
-    def follow(self, meshes: Sequence[Mesh]) -> bool:
-        """Take other meshes in the place of these; return False if some are not alike, as `_alike` says."""
+    def suit(self, meshes: Sequence[Mesh], *, still: bool) -> bool:
+        """Return whether `follow` may take other meshes: they are alike, and with `still` none has moved."""
         if len(meshes) != len(self.meshes) or not all(map(_alike, meshes, self.meshes)):
             return False
+        return not still or all(map(_equal, meshes, self.meshes))
+
+    def follow(self, meshes: Sequence[Mesh]) -> None:
+        """Take other meshes, which `suit`, in the place of these."""
         for number, (mesh, before) in enumerate(zip(meshes, self.meshes, strict=True)):
             self._given[number] = mesh
             self._transforms.pop(number, None)
-            if not _equal(mesh, before):
+            if _equal(mesh, before):
+                self.meshes[number] = mesh  # its material may be another one
+            else:
                 self._take(number, mesh)
-        return True
 
     def numbers(self, name: str | int) -> list[int]:
         """Return the numbers of the meshes of a name, or the number itself; SceneError where there is none."""
@@ -124,19 +129,19 @@ _AT_VERTICES = ("normals", "colors", "uv")
 
 
 def _alike(mesh: Mesh, before: Mesh) -> bool:
-    """Return whether meshes have as many vertices and faces, the same name and material, and data of the same kinds."""
+    """Return whether meshes have as many vertices and faces, the same name, and data of the same kinds."""
     if mesh is before:
         return True
     kinds = all((getattr(mesh, name) is None) == (getattr(before, name) is None) for name in _AT_VERTICES)
-    names = mesh.name == before.name and mesh.material == before.material
-    return kinds and names and mesh.vertices.shape == before.vertices.shape and len(mesh) == len(before)
+    sizes = mesh.vertices.shape == before.vertices.shape and len(mesh) == len(before)
+    return kinds and mesh.name == before.name and sizes
 
 
 def _equal(mesh: Mesh, before: Mesh) -> bool:
-    """Return whether meshes that are alike are equal."""
-    return mesh is before or all(
-        np.array_equal(getattr(mesh, name), getattr(before, name)) for name in ("vertices", "faces", *_AT_VERTICES)
-    )
+    """Return whether meshes that are alike are equal but for their materials."""
+    names = ("vertices", "faces", *_AT_VERTICES)
+    both = ((getattr(mesh, name), getattr(before, name)) for name in names)
+    return all(array is other or np.array_equal(array, other) for array, other in both)
 
 
 @contextmanager

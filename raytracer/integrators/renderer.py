@@ -34,7 +34,7 @@ from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.memory import check_fits
 from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Layout, kinds_of, light_rows
+from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
 Progress = Callable[[int, int], None]
@@ -139,27 +139,29 @@ class Renderer:
     def show(self, scene: Scene) -> None:
         """Take another scene, from the next picture on.
 
-        One with as many meshes, of the same names and materials and as many vertices and faces, and as many lights of
-        the same kinds, is taken as their movement, whatever its background and ambient; for any other all is built
-        anew. Raises SceneError as a new Renderer does, and keeps the scene that it has.
+        Of one with as many meshes, of the same names and as many vertices and faces, and as many lights of the same
+        kinds, what differs is sent: places, numbers of materials, lights, background and ambient. Nothing is compiled
+        for numbers. All is built anew, which `builds` counts, for any other scene, and where a number asks for other
+        code: see docs/raytracer.md. Raises SceneError as a new Renderer does, and keeps the scene that it has.
         """
         check_scene(scene, self.integrator)
-        layout = self.layout
-        if (
-            layout is not None
-            and scene.triangles
-            and self._obstacle is None
-            and scene.environment is self.scene.environment
-        ):
-            lights = light_rows(scene.placed_lights, layout.origin, layout.scale)
-            if kinds_of(lights) == kinds_of(layout.lights) and self._motion.follow(scene.meshes):
-                layout.lights[:] = lights
-                self._tracer.relight(layout, scene)
-                self.scene = scene
-                return
+        if self._takes(scene):
+            return
         with all_or_nothing(self):
             self.scene, self._motion, self._moving = scene, Motion(scene.meshes), ()
             self._prepare()
+
+    def _takes(self, scene: Scene) -> bool:
+        """Take a scene that the kernels and accelerators suit; return False, having changed nothing, for another."""
+        alike = scene.environment is self.scene.environment
+        if self.layout is None or not alike or not self._motion.suit(scene.meshes, still=self._obstacle is not None):
+            return False
+        painted = self.layout.painted(scene)
+        if painted is None or not self._tracer.repaint(*painted, scene):
+            return False
+        self.layout, self.scene = painted[0], scene
+        self._motion.follow(scene.meshes)
+        return True
 
     def _check_movable(self) -> None:
         if self._obstacle is not None:

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.bounds import FAR
+from raytracer.accel.space import Rows
 from raytracer.appearance.programs import converted
 from raytracer.errors import place_of
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
-from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp
+from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp, glow_rows
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight
@@ -83,7 +84,7 @@ class Emitters:
         corners = layout.triangles[:, :3].astype(np.float64).reshape(-1, 3, 3)
         size = float(np.linalg.norm(np.ptp(corners, axis=(0, 1))))
         fading = layout.lights[1::2, 3] > 0
-        shining, areas, glows = shining_triangles(layout, self.surfaces)
+        shining, areas, glows = shining_triangles(layout, glow_rows(layout, self.surfaces.appearance))
         weights = np.concatenate([
             pi * np.abs(layout.lights[1::2, :3]).mean(axis=1) / np.where(fading, (size / layout.scale) ** 2, 1),
             areas * glows / size**2 if len(areas) else [],
@@ -97,7 +98,10 @@ class Emitters:
         return Choices(weights, numbers, per, len(shining), per_glow)
 
     def renew(self, layout: Layout) -> bool:
-        """Take other places of the triangles; return False if another number of them shines, which changes nothing."""
+        """Take other places of the triangles, emissions and lights, as many of these and of the same kinds.
+
+        Return False, having changed nothing, if another number of triangles shines.
+        """
         if not self.count:
             return True
         choices = self._choices(layout)
@@ -255,11 +259,12 @@ def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:
     return (found * len(found)).reshape(rows, columns)
 
 
-def shining_triangles(
-    layout: Layout, surfaces: SurfaceTables
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the numbers of the triangles that shine, their areas, and their expected brightness."""
-    glows = surfaces.glow[layout.material_of, 3]
+def shining_triangles(layout: Layout, glow: Rows) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the numbers of the triangles that shine, their areas, and their expected brightness.
+
+    `glow` are the rows of `glow_rows`.
+    """
+    glows = glow[layout.material_of, 3]
     shining = np.flatnonzero(glows > 0)
     corners = layout.triangles[:, :3].reshape(-1, 3, 3)[shining]
     a, b, c = corners.astype(np.float64).swapaxes(0, 1)

@@ -102,7 +102,7 @@ class PathTracer:
         self.background = sh.Param(sh.Color3f, tuple(map(float, scene.background)), name="background")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         appearance = self.surfaces.appearance
-        self.mirrors = layout.reflects or "reflectivity" in appearance.gives
+        self.mirrors = self.surfaces.reflects
         self.first_row = sh.Param(sh.Attrib1f, 0, name="top_row")
         self.seed = sh.Param(sh.Attrib1u, 0, name="seed")
         self.first_sample = sh.Param(sh.Attrib1i, 0, name="first_sample")
@@ -127,11 +127,17 @@ class PathTracer:
         self.surfaces.renew(layout, changes)
         return self.emitters.renew(layout)
 
-    def relight(self, layout: Layout, scene: Scene) -> None:
-        """Take the lights of a layout, as many and of the same kinds, and a scene's background."""
+    def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
+        """Take the materials and lights of `Layout.painted`, and a scene's background.
+
+        Return False, having changed nothing, where they need another kernel.
+        """
+        if not self.surfaces.suit(layout) or not self.emitters.renew(layout):
+            return False
+        self.surfaces.repaint(layout, tinted)
         self.emitters.placed.renew(layout.lights)
-        self.emitters.renew(layout)
         self.background.value = tuple(map(float, scene.background))
+        return True
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
         """Record the program of a band of the picture, from the mean of the samples before to the mean with the new."""

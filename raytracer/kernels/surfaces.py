@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,34 @@ class Interaction:
             self.beyond, self.transmission, self.ior, self.outside = beyond, transmission, ior, outside
 
 
+class MaterialKinds(NamedTuple):
+    """The features of a kernel that the numbers of materials decide: True for those that it has code for.
+
+    `glows`: emission; `highlights`: the glossy lobe; `clear`: glass; `black`: highlights of surfaces that send no other
+    light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors.
+    """
+
+    glows: bool
+    highlights: bool
+    clear: bool
+    black: bool
+    dark: bool
+    reflects: bool
+
+    @classmethod
+    def of(cls, layout: Layout, appearance: Appearance) -> MaterialKinds:
+        """Return the kinds of a layout, whose materials have this appearance."""
+        lobes, gives = layout.material_rows[1::2, :2], appearance.gives
+        return cls(
+            glows=bool(glow_rows(layout, appearance)[:, 3].any()) or "emission" in gives,
+            highlights=bool((lobes[:, 1] > 0).any()) or "specular" in gives,
+            clear=bool((layout.glass[::2, 0] > 0).any()) or "transmission" in gives,
+            black=bool(appearance) or is_black(layout),
+            dark=bool((lobes == 0).all(axis=1).any()) and not appearance.shades,
+            reflects=bool((layout.material_rows[::2, 3] > 0).any()) or "reflectivity" in gives,
+        )
+
+
 class SurfaceTables:
     """Normals, colours and materials of a scene's triangles."""
 
@@ -75,13 +103,10 @@ class SurfaceTables:
         )
         self.layout = layout
         self.glow = glow_rows(layout, self.appearance)
-        self.glows = bool(self.glow[:, 3].any()) or "emission" in self.appearance.gives
-        self.highlights = bool((layout.material_rows[1::2, 1] > 0).any()) or "specular" in self.appearance.gives
-        self.clear = bool((layout.glass[::2, 0] > 0).any()) or "transmission" in self.appearance.gives
+        self.kinds = MaterialKinds.of(layout, self.appearance)
+        self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects = self.kinds
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
-        self.black = bool(self.appearance) or is_black(layout)
-        self.dark = bool((layout.material_rows[1::2, :2] == 0).all(axis=1).any()) and not self.appearance.shades
         self.materials = sh.Table(layout.material_rows, sh.Attrib4f, "materials")
         several = len(layout.material_rows) > 2
         self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of") if several else None
@@ -96,6 +121,23 @@ class SurfaceTables:
             for first, past, _, stale in changes:
                 if table is not None and name in stale:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
+
+    def suit(self, layout: Layout) -> bool:
+        """Return whether the kernel suits the materials of another layout, alike as `Layout.painted` says."""
+        return MaterialKinds.of(layout, self.appearance) == self.kinds
+
+    def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]]) -> None:
+        """Take the materials of a layout that the kernel suits, and the colours of these ranges of triangles."""
+        for first, past in tinted:
+            assert self.colors is not None
+            assert layout.colors is not None
+            self.colors.update(layout.colors[3 * first : 3 * past], start=3 * first)
+        self.glow = glow_rows(layout, self.appearance)
+        self.materials.update(layout.material_rows)
+        if self.clear:
+            self.glass.update(layout.glass)
+        if self.glows:
+            self.emissions.update(self.glow)
 
     @cached_property
     def scale(self) -> Any:

@@ -81,7 +81,7 @@ class Tracer:
         self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, self.surfaces)
         appearance = self.surfaces.appearance
-        self.reflects = layout.reflects or "reflectivity" in appearance.gives
+        self.reflects = self.surfaces.reflects
         self.features: dict[str, bool | int] = {
             "lights": self.lights.count,
             "point lights": self.lights.points,
@@ -109,11 +109,18 @@ class Tracer:
         self.surfaces.renew(layout, changes)
         return True
 
-    def relight(self, layout: Layout, scene: Scene) -> None:
-        """Take the lights of a layout, as many and of the same kinds, and a scene's background and ambient."""
+    def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
+        """Take the materials and lights of `Layout.painted`, and a scene's background and ambient.
+
+        Return False, having changed nothing, where they need another kernel.
+        """
+        if not self.surfaces.suit(layout):
+            return False
+        self.surfaces.repaint(layout, tinted)
         self.lights.renew(layout.lights)
         self.background.value = tuple(map(float, scene.background))
         self.ambient.value = float(scene.ambient)
+        return True
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""

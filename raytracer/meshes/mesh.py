@@ -157,7 +157,9 @@ class Mesh:
 
     def with_material(self, material: Material) -> Mesh:
         """Return the same mesh of another material."""
-        return dataclasses.replace(self, material=material)
+        found = copy.copy(self)  # all else is checked already
+        object.__setattr__(found, "material", material)
+        return found
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
         """Scale, tilt about x and turn about y (degrees), then move by `offset`."""

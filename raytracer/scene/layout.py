@@ -177,6 +177,38 @@ class Layout:
         """The largest relative error of one rounding."""
         return float(np.finfo(self.dtype).eps) / 2
 
+    def painted(self, scene: Scene) -> tuple[Layout, list[tuple[int, int]]] | None:
+        """Return the layout of a scene that differs from this one's in numbers of its materials and lights alone.
+
+        The meshes are as many, of as many triangles. The layout comes with the ranges of triangles (first, past) whose
+        rows of `colors` differ. Return None for other textures, programs or kinds of lights, for meshes that share
+        their materials otherwise, and for colours that the working precision cannot hold.
+        """
+        places = [place for place, mesh in enumerate(scene.meshes) if len(mesh)]
+        meshes = [scene.meshes[place] for place in places]
+        materials, index = _materials(meshes)
+        ranges = [_range(self.object_of, place) for place in places]
+        before = self.material_of[[first for first, _ in ranges]]
+        if not np.array_equal(index, before) or not all(map(_differ_in_numbers, materials, self.materials)):
+            return None
+        lights = light_rows(scene.placed_lights, self.origin, self.scale)
+        if kinds_of(lights) != kinds_of(self.lights):
+            return None
+        found = replace(self, lights=lights, materials=materials, material_rows=_material_rows(materials))
+        tinted = [
+            number for number, material in enumerate(index) if materials[material].tint != self.materials[material].tint
+        ]
+        if self.colors is None or not tinted or any(map(is_programmed, materials)):
+            return found, []
+        colors = self.colors.copy()
+        for number in tinted:
+            first, past = ranges[number]
+            copy_columns(colors[3 * first : 3 * past], _corner_colors(meshes[number], materials).reshape(-1, 3))
+        with np.errstate(over="ignore"):
+            if not np.isfinite(self.held(colors)).all():
+                return None
+        return replace(found, colors=colors), [ranges[number] for number in tinted]
+
     @property
     def glass(self) -> Rows:
         """(2M, 4): the transmission and refractive index of each material, then its absorption."""
@@ -185,11 +217,6 @@ class Layout:
             for material in self.materials
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
-
-    @property
-    def reflects(self) -> bool:
-        """True if any surface mirrors."""
-        return bool((self.material_rows[::2, 3] > 0).any())
 
 
 def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float) -> Rows:
@@ -225,6 +252,12 @@ def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]
     known: dict[Material, int] = {}
     index = [known.setdefault(mesh.material, len(known)) for mesh in meshes]
     return tuple(known), index
+
+
+def _differ_in_numbers(material: Material, other: Material) -> bool:
+    """Return whether materials have the same textures and programs."""
+    programs = material.surface is other.surface and material.shade is other.shade
+    return programs and material.textures == other.textures
 
 
 def _material_rows(materials: Sequence[Material]) -> Rows:
