@@ -16,13 +16,11 @@ import builtins as _builtins
 import importlib
 from typing import Any
 
-from shpy.animation import animate
 from shpy.backends.registry import BackendInfo, backends, default_backend
 from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult
 from shpy.chains.share import share
 from shpy.choice import choice
-from shpy.cluster import map_blocks, map_overlap
 from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort, top_k, unique
 from shpy.errors import (
     BackendUnavailable,
@@ -72,21 +70,29 @@ from shpy.tracing import Step
 
 globals().update(TYPES | FUNCTIONS)
 
+# The modules and the names that `__getattr__` loads on first use, each name with its module.
+_MODULES = ("accuracy", "command", "files", "library", "packages", "screen", "testing", "videos")
+_LATER = {"animate": "animation", "map_blocks": "cluster", "map_overlap": "cluster", "widget": "notebook.live"}
+
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
 __all__ = sorted(
-    name
-    for name, thing in globals().items()
-    if str(getattr(thing, "__module__", "")).startswith("shpy.") and not (name[0] == "_" or hasattr(_builtins, name))
+    ["animate", "map_blocks", "map_overlap"]
+    + [
+        name
+        for name, thing in globals().items()
+        if str(getattr(thing, "__module__", "")).startswith("shpy.")
+        and not (name[0] == "_" or hasattr(_builtins, name))
+    ]
 )
-_LATER = ("accuracy", "command", "files", "library", "packages", "screen", "testing", "videos")
 
 
 def __getattr__(name: str) -> Any:
-    """Load `sh.testing`, `sh.accuracy`, `sh.library`, `sh.files`, `sh.videos` and the like on first use."""
-    if name == "widget":
-        return importlib.import_module("shpy.notebook.live").widget
-    if name in _LATER:
+    """Load `sh.testing`, `sh.animate` and the like on first use."""
+    if name in _MODULES:
         return importlib.import_module(f"shpy.{name}")
+    if name in _LATER:
+        found = globals()[name] = getattr(importlib.import_module(f"shpy.{_LATER[name]}"), name)
+        return found
     if name.startswith("_"):
         raise AttributeError(f"module 'shpy' has no attribute {name!r}")
     raise ShpyAttributeError(f"shpy has no {name!r}", loc=_here(), cure=_module_cure(name, __all__))
