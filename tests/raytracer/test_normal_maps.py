@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from gltf_files import SQUARE, File
+from scene_pictures import same
 
 from raytracer import Camera, Instance, Material, Mesh, PointLight, Scene, SceneError, Texture, render
 from raytracer.meshes.shapes import sphere
@@ -75,8 +76,7 @@ def test_a_flat_map_changes_no_bit(integrator, flat):
         )
         for material in (Material(), Material(normal_map=texture))
     )
-    for name, layer in plain.layers.items():
-        assert np.array_equal(layer, bumpy.layers[name]), name
+    same(bumpy, plain)
 
 
 def test_the_light_follows_the_map():

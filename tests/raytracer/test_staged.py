@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from scene_pictures import same
 
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
 from raytracer.cli import main
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 BACKENDS = ["numpy", "opencl", "glsl"]
-LAYERS = ("pixels", "depth", "normal", "object_id", "rays")
 LIGHTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
 
 
@@ -24,11 +24,6 @@ def small(**changes):
     return Scene(**(given | changes))
 
 
-def assert_same(image, other):
-    for layer in LAYERS:
-        np.testing.assert_array_equal(getattr(image, layer), getattr(other, layer), err_msg=layer)
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend, monkeypatch):
     # A small picture, too, copies its last rays to other streams.
@@ -40,14 +35,14 @@ def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backen
     for threshold in (0, 0.2, 1):
         staged.staged.threshold = threshold
         image = staged.render((24, 16))
-        assert_same(image, unified)
+        same(image, unified)
         assert image.stats.calls["compact"] > 2
 
 
 @pytest.mark.parametrize("scene", [Scene.builtin("boxes"), Scene.builtin("mixed")], ids=["boxes", "mixed"])
 def test_built_in_scenes(scene):
     unified = render(scene, (16, 12), backend="numpy", bounces=1, accel="grid")
-    assert_same(render(scene, (16, 12), backend="numpy", bounces=1, tracer="staged", grid=20), unified)
+    same(render(scene, (16, 12), backend="numpy", bounces=1, tracer="staged", grid=20), unified)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +58,7 @@ def test_built_in_scenes(scene):
 def test_what_a_scene_lacks_changes_nothing(changes):
     scene = small(**changes)
     unified = render(scene, (20, 16), backend="numpy", bounces=1)
-    assert_same(render(scene, (20, 16), backend="numpy", bounces=1, tracer="staged", grid=7), unified)
+    same(render(scene, (20, 16), backend="numpy", bounces=1, tracer="staged", grid=7), unified)
 
 
 @pytest.mark.parametrize(
@@ -73,17 +68,17 @@ def test_what_a_scene_lacks_changes_nothing(changes):
 )
 def test_options_mean_what_they_mean_to_the_unified_kernel(options):
     given = {"accel": "grid", "bounces": 1, "backend": "numpy", **options}
-    assert_same(render(small(), (18, 12), tracer="staged", **given), render(small(), (18, 12), **given))
+    same(render(small(), (18, 12), tracer="staged", **given), render(small(), (18, 12), **given))
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_half_precision_means_what_it_means_to_the_unified_kernel(backend):
     given = {"bounces": 1, "backend": backend, "precision": "f16"}
     unified = render(small(), (24, 16), accel="grid", **given)
-    assert_same(render(small(), (24, 16), tracer="staged", **given), unified)
+    same(render(small(), (24, 16), tracer="staged", **given), unified)
     assert len(np.unique(unified.object_id)) == 5, "the floor, three things on it and the sky are in the picture"
-    with pytest.raises(AssertionError):
-        assert_same(unified, render(small(), (24, 16), accel="grid", **(given | {"precision": "f32"})))
+    other = render(small(), (24, 16), accel="grid", **(given | {"precision": "f32"}))
+    assert not np.array_equal(unified.pixels, other.pixels)
 
 
 def test_another_camera_and_size_need_no_new_kernels():
@@ -91,14 +86,14 @@ def test_another_camera_and_size_need_no_new_kernels():
     renderer.render((8, 8))
     camera = Camera((-3, 2, 5), (0, 0.5, 0))
     unified = render(small(camera=camera), (20, 10), backend="numpy", bounces=1)
-    assert_same(renderer.render((20, 10), camera=camera), unified)
+    same(renderer.render((20, 10), camera=camera), unified)
 
 
 def test_bands_of_rows_make_the_same_picture(monkeypatch):
     renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
     whole = renderer.render((16, 12))
     monkeypatch.setattr("raytracer.integrators.renderer._STAGED_BAND", 16 * 5)
-    assert_same(renderer.render((16, 12)), whole)
+    same(renderer.render((16, 12)), whole)
 
 
 def test_the_threshold_decides_how_often_the_intersector_runs():
@@ -123,7 +118,7 @@ def test_rays_that_are_few_run_alone_or_with_all_others(monkeypatch):
     alone = renderer.render((24, 16))
     renderer.staged.compacts = False
     among_all = renderer.render((24, 16))
-    assert_same(alone, among_all)
+    same(alone, among_all)
     assert alone.stats.alive == among_all.stats.alive
     assert "compact" not in among_all.stats.calls
 
@@ -139,7 +134,7 @@ def test_stats_tell_the_rays_of_each_round():
 
 def test_an_empty_scene_shows_its_background():
     scene = Scene(background=(0.25, 0.5, 1))
-    assert_same(render(scene, (6, 4), tracer="staged"), render(scene, (6, 4)))
+    same(render(scene, (6, 4), tracer="staged"), render(scene, (6, 4)))
 
 
 @pytest.mark.parametrize(

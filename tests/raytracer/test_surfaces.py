@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from PIL import Image as pillow
+from scene_pictures import same
 
 import shpy as sh
 from raytracer import (
@@ -83,12 +84,6 @@ def everything():
         icosahedron(0.5, Material((0.5, 0, 0.5), reflectivity=0.3)).moved((-2.5, 0.5, 1)),
     ]
     return Scene(meshes, SPOTS, Camera((0, 3, 7), (0, 0.7, 0), fov=50))
-
-
-def same(one, other):
-    for layer in ("pixels", "depth", "normal", "object_id", "rays"):
-        a, b = getattr(one, layer), getattr(other, layer)
-        assert np.array_equal(a.view(np.int32), b.view(np.int32)), f"{layer}: {(a != b).sum()} differ"
 
 
 def test_backends_and_accelerators_agree_to_the_last_bit():
