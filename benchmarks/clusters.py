@@ -18,7 +18,7 @@ from benchmarks.studies import Table
 from raytracer import Camera, Image, PointLight, Renderer, Scene, Whitted, render
 from raytracer.cluster.connection import connected
 from raytracer.cluster.job import Job
-from raytracer.cluster.tasks import spread
+from raytracer.cluster.tasks import scattered
 from raytracer.meshes.shapes import knot
 
 ROUNDS = 3
@@ -90,7 +90,7 @@ def _by(client: Any, scene: Scene, size: tuple[int, int], **given: Any) -> Image
 
 
 def _send(client: Any, job: Job) -> None:
-    with spread(client, job):
+    with scattered(client, job):
         pass
 
 

@@ -117,7 +117,7 @@ def _by_workers(drawing: _Drawing, cluster: Any) -> Callable[..., Iterator[Any]]
         if not numbers:
             return
         before = None
-        with connected(cluster) as client, tasks.spread(client, drawing) as sent:
+        with connected(cluster) as client, tasks.scattered(client, drawing) as sent:
             for digest, pixels in tasks.in_order(client, _frame, numbers, sent, tasks.key_of(drawing)):
                 before = check_alike(before, digest, drawing.integrator, drawing.backend)
                 yield pixels

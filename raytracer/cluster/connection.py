@@ -21,7 +21,7 @@ from typing import Any
 import shpy as sh
 from raytracer.errors import ClusterError
 
-PATIENCE = 30
+FIRST_ANSWER = 30
 """Seconds within which a scheduler must answer."""
 MOST = 1024
 """Workers of this machine, at most."""
@@ -47,7 +47,7 @@ def connected(cluster: Any) -> Iterator[Any]:
     count = _count_of(cluster)
     if count is None:
         try:
-            client = distributed.Client(cluster, timeout=PATIENCE, set_as_default=False)
+            client = distributed.Client(cluster, timeout=FIRST_ANSWER, set_as_default=False)
         except (OSError, ValueError) as error:
             raise ClusterError(
                 f"no Dask scheduler answers at {cluster} ({type(error).__name__}): start one with `dask scheduler`"

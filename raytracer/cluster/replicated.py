@@ -19,7 +19,7 @@ from raytracer.appearance.programs import examine_shade, examine_surface
 from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, Prepared, check_alike
 from raytracer.cluster.store import kept
-from raytracer.cluster.tasks import finished, key_of, spread
+from raytracer.cluster.tasks import finished, key_of, scattered
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Path
@@ -70,7 +70,7 @@ def render_tiles(
         raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
     layers, tile, done = canvas(width, height), None, 0
     key = key_of(job)
-    with spread(client, job) as sent:
+    with scattered(client, job) as sent:
         begun = None if resume is None else _begun(client, job, sent, key, (width, height), resume)
         rows = tile_rows or _suiting_rows(client, width, height)
         pieces = [_piece(top, min(rows, height - top), begun) for top in range(0, height, rows)]

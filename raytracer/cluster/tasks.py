@@ -20,14 +20,14 @@ import shpy as sh
 from raytracer import errors
 from raytracer.errors import ClusterError
 
-PATIENCE = 60
+FIRST_WORKER = 60
 """Seconds within which a cluster must have a worker."""
 
 
 def await_worker(client: Any) -> None:
     """Wait for the first worker of a cluster; ClusterError where none comes."""
     try:
-        client.wait_for_workers(1, timeout=PATIENCE)
+        client.wait_for_workers(1, timeout=FIRST_WORKER)
     except TimeoutError:
         raise ClusterError(
             f"the cluster has no workers: start some by `dask worker {client.scheduler.address}`"
@@ -35,7 +35,7 @@ def await_worker(client: Any) -> None:
 
 
 @contextmanager
-def spread(client: Any, thing: Any) -> Iterator[Any]:
+def scattered(client: Any, thing: Any) -> Iterator[Any]:
     """Send a thing to every worker once; give the future that stands for it, which is released at the end."""
     await_worker(client)
     try:

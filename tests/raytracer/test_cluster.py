@@ -167,7 +167,7 @@ def test_what_a_picture_cannot_be_is_refused_by_the_client(client):
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
-    monkeypatch.setattr(connection, "PATIENCE", 0.2)
+    monkeypatch.setattr(connection, "FIRST_ANSWER", 0.2)
     with pytest.raises(ClusterError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         render(Scene.builtin("boxes"), cluster="tcp://127.0.0.1:9")
 
@@ -176,7 +176,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
 def test_a_cluster_without_workers_is_told(monkeypatch, partitions):
     from distributed import Client, LocalCluster
 
-    monkeypatch.setattr(tasks, "PATIENCE", 0.2)
+    monkeypatch.setattr(tasks, "FIRST_WORKER", 0.2)
     with (
         LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
         Client(cluster, set_as_default=False) as client,
