@@ -13,9 +13,8 @@ import numpy as np
 
 from shpy import packages
 from shpy.errors import ShpyError, ShpyTypeError
-from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Layout, leaves
+from shpy.lang.values.structure import Layout, is_lazy, leaves
 from shpy.run import host
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import streams_in

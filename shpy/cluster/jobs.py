@@ -11,7 +11,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from shpy.run.kernel import Kernel
 
 _KEPT = 16
 """Jobs that a thread keeps."""
-_threads = threading.local()
 
 
 class Job(ABC):
@@ -43,14 +42,17 @@ class Job(ABC):
         """Return the arrays of the outputs' leaves, of the part of the block that is `kept`."""
 
 
+class _Thread(threading.local):
+    def __init__(self) -> None:
+        self.unpacked = lru_cache(_KEPT)(pickle.loads)
+
+
+_thread = _Thread()
+
+
 def run_job(*blocks: Any, packed: bytes, rank: int) -> Any:
     """Run a job on a block; several arrays are one tuple. The last `rank` blocks say where the block lies."""
-    jobs = _threads.__dict__.setdefault("jobs", {})
-    job = jobs.get(packed)
-    if job is None:
-        for oldest in list(jobs)[: max(0, len(jobs) + 1 - _KEPT)]:
-            del jobs[oldest]
-        job = jobs[packed] = pickle.loads(packed)
+    job = _thread.unpacked(packed)
     places = [tuple(map(int, np.asarray(table).reshape(3))) for table in blocks[len(blocks) - rank :]]
     kept = tuple(slice(low, high) for _, low, high in places)
     arrays = job.run(tuple(start for start, _, _ in places), kept, list(blocks[: len(blocks) - rank]))

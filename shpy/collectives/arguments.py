@@ -12,7 +12,9 @@ import numpy as np
 from shpy.backends.base import Memory
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
+from shpy.lang.values.structure import Leaf, is_lazy
 from shpy.lang.values.types import Attrib1b, Attrib1i
+from shpy.program import Program
 from shpy.streams.stream import Place, Stream
 
 Shape = tuple[int, ...]
@@ -21,10 +23,21 @@ Shape = tuple[int, ...]
 def check_stream(value: Any, name: str) -> Stream:
     """Return the stream; ShpyTypeError for anything else."""
     if not isinstance(value, Stream):
+        lazy = is_lazy(value)
         raise ShpyTypeError(
-            f"{name} takes a Stream, not {type(value).__name__}", loc=here(), cure="sh.Stream(array, type)"
+            f"{name} takes a Stream, not {'a Dask array' if lazy else type(value).__name__}",
+            loc=here(),
+            cure=f"sh.Stream({'array.compute()' if lazy else 'array'}, type)",
         )
     return value
+
+
+def element_of(program: Any, wanted: str, cure: str) -> Any:
+    """Return the type of a program's first input; ShpyTypeError where it is no scalar or vector, or no program."""
+    types = list(program.recorded.inputs.values()) if isinstance(program, Program) else []
+    if types and isinstance(types[0], Leaf):
+        return types[0].cls
+    raise ShpyTypeError(f"{wanted}, not {program!r}", loc=here(), cure=cure)
 
 
 def check_place(stream: Stream, place: Place, name: str) -> None:

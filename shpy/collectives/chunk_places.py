@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from shpy.collectives.chunk_sorting import TYPES, place_type
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
-from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.recording.location import here
+from shpy.lang.values.structure import is_lazy
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.collectives.arguments import element_of
 from shpy.collectives.leaves import mapping
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Leaf
 from shpy.lang.values.types import Attrib1b, Attrib1f, Attrib1i, Attrib1u
 from shpy.program import Program
 from shpy.streams.elements import dtypes_at, shape_before_data
@@ -104,14 +104,8 @@ def _element(array: Any, key: Any, name: str) -> Any:
         if array.dtype.kind not in TYPES:
             raise ShpyTypeError(f"sh.{name} takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
         return TYPES[array.dtype.kind]
-    types = list(key.recorded.inputs.values()) if isinstance(key, Program) else []
-    if len(types) == 1 and isinstance(types[0], Leaf):
-        return types[0].cls
-    raise ShpyTypeError(
-        f"sh.{name} over a Dask array takes a program of one scalar or vector as key, not {key!r}",
-        loc=here(),
-        cure="@sh.program of one sh.Attrib3f that gives one number",
-    )
+    wanted = f"sh.{name} over a Dask array takes a program of one scalar or vector as key"
+    return element_of(key, wanted, "@sh.program of one sh.Attrib3f that gives one number")
 
 
 def _sorted(block: Any, start: int, packed: bytes, descending: bool, keeps: bool) -> Part:

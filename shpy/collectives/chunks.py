@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.collectives.arguments import element_of
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Leaf
 from shpy.program import Program
 from shpy.streams.elements import Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
@@ -32,7 +32,7 @@ Reduce = Callable[..., Any]
 
 def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None) -> Any:
     """Return the Dask array of the reduced elements, which `reduce` gives for the stream of a block."""
-    shape, tail = _checked(program, array, "reduce")
+    cls, shape, tail = _checked(program, array, "reduce")
     if not math.prod(shape):
         raise ShpyTypeError("sh.reduce of no elements has no result", loc=here(), cure="an array with elements")
     if axis is None:
@@ -41,9 +41,9 @@ def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None
         cure = f"axis={' or axis='.join(map(str, range(len(shape))))}"
         raise ShpyTypeError(f"axis={axis!r} of an array of {len(shape)} axes of elements", loc=here(), cure=cure)
     axis %= array.ndim - tail
-    dtype, size = dtypes_at("f32")[_element(program).base], _size(array, axis)
+    dtype, size, packed = dtypes_at("f32")[cls.base], _size(array, axis), pickle.dumps((program, cls))
     while array.shape[axis] > 1 or array.dtype != dtype:
-        array = _level(reduce, program, _in_blocks(array, axis, size, tail), axis)
+        array = _level(reduce, packed, dtype, _in_blocks(array, axis, size, tail), axis)
     return array.squeeze(axis)
 
 
@@ -51,15 +51,16 @@ def scan_chunks(reduce: Reduce, scan: Callable[..., Any], program: Program, arra
     """Return the Dask array of all prefixes. `scan` scans a block from the prefix before it to the one that ends it."""
     import dask.array as da
 
-    shape, tail = _checked(program, array, "scan")
+    cls, shape, tail = _checked(program, array, "scan")
+    dtype = dtypes_at("f32")[cls.base]
     if not math.prod(shape):
-        return array.astype(dtypes_at("f32")[_element(program).base])
+        return array.astype(dtype)
     flat = array.reshape((math.prod(shape), *array.shape[len(shape) :]))
-    size = _size(flat, 0)
+    size, packed = _size(flat, 0), pickle.dumps((program, cls))
     blocks = _in_blocks(flat, 0, size, tail)
     labels = tuple(range(flat.ndim))
-    totals = _level(reduce, program, blocks, 0)
-    options = {"dtype": totals.dtype, "meta": totals._meta, "scan": scan, "packed": pickle.dumps(program)}
+    totals = _level(reduce, packed, dtype, blocks, 0)
+    options = {"dtype": dtype, "meta": totals._meta, "scan": scan, "packed": packed}
     ends = da.blockwise(_scanned, labels, totals.rechunk(-1), labels, exclusive=False, **options).rechunk({0: 1})
     before = da.concatenate((ends[:1], ends[:-1]))
     found = da.blockwise(
@@ -82,8 +83,7 @@ def _scanned(
     size: int | None = None,
 ) -> NDArray[Any]:
     """Scan a block; the first one has nothing before it, and a last one of another `size` ends no node of the tree."""
-    program = _program(packed)
-    cls = _element(program)
+    program, cls = _unpacked(packed)
     around = [
         None if a is None else Stream(a, cls, "numpy")
         for a in (before if np.any(place) else None, last if len(block) == size else None)
@@ -92,13 +92,17 @@ def _scanned(
     return found
 
 
-def _checked(program: Any, array: Any, name: str) -> tuple[Shape, int]:
-    """Return the shape of the elements and the number of axes of components; ShpyTypeError for what does not fit."""
-    cls = _element(program, name)
+def _checked(program: Any, array: Any, name: str) -> tuple[Any, Shape, int]:
+    """Return the type and the shape of the elements and the number of axes of components.
+
+    Raises ShpyTypeError for what does not fit, also for structs, which are several arrays.
+    """
+    wanted = f"sh.{name} over a Dask array takes a program of two scalars or vectors"
+    cls = element_of(program, wanted, "add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f, with @sh.program before it")
     shape = shape_before_data("the array", cls, array, dtypes_at("f32")[cls.base])
     tail = array.ndim - len(shape)
     check_combination(program, Stream(np.zeros((1, cls.size)[: 1 + tail], array.dtype), cls, "numpy"), name)
-    return shape, tail
+    return cls, shape, tail
 
 
 def _size(array: Any, axis: int) -> int:
@@ -110,38 +114,26 @@ def _in_blocks(array: Any, axis: int, size: int, tail: int) -> Any:
     return array.rechunk({axis: size} | ({-1: -1} if tail else {}))
 
 
-def _level(reduce: Reduce, program: Program, blocks: Any, axis: int) -> Any:
+def _level(reduce: Reduce, packed: bytes, dtype: Any, blocks: Any, axis: int) -> Any:
     """Return one element for each block along an axis."""
     import dask.array as da
 
     labels = tuple(range(blocks.ndim))
-    meta = np.empty((0,) * blocks.ndim, dtypes_at("f32")[_element(program).base])
+    meta = np.empty((0,) * blocks.ndim, dtype)
     return da.blockwise(
-        _block, labels, blocks, labels, dtype=meta.dtype, meta=meta,
-        adjust_chunks={axis: (1,) * blocks.numblocks[axis]}, reduce=reduce, packed=pickle.dumps(program), axis=axis,
+        _block, labels, blocks, labels, dtype=dtype, meta=meta,
+        adjust_chunks={axis: (1,) * blocks.numblocks[axis]}, reduce=reduce, packed=packed, axis=axis,
     )  # fmt: skip
-
-
-def _element(program: Any, name: str = "reduce") -> Any:
-    """Return the type of an element; ShpyTypeError for structs, which are several arrays."""
-    types = list(program.recorded.inputs.values()) if isinstance(program, Program) else []
-    if types and isinstance(types[0], Leaf):
-        return types[0].cls
-    raise ShpyTypeError(
-        f"sh.{name} over a Dask array takes a program of two scalars or vectors, not {program!r}",
-        loc=here(),
-        cure="add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f, with @sh.program before it",
-    )
 
 
 def _block(block: NDArray[Any], reduce: Reduce, packed: bytes, axis: int) -> NDArray[Any]:
     """Reduce a block along an axis, which stays with one element."""
-    program = _program(packed)
-    stream = Stream(block, _element(program))
-    return np.expand_dims(np.asarray(reduce(program, stream, axis=axis)), axis)
+    program, cls = _unpacked(packed)
+    return np.expand_dims(np.asarray(reduce(program, Stream(block, cls), axis=axis)), axis)
 
 
 @functools.lru_cache(maxsize=64)
-def _program(packed: bytes) -> Program:
-    program: Program = pickle.loads(packed)
-    return program
+def _unpacked(packed: bytes) -> tuple[Program, Any]:
+    """Return a program and the type of an element, the same program for all blocks of a worker."""
+    program, cls = pickle.loads(packed)
+    return program, cls

@@ -13,7 +13,7 @@ from shpy.collectives.arguments import check_stream, mask_at, shaped
 from shpy.collectives.chunk_places import compact_chunks
 from shpy.collectives.leaves import Leaves
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data.hostdata import is_lazy
+from shpy.lang.values.structure import is_lazy
 from shpy.lang.values.types import Attrib1i
 from shpy.streams.stream import Stream
 

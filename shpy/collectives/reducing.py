@@ -34,10 +34,9 @@ from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import FLOATS, Base
-from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.data.tables import Table
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Leaf, layout_of
+from shpy.lang.values.structure import Leaf, is_lazy, layout_of
 from shpy.lang.values.types import Attrib1f
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program

@@ -32,8 +32,9 @@ from shpy.collectives.trees import (
     run_pairs,
 )
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data.hostdata import checked_bool, is_lazy
+from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.data.tables import Table
+from shpy.lang.values.structure import is_lazy
 from shpy.program import Program
 from shpy.streams.stream import Stream
 

@@ -23,12 +23,11 @@ from shpy.collectives.trees import check_combination, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
-from shpy.lang.data.hostdata import is_lazy
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import cond
-from shpy.lang.values.structure import build_values, layout_of, leaves, leaves_of
+from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves, leaves_of
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.program import Program
 from shpy.streams.elements import given_shape

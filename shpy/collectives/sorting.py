@@ -21,10 +21,11 @@ from shpy.collectives.leaves import Leaves
 from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
-from shpy.lang.data.hostdata import checked_bool, is_lazy
+from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
+from shpy.lang.values.structure import is_lazy
 from shpy.lang.values.types import Attrib1i
 from shpy.program import Program
 from shpy.streams.stream import Stream

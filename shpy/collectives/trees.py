@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backends.base import Memory, NodeTypes, Tree
+from shpy.collectives.arguments import check_stream
 from shpy.collectives.programs import Lift, folding, lifted_pairs, lifting, over_structs, width_for
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard, Let
@@ -51,10 +52,7 @@ def combination(program: Any, stream: Any, name: str) -> tuple[Program, Any]:
 
 def check_combination(program: Any, stream: Any, name: str) -> None:
     """Raise ShpyTypeError where a program(a, b) -> a does not fit the stream."""
-    if not isinstance(stream, Stream):
-        raise ShpyTypeError(
-            f"sh.{name} takes a Stream, not {type(stream).__name__}", loc=here(), cure="sh.Stream(array, type)"
-        )
+    check_stream(stream, f"sh.{name}")
     if stream.size > _LARGEST:
         raise ShpyTypeError(
             f"sh.{name} takes {_LARGEST:,} elements at most, not {stream.size:,}",

@@ -14,6 +14,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.recording.location import here
+from shpy.lang.values.structure import is_lazy
 
 _SPOKEN = {
     Base.F: "floats",
@@ -23,11 +24,6 @@ _SPOKEN = {
     Base.U: "unsigned ints",
     Base.B: "bools",
 }
-
-
-def is_lazy(data: Any) -> bool:
-    """Return whether this is an array of Dask, in chunks that are computed when they are asked for."""
-    return hasattr(data, "__dask_graph__") and hasattr(data, "chunks")
 
 
 def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:

@@ -211,8 +211,13 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
             return [leaf for part, entry in zip(parts, entries, strict=True) for leaf in flatten(part, entry, what)]
 
 
+def is_lazy(data: Any) -> bool:
+    """Return whether this is an array of Dask, in chunks that are computed when they are asked for."""
+    return hasattr(data, "__dask_graph__") and hasattr(data, "chunks")
+
+
 def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
-    array = value if hasattr(value, "__dask_graph__") else np.asarray(value)  # what Dask's arrays hold stays there
+    array = value if is_lazy(value) else np.asarray(value)  # what Dask's arrays hold stays there
     if array.ndim < 2 or array.shape[-2:] != (cls.size, cls.size):
         raise ShpyTypeError(
             f"{what} is a {cls.__name__} and takes an array (*S, {cls.size}, {cls.size}), not {array.shape}",
