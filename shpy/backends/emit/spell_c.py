@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from shpy.backends.dump import dump
 from shpy.backends.emit.tree import (
     AnyType,
     Assign,
@@ -38,6 +39,7 @@ from shpy.backends.emit.tree import (
     Pointer,
     Stmt,
 )
+from shpy.backends.tree_text import tree_text
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Type
 
@@ -207,6 +209,7 @@ class Speller:
 
     def function(self, f: Function) -> None:
         """Append an empty line and a function, its head on one line if that fits."""
+        dump("tree", f.name, lambda: tree_text(f))
         self._last = None
         self.line("")
         result = "void" if f.result is None else self.type_name(f.result)

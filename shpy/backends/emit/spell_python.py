@@ -8,13 +8,14 @@ Stage: emit, last. No decision is made here about what the text does.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from enum import IntEnum
 from pathlib import PurePath
 from typing import Any, Final
 
 import numpy as np
 
+from shpy.backends.dump import dump
 from shpy.backends.emit.tree import (
     Assign,
     Block,
@@ -25,6 +26,7 @@ from shpy.backends.emit.tree import (
     Each,
     Exit,
     Expr,
+    Function,
     If,
     Index,
     Listed,
@@ -40,6 +42,7 @@ from shpy.backends.emit.tree import (
     Tuple,
     Update,
 )
+from shpy.backends.tree_text import tree_text
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
@@ -178,12 +181,13 @@ class PythonSpeller:
             text = f"{text}  # {_file(loc)}:{loc.line}"
         self.lines.append(f"{'    ' * self._indent}{text}")
 
-    def function(self, name: str, parameters: Sequence[Expr], body: Block) -> None:
+    def function(self, f: Function) -> None:
         """Append two empty lines and a function."""
+        dump("tree", f.name, lambda: tree_text(f))
         self._last = None
         self.lines += ["", ""]
-        self.line(f"def {name}({self.listed(parameters)}):")
-        self.block(body)
+        self.line(f"def {f.name}({', '.join([p.name for p in f.parameters])}):")
+        self.block(f.body)
 
     def block(self, block: Block) -> None:
         """Append indented statements."""

@@ -146,7 +146,8 @@ class _PythonModule(Unit):
             if function is entry and in_place and ("place", "") in self.handed[entry.name]:
                 block, memory = written(block, function.outputs, body.varying_slots, body.scope)
                 parameters, outs = [*parameters, *memory.values()], tuple(memory)
-            self.speller.function(self.functions[function.name], parameters, block)
+            names = tuple([tree.Parameter(p.type, p.text) for p in parameters])
+            self.speller.function(tree.Function(self.functions[function.name], None, names, block))
             self.compacts |= body.compacts
         called = {name.partition(".")[0] for name in self.speller.called}
         lane_names = frozenset(lane_functions.__all__)
@@ -187,14 +188,14 @@ class _PythonBody(NumpyOperations):
 
     # The function
 
-    def parameters(self) -> list[Expr]:
+    def parameters(self) -> list[Name]:
         """Name the arguments and the variables; return the arguments."""
-        arguments: list[Expr] = []
+        arguments: list[Name] = []
         for port in self.function.inputs:
-            self.exprs[port.id] = Name(port.type, self.scope.take(port.name, "x"))
-            arguments.append(self.exprs[port.id])
+            name = self.exprs[port.id] = Name(port.type, self.scope.take(port.name, "x"))
+            arguments.append(name)
             if port.id in self.varying:
-                self.lane_names.add(self.exprs[port.id])
+                self.lane_names.add(name)
         self.arguments = tuple(arguments)
         self.given = {
             (kind, what): Name(INT, self.scope.take(what) if what else kind)
