@@ -104,7 +104,7 @@ def _free(name: str, taken: Mapping[str, Any]) -> str:
 
 
 def compose(g: Recorded, f: Recorded) -> Recorded:
-    """`g << f`: f's outputs by the names that are g's inputs; by position where no name is, or f's have none.
+    """Return `g << f`: f's outputs by the names that are g's inputs; by position where no name is, or f's have none.
 
     The other outputs follow g's, the other inputs follow f's. Raises ShpyTypeError where both could be meant, and where
     an output does not fit its input.
@@ -237,7 +237,7 @@ def signature(p: Recorded) -> str:
 
 
 def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
-    """`f & g`, or `f.merge(g)` with `share`: inputs of equal name and type are one."""
+    """Return `f & g`, or `f.merge(g)` with `share`: inputs of equal name and type are one."""
     types: dict[str, InputType] = dict(f.inputs)
     names: dict[str, str] = {}
     for name, type_ in g.inputs.items():

@@ -102,7 +102,7 @@ def with_picks(program: Program | Choice, picks: Mapping[str, str]) -> Program:
 
 
 def combinations(program: Program | Choice) -> Iterator[tuple[dict[str, str], Program]]:
-    """Every combination of alternatives, with the program that it makes; one without picks where there is no choice."""
+    """Yield every combination of alternatives with its program; one without picks where there is no choice."""
 
     def inner(picks: dict[str, str]) -> Iterator[tuple[dict[str, str], Program]]:
         made, met = _recorded(program, picks)

@@ -225,13 +225,13 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     # Programs are values
 
     def __lshift__(self, other: Program) -> Program:
-        """`g << f`: f's outputs become g's inputs."""
+        """Return `g << f`: f's outputs become g's inputs."""
         if not isinstance(other, Program):
             return NotImplemented
         return Program(algebra.compose(self.recorded, other.recorded))
 
     def __and__(self, other: Program) -> Program:
-        """`f & g`: side by side, inputs and outputs one after the other."""
+        """Return `f & g`: side by side, inputs and outputs one after the other."""
         if not isinstance(other, Program):
             return NotImplemented
         return Program(algebra.beside(self.recorded, other.recorded, share=False))

@@ -60,7 +60,7 @@ def ulp(found: Any, exact: Any = None) -> Budget | Array:
 
 
 def ulps(found: Array, exact: Array, *, dtype: Any = None, rest: Array | None = None) -> Array:
-    """|found - exact| in units in the last place of `exact` in the type of `found` (or in `dtype`), float64.
+    """Return |found - exact| in units in the last place of `exact` in the type of `found` (or in `dtype`), float64.
 
     The unit is the spacing of the numbers around `exact`: below the least normal number that of the denormals (as in
     OpenCL C 3.0 section 7.4), past the largest finite one that of the largest. Two NaNs are 0 apart, a NaN and a number

@@ -114,7 +114,7 @@ def _with_small_leaves(tree: _Binary) -> _Binary:
 
 
 def _shares(tree: _Binary) -> Ints:
-    """(WIDTH + 1, M): how many of so many boxes are for what is left in a node; 0 if it had better be one box itself.
+    """Return (WIDTH + 1, M): how many of so many boxes a node's left child takes; 0 if one box for all costs less.
 
     From the bottom up: what a node holds costs, in so many boxes, the least that its children's cost in a part of them
     each; in one box the node's surface and what it costs in all boxes of a node.
@@ -148,7 +148,7 @@ def _shares(tree: _Binary) -> Ints:
 
 
 def _gathered(share: Ints, tree: _Binary) -> list[Ints]:
-    """Level by level, for each wide node the nodes whose boxes it has (n, WIDTH), -1 where there is none."""
+    """Return for each level the nodes whose boxes each wide node has (n, WIDTH), -1 where there are fewer."""
     levels = []
     nodes = np.zeros(1, np.int64)
     while len(nodes):

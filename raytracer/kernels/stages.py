@@ -174,7 +174,7 @@ def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
 
 @sh.program
 def waiting(state: sh.Attrib1i) -> sh.Attrib1b:
-    """Write for the rays that wait for the intersector."""
+    """Write True for the rays that wait for the intersector; the others are discarded."""
     SH_DISCARD(state != WAIT)
     return sh.Attrib1b(True)
 

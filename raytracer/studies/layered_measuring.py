@@ -261,7 +261,7 @@ class Bench:
         return Renderer(self.scenes[frame], backend=self.backend, bounces=1, **options)
 
     def _frames(self, made: list[Renderer]) -> tuple[float, float]:
-        """Return the least seconds of a picture and of its exact one, in turns."""
+        """Return the least seconds of a picture and of its exact one, rendered alternately."""
         for renderer, exact in zip(made, self.exact, strict=False):
             renderer.render(self.small)  # drivers compile once more when a kernel runs for the first time
             exact.render(self.size)  # OpenCL tries widths of packets in the first large picture

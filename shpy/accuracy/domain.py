@@ -76,7 +76,7 @@ def draw(
     precision: str = "f32",
     special: bool = True,
 ) -> Samples:
-    """`count` elements inside the domain, then (with `special`) one for each special value of each input.
+    """Return `count` elements inside the domain, then (with `special`) one for each special value of each input.
 
     An element with a special value has ordinary ones in its other inputs. Raises ShpyTypeError for a domain that lacks
     an input, or has one that the program does not.

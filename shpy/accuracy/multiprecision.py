@@ -226,7 +226,7 @@ class Exact(Formula):
 
 
 def _defined(definition: Callable[..., Any]) -> Callable[..., Any]:
-    """Return what a composite operation is by its definition."""
+    """Return the function that computes a composite operation by its definition."""
 
     def exact(*args: Any) -> Any:
         value = definition(*map(Exact, args)).value

@@ -111,7 +111,7 @@ class Tradeoff:
         return self.table()
 
     def json(self) -> dict[str, Any]:
-        """Every candidate, for `json.dump`; `like_fastest` marks times that are not separable from the fastest's."""
+        """Return every candidate for `json.dump`; `like_fastest` marks times not separable from the fastest's."""
         rows = [
             {
                 "backend": c.variant.backend,
@@ -277,7 +277,7 @@ class _Search:
         return self._error(candidate, *self.unseen) <= self.budget.limit
 
     def quick(self) -> Kind:
-        """binary64 as the reference, if it is as good as exact by the budget's measure; else what was asked for."""
+        """Return "f64" if binary64 is as good as exact by the budget's measure, else the reference asked for."""
         if self.reference == "f64":
             return "f64"
         double = Candidate(

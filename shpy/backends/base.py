@@ -309,7 +309,7 @@ class Backend(Protocol):
     name: str
 
     def devices(self) -> list[Device]:
-        """Every device there is; raises BackendUnavailable, with the command that mends it, when there is none."""
+        """Return every device; raises BackendUnavailable, with the command that mends it, when there is none."""
 
     def compile(self, module: Module, options: Options) -> Executable:
         """Prepare, print and build; raises CompileError naming the user's line."""

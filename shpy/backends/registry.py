@@ -43,7 +43,7 @@ def backend(name: str) -> Backend:
 
 
 def backends() -> list[BackendInfo]:
-    """Every backend with its devices and what they can do, or why it is not available."""
+    """Return every backend with its devices and what they can do, or why it is not available."""
     listed = []
     for name in NAMES:
         try:

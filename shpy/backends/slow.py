@@ -22,7 +22,7 @@ PATIENCE = 5.0
 
 @contextmanager
 def announced(module: Module, backend: str) -> Iterator[None]:
-    """Around a compilation: one that takes longer than `PATIENCE` says so once, unless SHPY_QUIET is set."""
+    """Announce a compilation that takes longer than `PATIENCE`, once, unless SHPY_QUIET is set."""
     if os.environ.get("SHPY_QUIET"):
         yield
         return
@@ -54,7 +54,7 @@ def _write(line: str) -> None:
 
 
 def describe(module: Module, backend: str) -> str:
-    """`shade for glsl (12,345 operations; 100 calls of noise3 with 11,000 of them)`.
+    """Return `shade for glsl (12,345 operations; 100 calls of noise3 with 11,000 of them)`.
 
     Operations count as often as their function is called, and calls of a function that calls others count theirs too.
     """

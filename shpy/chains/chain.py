@@ -160,7 +160,7 @@ class Repeat(Chain):
         return ((kernel, runs and self.times > 0) for kernel, runs in super().steps)
 
     def perform(self, run: Run) -> None:
-        """Run the members so many times."""
+        """Run the members as often as the chain repeats."""
         outside, run.once = run.once, run.once and self.times < 2
         for _ in range(self.times):
             for member in self.members:

@@ -72,7 +72,7 @@ class Member:
 
     @property
     def steps(self) -> Iterator[tuple[Member, bool]]:
-        """Itself, which runs."""
+        """Yield the member itself, which runs."""
         yield self, True
 
     def perform(self, run: Any) -> None:

@@ -90,7 +90,7 @@ class Grid:
 
 
 def _vector(components: tuple[int, ...]) -> Any:
-    """Return the value of a Param of so many components."""
+    """Return components as the value of a Param: a number if there is one, else a tuple."""
     return components if len(components) > 1 else components[0]
 
 

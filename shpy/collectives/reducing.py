@@ -223,7 +223,7 @@ def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty
 
 
 def _folded(rows: Stream, axis: int | None, *how: Any) -> Stream:
-    """Fold: the only result goes to the host, and what is left to do with it takes less time there."""
+    """Fold, and return the only result on the host, where finishing it takes less time than on the device."""
     return fold_to_host(rows, *how) if axis is None else fold(rows, *how)
 
 

@@ -84,7 +84,7 @@ def _by(own: Tree, stream: Stream, exclusive: bool) -> Stream:
 
 
 def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:
-    """Four neighbours become one on the way up, and one prefix four on the way down."""
+    """Scan on a device: four neighbours become one on the way up, and one prefix four on the way down."""
     levels = [stream]
     while levels[-1].size > 1:
         shape = (-(-levels[-1].size // 4),)

@@ -98,7 +98,7 @@ class Builder:
         return made
 
     def input(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Value:
-        """One more input by value."""
+        """Add an input by value."""
         made = self.value(type, name, loc)
         self.inputs.append(made)
         return made
@@ -106,13 +106,13 @@ class Builder:
     def reference(
         self, type: Type, name: str | None = None, length: int | None = None, loc: Loc | None = None
     ) -> Variable:
-        """One more input by reference."""
+        """Add an input by reference."""
         made = self._slot(type, length, name, loc)
         self.inputs.append(made)
         return made
 
     def output(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Variable:
-        """One more output."""
+        """Add an output."""
         made = self._slot(type, None, name, loc)
         self.outputs.append(made)
         return made
@@ -150,7 +150,7 @@ class Builder:
         name: str | None = None,
         loc: Loc | None = None,
     ) -> Value:
-        """`value = op(args)`; `type` is computed for a row of the table and needed for a structural op."""
+        """Append `value = op(args)`; `type` is computed for a row of the table and needed for a structural op."""
         if type is None:
             if op not in OPS:
                 raise TypeError(f"the type of {op} is not in the table: give type=")

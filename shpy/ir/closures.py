@@ -144,7 +144,7 @@ class Compiler:
         return made
 
     def region(self, region: Region) -> Step:
-        """One step that takes the statements in turn until one leaves."""
+        """Return one step that runs the statements in order until one leaves."""
         steps = tuple(map(self.statement, region))
 
         def run(frame: Frame) -> int | None:
@@ -226,7 +226,7 @@ class Compiler:
     # Statements
 
     def let(self, let: Let) -> Step:
-        """Rewrite a Let."""
+        """Return the step of a Let, which notes the value where it is traced."""
         place = self.places[let.value.id]
         compute = self.operation(let, [self.places[a] for a in let.args])
         name, loc = let.value.name, let.value.loc
@@ -408,7 +408,7 @@ def _counted(step: Step) -> Step:
 
 
 def _apply(f: Callable[..., Any] | None, args: list[int], dtype: Any) -> Callable[[Frame], Any]:
-    """`f` on its operands; `dtype` where the result must be brought to the working precision."""
+    """Return the closure that applies `f` and rounds the result to `dtype`, where that is given."""
     assert f is not None
     if dtype is not None:
         return lambda frame: f(frame[args[0]]).astype(dtype)

@@ -200,7 +200,7 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
             self.fail(token, "no character has this number")
 
     def split(self, token: Token) -> tuple[str | None, int]:
-        """`%name.id` taken apart."""
+        """Split `%name.id` into name and id."""
         name, dot, number = token[1:].rpartition(".")
         return (self.text(Token.new_borrow_pos("STRING", name, token)) if dot else None), int(number)
 

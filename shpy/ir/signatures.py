@@ -41,12 +41,12 @@ def structural_type(let: Let, args: Types, scope: Scope) -> Type:
 
 
 def spoken_types(types: Types) -> str:
-    """`(f, i3)`."""
+    """Return types as text: `(f, i3)`."""
     return f"({', '.join(map(repr, types))})"
 
 
 def counted(number: int, thing: str) -> str:
-    """`1 input`, `2 inputs`."""
+    """Return a number with its noun: `1 input`, `2 inputs`."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 

@@ -123,7 +123,7 @@ class _Printer:
         self.slots = 0
 
     def module(self, module: Module) -> list[Line]:
-        """All lines. The body comes first, because it tells which files there are."""
+        """Return all lines. The functions are printed first, because they tell which files there are."""
         for i, function in enumerate(module.functions):
             self.function(i, function)
             self.references[function.name] = function
@@ -152,7 +152,7 @@ class _Printer:
         self.out.append(Line(0, "}"))
 
     def body(self, region: Iterable[Stmt]) -> None:
-        """Every statement, without recursion: what is still to come lies on a stack, last first."""
+        """Print every statement, without recursion: what is still to come lies on a stack, last first."""
         pending: list[tuple[int, Stmt | Line]] = [(1, s) for s in reversed(tuple(region))]
         while pending:
             depth, item = pending.pop()

@@ -32,7 +32,7 @@ def regions_of(statement: Stmt) -> tuple[Region, ...]:
 
 
 def walk(region: Region) -> Iterator[Stmt]:
-    """Every statement in the region and in those nested in it, in program order."""
+    """Yield every statement in the region and in those nested in it, in program order."""
     pending: list[Iterator[Stmt]] = [iter(region)]
     while pending:
         for statement in pending[-1]:
@@ -113,7 +113,7 @@ def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tupl
 
 
 def defined(function: Function) -> Iterator[Value]:
-    """Every value of the function: its inputs by value, then those that statements assign."""
+    """Yield every value of the function: its inputs by value, then those that statements assign."""
     for port in function.inputs:
         if isinstance(port, Value):
             yield port
@@ -122,7 +122,7 @@ def defined(function: Function) -> Iterator[Value]:
 
 
 def variables_of(function: Function) -> Iterator[Variable]:
-    """Every slot of the function: inputs by reference, outputs, the others."""
+    """Yield every slot of the function: inputs by reference, outputs, the others."""
     for port in function.inputs:
         if isinstance(port, Variable):
             yield port
@@ -163,7 +163,7 @@ def test_length(body: Region) -> int:
 
 
 def loops(module: Module) -> Iterator[Loop]:
-    """Every loop: functions in order, statements in program order, an outer loop before those inside it."""
+    """Yield every loop: functions in order, statements in program order, an outer loop before those inside it."""
     for function in module.functions:
         for statement in walk(function.body):
             if isinstance(statement, Loop):

@@ -337,7 +337,7 @@ class _Function:
             self.fail(f"a condition is a b, not {type!r}")
 
     def check_loop(self, loop: Loop) -> None:
-        """`continuing` sees the body's own values if no Continue can skip them; `until` sees those of both."""
+        """Check a loop: `continuing` sees values of the body that no Continue can skip, `until` those of both."""
         anchor: Anchor = ("until", self.anchor[1])
         if self.loops == MAX_LOOP_DEPTH:
             self.fail(f"loops are nested more than {MAX_LOOP_DEPTH} deep", cure="put the inner loops into a subroutine")

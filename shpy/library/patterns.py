@@ -88,7 +88,7 @@ def _cells(p: Any) -> list[Any]:
 
 
 def _numbers(word: Any, count: int) -> list[Any]:
-    """`count` numbers in [0, 1) from a hash."""
+    """Return `count` numbers in [0, 1) from a hash."""
     return [unit_float(pcg(word + k)) for k in range(count)]
 
 

@@ -169,7 +169,7 @@ class _Apart:
         return tuple(made)
 
     def gather_outputs(self) -> None:
-        """At the end of a pure function: its output as the vector that it is."""
+        """Store the output of a pure function at its end as one vector."""
         for output in self.function.outputs:
             if output.type.size > 1:
                 loads = [self.b.load(part) for part in self.slots[output.id]]
@@ -250,7 +250,7 @@ class _Apart:
             self.b.append(Let(value, "load", args, slot.id))
 
     def component(self, let: Let) -> None:
-        """One of the components by its number, clamped: a chain of choices."""
+        """Choose one of the components by its number, which is clamped."""
         vector, index = let.args
         *parts, found = self.parts[vector]
         at, number = self.parts[index][0], self.b.type_of(index)

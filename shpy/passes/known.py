@@ -103,7 +103,7 @@ def _products(spans: list[Span], _: Span) -> Span:
 
 
 def _bits_of_both(spans: list[Span], anything: Span) -> Span:
-    """No more than either, if that is not negative."""
+    """Return the span of `a & b`: at most either operand that is not negative."""
     limits = [high for low, high in spans if low >= 0]
     return (0, min(limits)) if limits else anything
 

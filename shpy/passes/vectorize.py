@@ -323,7 +323,7 @@ class _Vectorizer(CallBuilder):
             self.thin(here)
 
     def spread_early(self, s: If, note: Note, here: Here) -> None:
-        """Before the sides of an If, which may be skipped: spread what a store in them would have to spread."""
+        """Spread the variables that stores in an If would spread: its sides may be skipped."""
         kept = self.kept(here)
         masked = stored_in(s.then) & (kept | note.inner[1]) | stored_in(s.orelse) & (kept | note.after)
         for variable in sorted((masked & note.before) - self.arrays - self.state):
@@ -406,7 +406,7 @@ class _Vectorizer(CallBuilder):
                 self.b.store(self.lanes(variable), self.load(self.lanes(variable, scope.outer)))
 
     def merge(self, variables: frozenset[int], varying: set[int], here: Here, scope: Scope) -> None:
-        """After a loop that all its lanes left together: put what they changed into the slots outside."""
+        """Put what the lanes of a loop changed into the slots outside, where all of them left it together."""
         for variable in sorted(variables):
             slot = self.lanes(variable, scope) if variable in varying else self.slots.uniform(variable)
             outside = self.lanes(variable)

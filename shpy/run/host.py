@@ -196,7 +196,7 @@ def _check_column(inputs: Sequence[Sized], shape: Shape) -> None:
 
 
 def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
-    """Every table by its name in the module: those of the closure, and those given as inputs."""
+    """Return every table by its name in the module: those of the closure, and those given as inputs."""
     found = {name: table for name, table in closure.items() if not isinstance(table, TableArgument)}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
@@ -275,7 +275,7 @@ def bytes_each(inputs: Sequence[InputLeaf], output: Layout, dtypes: Mapping[Base
 
 
 def _check_apart(given: Sequence[tuple[str, NDArray[Any]]]) -> None:
-    """No element of `out` may have the memory of another: the one that is written last would stay."""
+    """Raise ShpyTypeError if elements of `out` share memory: only the last one written would stay."""
     for name, array in given:
         if _overlaps_itself(array):
             raise ShpyTypeError(

@@ -137,7 +137,7 @@ class _Comparison:
             yield f"the first statement at which they part:\n{found}"
 
     def values(self, element: int) -> Iterator[str]:
-        """Each target's outputs, and how far they are from the first's."""
+        """Return each target's outputs, and how far they are from the first's."""
         truth = run(self.setting, INTERPRETER, only={element}) if INTERPRETER not in self.names else None
         for leaf, name in enumerate(self.setting.program.outputs):
             yield f"  output {name}:"

@@ -46,7 +46,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test for each backend, where the fixture is asked for."""
+    """Make one test for each backend where the fixture is asked for."""
     if "shpy_backend" in metafunc.fixturenames:
         from shpy.backends.registry import backends
         from shpy.testing import defaults

@@ -98,7 +98,7 @@ def interpreter_of(module: Module, precision: Precision, loop_limit: int | None,
 
 
 def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
-    """Every way to run a program on the backends that are `wanted`: with 1, 4, 8 and 16 lanes where they have lanes.
+    """Return every way to run a program on the `wanted` backends: with 1, 4, 8 and 16 lanes where they have lanes.
 
     None stands for every backend that is available; a name with a width, "opencl-4", for that one; "interpreter" for
     the reference interpreter. Raises BackendUnavailable for what is not there.

@@ -1,25 +1,22 @@
-"""Precision, half, lower, cse, dead code, specialise, size: what each does, in text."""
+"""Precision, half, lower, cse, dead code, outputs, size: what each does, in text."""
 
 import numpy as np
-import pytest
 from before_after import check, module, text
 
 import shpy as sh
-from shpy.errors import ShpyTypeError
-from shpy.ir.constants import encode
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.parser import parse
 from shpy.ir.traverse import variables_of
-from shpy.ir.types import Base, vec
+from shpy.ir.types import vec
 from shpy.ir.verifier import verify
 from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.half import lower_half
 from shpy.passes.lower import lower
+from shpy.passes.outputs import select_outputs
 from shpy.passes.precision import set_precision
 from shpy.passes.size import count_ops
-from shpy.passes.specialise import select_outputs, specialise
 
 
 def test_f32_rounds_constants_and_params():
@@ -267,21 +264,6 @@ def test_functions_stay_declared_until_the_module_is_printed():
     given = remove_dead(module("%4: f = call f(%a.0)\nstore $o.0 = %a.0", functions))
     assert [f.name for f in given.functions] == ["f", "main"]
     assert [f.name for f in remove_unused_functions(given).functions] == ["main"]
-
-
-def test_specialise_turns_ports_into_constants():
-    given = module("%4: f = param sky\n%5: f = add %4, %a.0\nstore $o.0 = %5")
-    made = specialise(given, {"a": encode(vec(Base.F), [2])}, {"sky": encode(vec(Base.F), [1])})
-    verify(made)
-    assert [p.name for p in made.inputs] == ["v", "k", "c"]
-    assert made.params == ()
-    (o, _), _ = Interpreter(made).run_element([[0, 0, 0], 1, True], {}, {"data": np.zeros(8)})
-    assert o == 3
-
-
-def test_specialise_names_what_there_is():
-    with pytest.raises(ShpyTypeError, match="there is no param 'moon'; there is sky"):
-        specialise(module("store $o.0 = %a.0"), {}, {"moon": (0,)})
 
 
 def test_select_outputs_drops_what_the_others_needed():

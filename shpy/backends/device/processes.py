@@ -55,7 +55,7 @@ class Driver:
 
 @cache
 def _leave_drivers_alone() -> None:
-    """From now on, let the children of this process exit without the exit handlers of its drivers.
+    """Let the children of this process exit without the exit handlers of its drivers, from now on.
 
     These handlers wait for the drivers' threads, which a child does not have: Mesa's wait for ever, or fail. So a child
     skips all handlers of C that its parent had registered, as `multiprocessing` does, but for those of stdio.

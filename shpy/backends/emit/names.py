@@ -131,7 +131,7 @@ class Names:
         return Names(self.target, outer=self)
 
     def reserve(self, name: str) -> None:
-        """`name` is in use from now on."""
+        """Mark a name as used."""
         self._taken.add(name)
 
     def __contains__(self, name: str) -> bool:
@@ -162,7 +162,7 @@ class Names:
 
 
 def legal(wanted: str, target: Target) -> str:
-    """`wanted` as a legal identifier of `target` that is not reserved; '' if it has no letter or digit."""
+    """Return `wanted` as a legal identifier of `target` that is not reserved; '' if it has no letter or digit."""
     text = "".join(map(_spelled, unicodedata.normalize("NFKD", wanted[: 4 * MAX_LENGTH])))
     text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", text))
     if text == "_":

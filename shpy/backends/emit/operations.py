@@ -245,7 +245,7 @@ class Operations:
     op_grid_shape = op_grid_index
 
     def op_any_lane(self, let: Let) -> Expr:
-        """One element runs alone: what holds for it holds for all that run with it."""
+        """Return the condition itself: an element runs alone, so it speaks for all that run with it."""
         return self.exprs[let.args[0]]
 
     op_all_lanes = op_any_lane

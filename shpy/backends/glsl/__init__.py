@@ -33,10 +33,10 @@ from shpy.passes.exits import LOOPED, few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
+from shpy.passes.outputs import select_outputs
 from shpy.passes.pipeline import Target, prepare
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
-from shpy.passes.specialise import select_outputs
 
 TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, inlines=True)
 _SHARED = (
@@ -84,7 +84,7 @@ class GlslBackend:
         self._count: int | None = None
 
     def devices(self) -> list[Device]:
-        """Every device that EGL lists; BackendUnavailable without one.
+        """Return every device that EGL lists; BackendUnavailable without one.
 
         The first call tries one device after the other until there is none; later ones know their number.
         """

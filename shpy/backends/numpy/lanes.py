@@ -108,7 +108,7 @@ def on_components(f: Any, *args: Array) -> Array:
 
 
 def select(mask: Array, a: Any, b: Any) -> Array:
-    """`np.where(mask, a, b)`, of which at most one is a literal, by their bits: in time that no mask prolongs."""
+    """Return `np.where(mask, a, b)`, computed on the bits, so that the time does not depend on the mask."""
     if mask.size < FEW:
         return np.asarray(np.where(mask, a, b))
     dtype = np.result_type(a, b)
@@ -139,7 +139,7 @@ def _is_literal(b: Any) -> bool:
 
 
 def _bounded(extremum: np.ufunc, x: Array, bound: float, within: np.ufunc) -> Array:
-    """x, or the bound where x is not within it: numpy's own function says nothing of zeros of two signs."""
+    """Return x, or the bound where x is beyond it; numpy's own function leaves zeros of two signs open."""
     if bound == 0.0:
         keep = within(x, bound)
         if np.size(keep) < FEW or np.signbit(bound):

@@ -51,9 +51,9 @@ class Place:
     skipped: int = field(init=False)
 
     def __post_init__(self) -> None:
-        """Find the `extents`, the shape of what varies in the tile: (lanes,), or (rows, columns).
+        """Derive the `extents`, the shape (lanes,) or (rows, columns) of the tile's varying values, and its place.
 
-        And the lines and columns that it has a part in, and how many elements of these come before it.
+        The place are the lines and columns that the tile touches, and the number of their elements before the tile.
         """
         row, lanes = self.shape[-1] if self.shape else 1, self.stop - self.start
         top, bottom = (0, 0) if len(self.shape) < 2 else (self.start // row, (self.stop - 1) // row)

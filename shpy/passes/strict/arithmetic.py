@@ -26,13 +26,13 @@ def _exponent(bits: Term) -> Term:
 
 
 def _step(rest: Term, by: Term) -> Term:
-    """By how many the quotient must grow, by and large: the remainder divided by the divisor."""
+    """Estimate by how much the quotient must grow: the remainder divided by the divisor."""
     estimate = rest.based(Base.F) / by.based(Base.F)
     return estimate.op("floor").based(Base.I).named("off")
 
 
 def _rounded(q: Term, exact: Term, n: Term) -> Term:
-    """Q, of 25 bits, to the nearest 24, half to even; nothing follows it where it is exact. Times 2**(n - 23)."""
+    """Round q from 25 to 24 bits, half to even, times 2**(n - 23); where `exact`, no bits follow those of q."""
     sticky = where(exact, q.constant(0), 1)
     up = q & 1 & (sticky | (q >> 1))
     mantissa = ((q >> 1) + up).based(Base.F) * 2.0**-23
@@ -129,7 +129,7 @@ def _shifted(x: _Wide, n: Term) -> _Wide:
 
 
 def _negated(x: _Wide, condition: Term) -> _Wide:
-    """-x modulo 2**64 where the condition holds, else x."""
+    """Return -x modulo 2**64 where the condition holds, else x."""
     high, low = x
     carry = where(low.equals(0), low.constant(1), 0)
     return where(condition, ~high + carry, high), where(condition, low.constant(0) - low, low)

@@ -20,7 +20,7 @@ _CHUNK = 1 << 22
 
 
 def scattered(count: int, seed: int) -> Array:
-    """`count` uint32 numbers that look drawn at random."""
+    """Return `count` uint32 numbers that look drawn at random."""
     with np.errstate(over="ignore"):
         x = np.arange(1, count + 1, dtype=np.uint32) * np.uint32(0x9E3779B9) + np.uint32(seed * 0x85EBCA6B % 2**32)
         for shift, factor in ((16, 0x21F0AAAD), (15, 0x735A2D97)):
@@ -29,7 +29,7 @@ def scattered(count: int, seed: int) -> Array:
 
 
 def fractions(count: int, seed: int) -> Array:
-    """`count` float32 numbers from 0 up to 1, without it: multiples of 2**-24."""
+    """Return `count` float32 numbers in [0, 1): multiples of 2**-24."""
     return (scattered(count, seed) >> np.uint32(8)).astype(np.float32) * np.float32(2.0**-24)
 
 
@@ -42,7 +42,7 @@ def no_denormals(*arrays: Array) -> tuple[Array, ...]:
 
 
 def sweep(mantissas: int = MANTISSAS) -> Array:
-    """float32 numbers of every exponent and sign with so many mantissas each, infinities, NaN, no denormals."""
+    """Return float32 numbers of every exponent and sign with so many mantissas each, infinities, NaN, no denormals."""
     low = scattered(512 * mantissas, 1) & np.uint32(0x7FFFFF)
     low[::mantissas] = 0  # the powers of two, the zeros and the infinities
     low[1::mantissas] = 0x7FFFFF  # and the numbers just below them
@@ -51,7 +51,7 @@ def sweep(mantissas: int = MANTISSAS) -> Array:
 
 
 def pairs(count: int, seed: int, arity: int = 2) -> tuple[Array, ...]:
-    """`arity` arrays of any float32 numbers in the first half, of numbers beside 1 in the second; no denormals."""
+    """Return `arity` arrays of any float32 numbers in the first half, numbers beside 1 in the second; no denormals."""
     made = []
     for k in range(arity):
         bits = scattered(count, seed + k)

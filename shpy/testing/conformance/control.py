@@ -50,12 +50,12 @@ def number(value: float) -> Const:
 
 
 def compare(op: str, left: Expr, right: float) -> Apply:
-    """`left op right`, a bool."""
+    """Return `left op right`, a bool."""
     return Apply(B, op, (left, Const(left.type, (right,))))
 
 
 def plus(name: str, value: float) -> Assign:
-    """`x += 1.0`: what was executed can be read off the sum."""
+    """Add 1.0 to x: what was executed can be read off the sum."""
     return Assign(name, Const(F, (value,)), None, "add")
 
 
@@ -182,7 +182,7 @@ def evaluated(program: Tree, a: Any, n: Any) -> tuple[Any, ...]:
 
 
 def pairs() -> Iterator[tuple[str, str]]:
-    """Every form in every form. Of the many SH_FORs each pair takes another one, and each meets itself."""
+    """Yield every form in every form. Of the many SH_FORs each pair takes another one, and each meets itself."""
     count = 0
     general = [*BRANCHES, "while", "do", "do_late", "for"]
     for outer in general:
@@ -202,7 +202,7 @@ def nested(outer: str, inner: str, *body: Stmt) -> Block:
 
 
 def exit_cases(outer: str, inner: str) -> Iterator[Case]:
-    """break, continue, return and discard in the inner form: with conditions of their own, and without, in branches."""
+    """Yield break, continue, return and discard in the inner form: with and without conditions of their own."""
     looped = outer in LOOPS or inner in LOOPS
     kinds = (["break", "continue"] if looped else []) + ["return", "discard"]
     if (inner if inner in LOOPS else outer) == "do":
@@ -255,7 +255,7 @@ def long_chain(length: int) -> Case:
 
 
 def deep(name: str, depth: int) -> Case:
-    """One form nested in itself."""
+    """Return one form nested in itself."""
     body: Block = (plus("x", 1.0), Exit("break", compare("gt", X, 40.0))) if name in LOOPS else (plus("x", 1.0),)
     for n in range(depth):
         body = FORMS[name](body, 2 * n if name in LOOPS else n % 5)
@@ -312,7 +312,7 @@ def subroutine_cases() -> Iterator[Case]:
 
 
 def array_cases() -> Iterator[Case]:
-    """One element's own array: dynamic indices, in range and out of it, from inside loops and branches."""
+    """Yield an element's own array, indexed in range and out of it, from inside loops and branches."""
     index = Apply(I, "sub", (Apply(I, "and", (N, number(7))), number(2)))
     write = Write("own", index, Apply(F, "add", (X, number(3.0))))
     read = Assign("x", Read(F, "own", (index,)), None, "add")
@@ -326,7 +326,7 @@ def array_cases() -> Iterator[Case]:
 
 
 def lane_cases() -> Iterator[Case]:
-    """any_lane and all_lanes where some elements have left."""
+    """Yield any_lane and all_lanes where some elements have left."""
     for how in ("any_lane", "all_lanes"):
         choice = Lanes(how, bit(1), "x", Apply(F, "add", (X, number(5.0))))
         yield case(f"{how}-in-a-loop", FORMS["for_symbolic"]((choice, Exit("continue", bit(2)), plus("x", 2.0)), 0))
@@ -372,7 +372,7 @@ def limit_cases() -> Iterator[Case]:
 
 
 def cases() -> list[Case]:
-    """Every nesting, then what is special."""
+    """Return every nesting, then the special cases."""
     found = [c for outer, inner in pairs() for c in exit_cases(outer, inner)]
     found += straight_cases()
     found += [

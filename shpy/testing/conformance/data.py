@@ -471,5 +471,5 @@ def a_loop_without_a_limit(x: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def cases() -> list[Case]:
-    """Every form of data."""
+    """Return every form of data."""
     return CASES

@@ -300,5 +300,5 @@ def the_square_of_a_root_is_not_its_radicand(x: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def cases() -> list[Case]:
-    """Every edge."""
+    """Return every edge."""
     return CASES

@@ -66,7 +66,7 @@ def beside_ties(type: Type, rng: Any, count: int = 400) -> tuple[Array, Array]:
 
 
 def ordinary(rng: Any, like: Array) -> Array:
-    """200 elements such as programs compute with."""
+    """Return 200 elements such as programs compute with."""
     shape = (200, *like.shape[1:])
     if like.dtype.kind == "f":
         return np.asarray(rng.standard_normal(shape) * 10.0 ** rng.integers(-2, 3, shape), like.dtype)
@@ -74,7 +74,7 @@ def ordinary(rng: Any, like: Array) -> Array:
 
 
 def row_case(name: str, base: str, count: str) -> Case | None:
-    """One row of the table for one base."""
+    """Return the case of one row of the table for one base."""
     arguments = {n: OPS[name].arguments(vec(base, n), Base(count)) for n in (1, 2, 3, 4)}
     sizes = {n: types for n, types in arguments.items() if types is not None}
     if not sizes:
@@ -113,7 +113,7 @@ def meant(name: str, types: tuple[Type, ...], arrays: list[Array]) -> Array:
 
 
 def rows() -> list[Case]:
-    """Every row of the table with every base."""
+    """Return every row of the table with every base."""
     found = []
     for name, op in OPS.items():
         for base in (b for b in "fdhiub" if Base(b) in op.bases):
@@ -163,7 +163,7 @@ def convert_case(source: str, target: str) -> Case:
 
 
 def vector_case(base: str) -> Case:
-    """construct, splat, swizzle and component, for every size."""
+    """Return the case of construct, splat, swizzle and component for every size."""
     b = Builder("operation")
     arrays: dict[str, Any] = {}
     scalar = _input(b, vec(base), "s", 0, arrays)
@@ -181,7 +181,7 @@ def vector_case(base: str) -> Case:
 
 
 def constant_case(base: str) -> Case:
-    """Every special value as a constant: alone, and in a vector."""
+    """Return the case of every special value as a constant: alone, and in a vector."""
     b = Builder("operation")
     arrays: dict[str, Any] = {}
     which = _input(b, vec(Base.I), "n", 0, arrays)
@@ -249,7 +249,7 @@ def table_case(base: str, size: int, rank: int) -> Case:
 
 
 def grid_case(rank: int) -> Case:
-    """grid_index and grid_shape of a grid of this many axes."""
+    """Return the case of grid_index and grid_shape of a grid of this many axes."""
     b = Builder("operation")
     case = structural(
         f"grid-{rank}d", b, [b.let(op, type=vec(Base.I, rank)) for op in ("grid_index", "grid_shape")], {}
@@ -259,7 +259,7 @@ def grid_case(rank: int) -> Case:
 
 
 def half_case() -> Case:
-    """Every binary16, the values halfway between two, and those just beside."""
+    """Return the case of every binary16, the values halfway between two, and those just beside."""
     halves = np.arange(65536, dtype=np.uint16).view(np.float16).astype(np.float32)
     halves = np.sort(halves[np.isfinite(halves)])[::7]
     between = (halves[1:] + halves[:-1]) / 2
@@ -304,7 +304,7 @@ ROWS = rows()
 
 
 def cases() -> list[Case]:
-    """Every operation."""
+    """Return every operation."""
     found = list(ROWS)
     found += [convert_case(a, b) for a in "fdhiub" for b in "fdhiub" if a != b]
     for make in (vector_case, constant_case, load_case, param_case):

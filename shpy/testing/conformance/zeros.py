@@ -203,5 +203,5 @@ def vectors_of_a_derived_nan(x: sh.Attrib1f):
 
 
 def cases() -> list[Case]:
-    """Every case of this module."""
+    """Return every case of this module."""
     return CASES

@@ -90,7 +90,7 @@ class Expressions:
     derives: bool = False
 
     def pick(self, options: Any) -> Any:
-        """One of these."""
+        """Draw one of these."""
         return self.draw(st.sampled_from(options))
 
     def chance(self, percent: int) -> bool:

@@ -67,7 +67,7 @@ def elements(count: int) -> list[Any]:
 
 
 def _array(type: Type, count: int, rng: np.random.Generator) -> Any:
-    """`count` values of a type, (count,) or (count, size)."""
+    """Return `count` values of a type, (count,) or (count, size)."""
     base, dtype = type.base, DTYPES[type.base]
     shape = (count, type.size) if type.size > 1 else (count,)
     with np.errstate(over="ignore"):

@@ -63,7 +63,7 @@ class Statements(Expressions):
         return tuple(made)
 
     def statement(self) -> Stmt:
-        """One statement."""
+        """Draw one statement."""
         ways: list[Callable[[], Stmt]] = [self.assign, self.assign, self.declare, self.lanes, self.group, self.store_at]
         ways += [self.write] * len(self.arrays)
         if self.derives:

@@ -84,7 +84,7 @@ class Helper:
 
 @cache
 def helpers(precise: bool = True) -> tuple[Helper, ...]:
-    """Every function of the prologue, in the order of the file; functions stand below those that they call.
+    """Return every function of the prologue in the order of the file; functions stand below those that they call.
 
     Where a device has no `precise`, those of kept.glsl take the place of their namesakes.
     """

@@ -251,7 +251,7 @@ class NumpyExecutable:
 
 
 def _column(values: Array) -> Any:
-    """One for each axis, as a uniform."""
+    """Return one number for each axis as a uniform."""
     return values[0] if len(values) == 1 else values[:, None]
 
 

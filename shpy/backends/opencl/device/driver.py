@@ -101,7 +101,7 @@ _DRIVER = Driver("opencl")
 
 
 def _found() -> tuple[Any, ...]:
-    """Every device, GPUs first; BackendUnavailable without one, and in a process that was forked too late."""
+    """Return every device, GPUs first; BackendUnavailable without one, and in a process that was forked too late."""
     _DRIVER.use()
     try:
         return _listed()
@@ -127,7 +127,7 @@ def _listed() -> tuple[Any, ...]:
 
 
 def devices() -> list[Device]:
-    """Every OpenCL device of every platform, GPUs first; BackendUnavailable when there is none."""
+    """Return every OpenCL device of every platform, GPUs first; BackendUnavailable when there is none."""
     return [
         Device(
             d.name.strip(),

@@ -62,12 +62,12 @@ _WIDE: Final = 32
 
 
 class OpenCLBackend:
-    """The backend: see `base.Backend`."""
+    """OpenCL devices as a backend; see `base.Backend`."""
 
     name = "opencl"
 
     def devices(self) -> list[Device]:
-        """Every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
+        """Return every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
         return devices()
 
     def compile(self, module: Module, options: Options) -> Executable:

@@ -37,7 +37,7 @@ Pick = tuple[str, int]
 
 
 def spelled_wide(type: Type) -> str:
-    """`float16` for a packet of numbers (bools are ints, -1 for true), `float16x3` for one of vectors."""
+    """Spell `float16` for a packet of numbers (bools are ints, -1 for true), `float16x3` for one of vectors."""
     lanes = getattr(type, "lanes", None)
     base = SCALARS[Base.I if type.is_bool else type.base]
     return f"{base}{type.size}" if lanes is None else f"{base}{lanes}x{type.size}"
@@ -93,7 +93,7 @@ class PacketMemory:
     listed: bool = False
 
     def packet(self) -> str:
-        """`sh_packet` and the functions that make the packet of a work item."""
+        """Return `sh_packet` and the functions that make the packet of a work item."""
         return self._list_packet() if self.listed else self._block_packet()
 
     def _list_packet(self) -> str:
@@ -162,7 +162,7 @@ typedef struct {{
 }}"""
 
     def read(self, name: str, base: Base, size: int) -> str:
-        """`sh_read_f2`, and the function for packets that are not whole."""
+        """Return `sh_read_f2` and the function for packets that are not whole."""
         lanes, element, fields = self.lanes, element_name(base), _fields(size)
         result = spelled_wide(rows_of(base, size, lanes))
         same = [f"v{f} = {self._loaded(f'({element}{lanes})(a[{k}])', base)};" for k, f in enumerate(fields)]
@@ -201,7 +201,7 @@ typedef struct {{
         ])  # fmt: skip
 
     def write(self, name: str, base: Base, size: int) -> str:
-        """`sh_write_f2`, and the function for packets that are not whole."""
+        """Return `sh_write_f2` and the function for packets that are not whole."""
         lanes, element, fields = self.lanes, element_name(base), _fields(size)
         value = spelled_wide(rows_of(base, size, lanes))
         numbers = [f"v{f}" if base is not Base.B else f"convert_uchar{lanes}(-v{f})" for f in fields]
@@ -263,7 +263,7 @@ typedef struct {{
         return f"p.left < {self.lanes}" if self.listed else "!p.whole"
 
     def gather(self, name: str, base: Base, size: int) -> str:
-        """`sh_gather_f3`: elements of a table; those of three numbers are kept as four."""
+        """Return `sh_gather_f3`, which reads elements of a table; those of three numbers are kept as four."""
         lanes, element = self.lanes, element_name(base)
         held = {3: 4}.get(size, size)
         pointer = element if held == 1 else f"{element}{held}"
@@ -280,7 +280,7 @@ typedef struct {{
         return "\n".join([*lines, f"    {result} v;", *(f"    {line}" for line in body), "    return v;", "}"])
 
     def near(self, name: str, rank: int, base: Base, size: int, gather: str, flat: str, wrap: str) -> str:
-        """`sh_near2_f`: a table at the packet's own place, moved by `by`; what lies side by side there is read so.
+        """Return `sh_near2_f`, which reads a table beside the packet's own place, contiguous elements as a vector.
 
         The first lane's index tells whether all are inside, because no index wraps around between them. With a function
         to `wrap` indices, they are taken modulo `n` where they are not inside.
@@ -363,7 +363,7 @@ typedef struct {{
         return f"__builtin_shufflevector({first}, {second}, {places})"
 
     def _sorted(self, element: str, name: str, picks: list[Pick]) -> tuple[list[str], str]:
-        """Four numbers of three vectors or more: statements, named after `name`, and the shuffle that comes last."""
+        """Return statements and a last shuffle that pick four numbers from any vectors; `name` begins their names."""
         if len({source for source, _ in picks}) <= 2:
             return [], self._shuffled(element, picks)
         lines = []
@@ -391,7 +391,7 @@ typedef struct {{
         return lines + self._columns(element, base, size)
 
     def _columns(self, element: str, base: Base, size: int) -> list[str]:
-        """From `ra`, `rb`, ..., each group of whose lanes holds four numbers of a row: its elements' components."""
+        """Return statements that make components of `ra`, `rb`, ...: groups of lanes with four numbers of a row."""
         if size == 4:
             return self._transposed(element, base, size)
         lines = []
@@ -435,7 +435,7 @@ typedef struct {{
         return lines
 
     def _quads(self, element: str, base: Base, size: int, places: list[str]) -> list[str]:
-        """Four packets with the rows of every fourth lane each."""
+        """Return statements that load four packets, each with the rows of every fourth lane, and transpose them."""
         wide, lines = f"{element}{self.lanes}", []
         for k, part in enumerate(_PARTS):
             loads = ", ".join(f"a[{places[4 * g + k]}]" for g in range(self.lanes // 4))
@@ -443,7 +443,7 @@ typedef struct {{
         return lines + self._transposed(element, base, size)
 
     def _transposed(self, element: str, base: Base, size: int) -> list[str]:
-        """Two steps of unpacking make columns of rows, within each group of four lanes."""
+        """Return statements that make columns of rows within each group of four lanes, by unpacking twice."""
         lines = []
         for first, second in ("ab", "cd"):
             for part, (one, two) in (("lo", (0, 1)), ("hi", (2, 3))):

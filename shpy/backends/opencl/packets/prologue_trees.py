@@ -334,7 +334,7 @@ class TreePrologue:
         return self._making("", name, "sh_node a, sh_node b", values)[1:]
 
     def _calls(self, inner: str) -> str:
-        """`sh_combine`, and the same for the neighbours in two packets."""
+        """Return `sh_combine` and the same for the neighbours in two packets."""
         parts = [f"{name}.part{k}" for name in "ab" for k in range(len(self.parts))]
         lifted = self.node_types.lifted
         given = self._zeros(self.node_types.element) + [f"(int{self.lanes})(0)"] if lifted else []
@@ -399,7 +399,7 @@ class TreePrologue:
         return lines, numbers
 
     def _ahead(self) -> str:
-        """`sh_ahead`: ask the memory for two packets of elements that come some time after the one at a place."""
+        """Return `sh_ahead`, which prefetches two packets of elements some distance after a place."""
         asked = []
         for k, type in enumerate(self.node_types.element):
             each = np.dtype(DTYPES[type.base]).itemsize
@@ -419,7 +419,7 @@ class TreePrologue:
         ])  # fmt: skip
 
     def _writes(self) -> str:
-        """`sh_write`: the nodes into the elements from `first` on that stand before `end`."""
+        """Return `sh_write`, which writes the nodes into the elements from `first` on that stand before `end`."""
         types = self.node_types.made
         values = self._rows([f"made.part{k}" for k in range(len(self.parts))], types)
         lines = [

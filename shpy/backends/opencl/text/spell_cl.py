@@ -19,7 +19,7 @@ class ClSpeller(Speller):
     """OpenCL C. A vector of bools is one of ints, -1 for true; a bool in it is written so."""
 
     def base_name(self, type: Type) -> str:
-        """Spell `float3`."""
+        """Spell a type, such as `float3`."""
         return spelled(type)
 
     def number(self, e: Literal) -> tuple[str, Level]:

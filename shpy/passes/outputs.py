@@ -1,0 +1,29 @@
+"""Leave out outputs of a module, and what only they needed.
+
+Stage: improve.
+
+    select_outputs(module, [0, 2])         outputs a, b, c        ->   outputs a, c; what only b needed is gone
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from shpy.ir.nodes import Module
+from shpy.passes.dead import remove_dead
+from shpy.passes.dead_stores import remove_dead_stores
+
+
+def select_outputs(module: Module, indices: Sequence[int]) -> Module:
+    """Return the module with these of its entry's outputs, in this order, and without what the others needed.
+
+    A status output, which no port describes, is the entry's last: it stays where its index is given, last.
+    """
+    entry = module.entry
+    outputs = tuple(entry.outputs[i] for i in indices)
+    others = tuple(o for i, o in enumerate(entry.outputs) if i not in set(indices))
+    ports = tuple(module.outputs[i] for i in indices if i < len(module.outputs))
+    fewer = replace(entry, outputs=outputs, variables=(*entry.variables, *others))
+    selected = replace(module, outputs=ports, functions=(*module.functions[:-1], fewer))
+    return remove_dead(remove_dead_stores(remove_dead(selected)))
