@@ -8,13 +8,12 @@ Stage: above programs. A choice is called like any of its alternatives; it recor
     def nearest(ray: Ray) -> sh.Attrib1f:
         return intersect(ray)
 
-    with_picks(nearest, {"method": "watertight"})       # the program with g
+    combinations(nearest)       # ({"method": "moller_trumbore"}, nearest with f), then the same with g
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
@@ -73,19 +72,11 @@ def choice(name: str, alternatives: Mapping[str, Callable[..., Any]]) -> Choice:
     return Choice(name, alternatives)
 
 
-@contextmanager
-def _picks(picks: Mapping[str, str]) -> Iterator[_Picking]:
+def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Program, dict[str, Choice]]:
+    """Return the program with these picks, and every choice that it meets."""
     picking = _Picking(picks)
     token = _picking.set(picking)
     try:
-        yield picking
-    finally:
-        _picking.reset(token)
-
-
-def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Program, dict[str, Choice]]:
-    """Return the program with these picks, and every choice that it meets."""
-    with _picks(picks) as picking:
         if isinstance(program, Choice):
             made: Any = program.picked()
             made = made if isinstance(made, Program) else record_program(made)
@@ -94,11 +85,8 @@ def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Prog
             function = getattr(program, "__wrapped__", None)
             made = program if function is None else record_program(function)
         return made, picking.met
-
-
-def with_picks(program: Program | Choice, picks: Mapping[str, str]) -> Program:
-    """Return the program recorded anew with these alternatives, by the names of their choices."""
-    return _recorded(program, picks)[0]
+    finally:
+        _picking.reset(token)
 
 
 def combinations(program: Program | Choice) -> Iterator[tuple[dict[str, str], Program]]:

@@ -118,17 +118,21 @@ INLINE sh_node sh_range(GIVEN, ulong at, ulong end) {
     return made;
 }
 
-// The tree over the nodes of parts, in each lane. `waiting` holds a node for each bit of the number of those before.
+// Combine a node with those that wait for it. `waiting` holds a node for each bit of the number of those `before`.
+INLINE void sh_wait(sh_node *waiting, uint before, sh_node made) {
+    int level = 0;
+    for (; before & 1; before >>= 1) {
+        made = sh_combine(waiting[level], made);
+        level += 1;
+    }
+    waiting[level] = made;
+}
+
+// The tree over the nodes of parts, in each lane.
 INLINE sh_node sh_joined(MADE, uint parts) {
     sh_node waiting[32], made;
     for (uint part = 0; part < parts; part += 1) {
-        int level = 0;
-        made = sh_first(sh_made(MADE_ARGS, part, part + 1));
-        for (uint done = part; done & 1; done >>= 1) {
-            made = sh_combine(waiting[level], made);
-            level += 1;
-        }
-        waiting[level] = made;
+        sh_wait(waiting, part, sh_first(sh_made(MADE_ARGS, part, part + 1)));
     }
     bool some = false;
     for (int level = 0; parts >> level != 0; level += 1) {
@@ -216,19 +220,15 @@ __kernel void sh_scan(GIVEN, ulong count, ulong each, int parts, int exclusive, 
     }
     sh_node before = outer;
     for (ulong at = first; at < end; at += BLOCK) {
-        int left = (int)min(end - at, (ulong)BLOCK), packets = (left + WIDTH - 1) / WIDTH, level = 0;
+        int left = (int)min(end - at, (ulong)BLOCK), packets = (left + WIDTH - 1) / WIDTH;
         for (int k = 0; k < packets; k += 1) {
             node[k] = sh_given(GIVEN_ARGS, at + k * WIDTH, count);
         }
-        sh_node *root = sh_up(node, packets), made = *root, through = outer;
-        for (uint done = blocks; done & 1; done >>= 1) {
-            made = sh_combine(waiting[level], made);
-            level += 1;
-        }
-        waiting[level] = made;
+        sh_node *root = sh_up(node, packets), through = outer;
+        sh_wait(waiting, blocks, *root);
         blocks += 1;
         bool some = part > 0;
-        for (level = 31 - clz(blocks); level >= 0; level -= 1) {
+        for (int level = 31 - clz(blocks); level >= 0; level -= 1) {
             if (blocks >> level & 1) {
                 through = some ? sh_combine(through, waiting[level]) : waiting[level];
                 some = true;
