@@ -22,6 +22,7 @@ from shpy.ir.traverse import grid_rank
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout
+from shpy.passes.pipeline import optimise
 from shpy.passes.reach import reach
 from shpy.program import Program
 from shpy.run.kernel import Kernel
@@ -146,7 +147,8 @@ def _common(cuts: list[Cut], chain: Chain) -> Shape:
 def _reach(node: Any, cut: set[str], rank: int) -> list[int]:
     """Return how far one execution of a part of a chain reaches on each axis."""
     if isinstance(node, Member):
-        return list(reach(node.recorded.module, cut_tables(node.recorded, cut), rank))
+        # Optimised: an index that is stored component by component is one expression then.
+        return list(reach(optimise(node.recorded.module, fixed=False), cut_tables(node.recorded, cut), rank))
     inner = [_reach(member, cut, rank) for member in node.members]
     times = node.times if isinstance(node, Repeat) else 1
     return [times * sum(each) for each in zip(*inner, strict=True)]

@@ -71,6 +71,14 @@ def clamped(u: sh.Table[sh.Attrib1f, 1]) -> sh.Attrib1f:
 
 
 @sh.program
+def stored(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+    i = sh.grid_index(2)
+    i.x = sh.max(i.x - 1, 0)
+    i.y += 2
+    return u[i] + 1
+
+
+@sh.program
 def far(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
     return u[sh.grid_index(2).yx]
 
@@ -159,6 +167,11 @@ def test_indices_clamped_by_the_program_reach_as_far(name, size):
     kernel = clamped.compile(name)
     wanted = sh.repeat(kernel, 3).run(u=K).streams["u"].numpy()
     assert sh.map_overlap(kernel, {"u": cut(K, size)}, steps=3)["u"].compute().tobytes() == wanted.tobytes()
+
+
+def test_an_index_whose_components_are_stored_reaches_as_far():
+    wanted = sh.repeat(stored, 2).run(u=U).streams["u"].numpy()
+    assert sh.map_overlap(stored, {"u": cut(U, 4, 4)}, steps=2)["u"].compute().tobytes() == wanted.tobytes()
 
 
 def test_a_step_that_also_reads_a_whole_table_and_its_own_element():
