@@ -38,6 +38,7 @@ from raytracer.scene.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.studies.report import new_figure
 from raytracer.studies.tradeoff import tradeoff
+from raytracer.view import command as view
 
 _SAVING = 10.0
 """Seconds after which a picture that takes long is written, though it is not finished."""
@@ -105,6 +106,8 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(run=_gallery)
     command = commands.add_parser("animate", help="render the frames of a moving scene to a GIF, WebP or MP4 file")
     _add_animate_arguments(command)
+    command = commands.add_parser("view", help="a live page in the browser: turn, pick, change lights")
+    view.add_arguments(command, _positive, _whole)
     command = commands.add_parser("scenes", help="list the built-in scenes, or the meshes of a scene or file")
     command.add_argument("scene", nargs="?", help="a built-in scene or a file")
     command.set_defaults(run=_scenes)

@@ -71,7 +71,7 @@ from shpy.tracing import Step
 globals().update(TYPES | FUNCTIONS)
 
 # The modules and the names that `__getattr__` loads on first use, each name with its module.
-_MODULES = ("accuracy", "command", "files", "library", "packages", "screen", "testing", "videos")
+_MODULES = ("accuracy", "command", "files", "library", "packages", "screen", "testing", "videos", "view")
 _LATER = {"animate": "animation", "map_blocks": "cluster", "map_overlap": "cluster", "widget": "notebook.live"}
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.

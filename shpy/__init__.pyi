@@ -20,6 +20,7 @@ from shpy import library as library
 from shpy import screen as screen
 from shpy import testing as testing
 from shpy import videos as videos
+from shpy import view as view
 from shpy.animation import animate as animate
 from shpy.notebook.live import widget as widget
 from shpy.backends.registry import BackendInfo as BackendInfo

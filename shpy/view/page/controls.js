@@ -74,7 +74,8 @@ function numbers({ title, value, range: [low, high], step, bounded }, present, t
   return [rows.map(({ row }) => row), (shown) => rows.forEach(({ show }, k) => show(shown[k]))];
 }
 
-function color({ title, value }, present, tell) {
+function color({ title, value, linear }, present, tell) {
+  const hex = (rgb) => hexOf(linear ? rgb.map(encoded) : rgb), parts = (text) => (linear ? partsOf(text).map(decoded) : partsOf(text));
   const picker = make("input", { type: "color", "aria-label": title,
     oninput: () => tell([...parts(picker.value), ...present().slice(3)]) });
   const text = make("code", {});
@@ -91,5 +92,8 @@ function color({ title, value }, present, tell) {
 
 const label = (title, value, k) => (value.length > 1 ? `${title} ${COMPONENTS[k]}` : title);
 const replaced = (values, k, value) => values.map((old, n) => (n === k ? value : old));
-const hex = (rgb) => `#${rgb.slice(0, 3).map((part) => Math.round(255 * Math.min(Math.max(part, 0), 1)).toString(16).padStart(2, "0")).join("")}`;
-const parts = (text) => [1, 3, 5].map((k) => Number((parseInt(text.slice(k, k + 2), 16) / 255).toFixed(4)));
+const hexOf = (rgb) => `#${rgb.slice(0, 3).map((part) => Math.round(255 * Math.min(Math.max(part, 0), 1)).toString(16).padStart(2, "0")).join("")}`;
+const partsOf = (text) => [1, 3, 5].map((k) => Number((parseInt(text.slice(k, k + 2), 16) / 255).toFixed(4)));
+// Of linear light, which the picker and the screen have as sRGB (IEC 61966-2-1).
+const encoded = (light) => (light <= 0.0031308 ? 12.92 * light : 1.055 * light ** (1 / 2.4) - 0.055);
+const decoded = (level) => Number((level <= 0.04045 ? level / 12.92 : ((level + 0.055) / 1.055) ** 2.4).toFixed(4));

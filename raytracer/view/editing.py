@@ -1,0 +1,196 @@
+"""Materials and lights with other numbers than the scene gives them.
+
+Stage: the command line, in the worker. A material is named by the first mesh that has it, a light by its place. The
+page gets controls as `shpy.view` has them, and sends their values by name.
+
+    edits = Edits(scene)
+    edits.set({"material.knot.color": [0.1, 0.2, 0.3]})      # the messages of what is refused
+    edits.applied(scene)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from raytracer.appearance.materials import Material
+from raytracer.appearance.textures import Texture
+from raytracer.errors import SceneError
+from raytracer.meshes.folder import shown
+from raytracer.scene.camera import radius_of
+from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
+from raytracer.scene.scene import Scene
+
+_LONGEST: Final = 120
+"""Characters of a name that the page gets."""
+_RANGES: Final = {
+    "color": (0.0, 1.0),
+    "diffuse": (0.0, 1.0),
+    "specular": (0.0, 1.0),
+    "shininess": (1.0, 200.0),
+    "reflectivity": (0.0, 1.0),
+    "transmission": (0.0, 1.0),
+    "ior": (1.0, 2.5),
+    "absorption": (0.0, 4.0),
+    "emission": (0.0, 4.0),
+}
+"""The span of the slider of each number of a material."""
+_BOUNDED: Final = ("reflectivity", "transmission")
+_SAID: Final = {
+    "shininess": "the exponent of the highlight",
+    "transmission": "the share that is clear, as glass",
+    "ior": "the refractive index of what is clear",
+    "absorption": "light that is lost inside, per unit of length",
+}
+
+
+class Edits:
+    """What has been changed of a scene, whose meshes and lights are the same in number at all times."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._radius = radius_of(*scene.bounds)
+        self.labels: list[str] = []
+        """The name of each mesh's material."""
+        self._materials: dict[str, Material] = {}
+        known: dict[int, str] = {}
+        for mesh in scene.meshes:
+            if id(mesh.material) not in known:
+                known[id(mesh.material)] = self._name(mesh)
+                self._materials[known[id(mesh.material)]] = mesh.material
+            self.labels.append(known[id(mesh.material)])
+        self._objects = [mesh.name for mesh in scene.meshes]
+        self._lights = scene.lights
+        self._changed: dict[str, list[Any]] = {}
+        self._applied: tuple[Scene, Scene] | None = None
+
+    def _name(self, mesh: Any) -> str:
+        label, number = shown(mesh.name, _LONGEST), 1
+        while label in self._materials:
+            number += 1
+            label = f"{shown(mesh.name, _LONGEST)} {number}"
+        return label
+
+    def set(self, values: Mapping[str, Any]) -> list[str]:
+        """Change numbers by name, by None to those of the scene; return the messages of what is refused.
+
+        A page may send names of an earlier version of the file, which are left out.
+        """
+        refused = []
+        for name, value in values.items():
+            make = self._maker(name)
+            if make is None:
+                continue
+            before, self._applied = dict(self._changed), None
+            self._changed.pop(name, None)
+            if value is not None:
+                self._changed[name] = value
+            try:
+                make()
+            except (SceneError, TypeError, ValueError) as error:
+                self._changed = before
+                refused.append(str(error))
+        return refused
+
+    def _maker(self, name: str) -> Callable[[], Any] | None:
+        """Return the function that makes what a name belongs to, and raises where a value is none for it."""
+        kind, _, rest = name.partition(".")
+        label, _, _ = rest.rpartition(".")
+        if kind == "material" and label in self._materials:
+            return lambda: self._material(label)
+        if kind == "light" and label.isdecimal() and int(label) < len(self._lights):
+            return lambda: self._light(int(label), self._lights[int(label)])
+        return None
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return a scene with the changes; the same one again for the same scene."""
+        if not self._changed:
+            return scene
+        if self._applied is None or self._applied[0] is not scene:
+            materials = {label: self._material(label) for label in self._materials}
+            meshes = [
+                mesh if materials[label] == mesh.material else mesh.with_material(materials[label])
+                for mesh, label in zip(scene.meshes, self.labels, strict=True)
+            ]
+            lights = [self._light(number, light) for number, light in enumerate(scene.lights)]
+            self._applied = scene, dataclasses.replace(scene, meshes=meshes, lights=lights)
+        return self._applied[1]
+
+    def _material(self, label: str) -> Material:
+        found = self._materials[label]
+        return dataclasses.replace(found, **self._values(f"material.{label}.", found))
+
+    def _light(self, number: int, light: Any) -> Any:
+        if isinstance(light, EnvironmentLight):
+            return light
+        return dataclasses.replace(light, **self._values(f"light.{number}.", light))
+
+    def _values(self, prefix: str, thing: Any) -> dict[str, Any]:
+        """Return the fields of a thing that are changed, in their own types."""
+        found: dict[str, Any] = {}
+        for field in dataclasses.fields(thing):
+            value = self._changed.get(prefix + field.name)
+            if value is not None:
+                numbers = tuple(map(float, value))
+                found[field.name] = numbers if isinstance(getattr(thing, field.name), tuple) else numbers[0]
+        return found
+
+    def describe(self) -> dict[str, Any]:
+        """Return the materials and lights, each with its controls, as the page shows them."""
+        materials = []
+        for label, material in self._materials.items():
+            objects = [name for name, other in zip(self._objects, self.labels, strict=True) if other == label]
+            own = [_control(f"material.{label}.", name, material, span) for name, span in _RANGES.items()]
+            pictured = [name for name, value in material.textures.items() if isinstance(value, Texture)]
+            programs = [name for name in ("surface", "shade") if getattr(material, name) is not None]
+            materials.append(
+                {
+                    "label": label,
+                    "objects": [shown(name, _LONGEST) for name in objects[:8]],
+                    "count": len(objects),
+                    "controls": [one for one in own if one is not None],
+                    "pictures": pictured,
+                    "programs": programs,
+                }
+            )
+        return {"materials": materials, "lights": [self._lamp(k, light) for k, light in enumerate(self._lights)]}
+
+    def _lamp(self, number: int, light: Any) -> dict[str, Any]:
+        if isinstance(light, EnvironmentLight):
+            return {"label": "environment", "controls": []}
+        far = float(3 * self._radius)
+        if isinstance(light, DirectionalLight):
+            spans = {"color": (0.0, 2.0), "direction": (-1.0, 1.0)}
+            most = max(map(abs, light.direction))
+            spans["direction"] = -most, most
+        else:
+            most = max(far, 1.25 * max(map(abs, light.position)))
+            spans = {"color": (0.0, max(2.0, 2 * max(light.color))), "position": (-most, most)}
+        what = "point" if isinstance(light, PointLight) else "direction"
+        found = [_control(f"light.{number}.", name, light, span) for name, span in spans.items()]
+        return {"label": f"{number + 1}: {what}", "controls": [one for one in found if one is not None]}
+
+
+def _control(prefix: str, name: str, thing: Any, span: tuple[float, float]) -> dict[str, Any] | None:
+    """Return the control of a field; None where a picture gives its values."""
+    value = getattr(thing, name)
+    if isinstance(value, Texture):
+        return None
+    numbers = [float(x) for x in np.atleast_1d(value)]
+    low, high = span
+    high = max(high, *numbers)
+    return {
+        "name": prefix + name,
+        "title": name,
+        "description": _SAID.get(name, "") if isinstance(thing, Material) else "",
+        "value": numbers,
+        "first": numbers,
+        "form": "color" if name == "color" and max(numbers) <= 1 else "number",
+        "linear": True,
+        "range": [low, high],
+        "step": 1.0 if high >= 100 else 10.0 ** np.floor(np.log10((high - low) / 100)),
+        "whole": False,
+        "bounded": name in _BOUNDED,
+    }

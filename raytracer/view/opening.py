@@ -1,0 +1,91 @@
+"""The scene of a view: one that stays, or a function of the time.
+
+Stage: the command line, in the worker.
+
+    opened = open_scene(options)
+    opened.make(0.5)            # the Scene half a second after the start
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import shpy as sh
+from raytracer import viewing
+from raytracer.animation import ANIMATIONS, made_by, spread
+from raytracer.errors import SceneError
+from raytracer.meshes.folder import Folder
+from raytracer.meshes.gltf import Document
+from raytracer.meshes.gltf_animation import names_of
+from raytracer.scene.animated_file import ANIMATED, AnimatedFile
+from raytracer.scene.loading import bytes_of, reading
+from raytracer.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A scene as a function of the time in seconds, at which it begins anew, and what was said when it was read.
+
+    `seconds` is 0 for a scene that stays.
+    """
+
+    make: Callable[[float], Scene]
+    seconds: float
+    notices: tuple[str, ...] = ()
+
+
+def open_scene(options: argparse.Namespace) -> Opened:
+    """Open the scene of a command, with its options. Raises SceneError, and OSError for files."""
+    with _heard() as notices:
+        make, seconds = _function_of_time(options, notices)
+        first = make(0.0)  # reads what is read on the first call
+    if not isinstance(first, Scene):
+        raise SceneError(f"scene(0) gives a {type(first).__name__}, not a raytracer.Scene")
+    return Opened(make, seconds, tuple(notices))
+
+
+def _function_of_time(options: argparse.Namespace, notices: list[str]) -> tuple[Callable[[float], Scene], float]:
+    """Return the function that gives the scene at a time, and its length in seconds."""
+    path = Path(options.scene)
+    if options.scene in ANIMATIONS:
+        return viewing.scenes_of(options, ANIMATIONS[options.scene]), options.seconds
+    if path.suffix.lower() == ".py":
+        return viewing.scenes_of(options, made_by(path)), options.seconds
+    file = _animation_of(path, options.clip, notices)
+    if file is not None:
+        frames, fps = spread(file.seconds, None, None)
+        return viewing.scenes_of_file(options, file, frames, fps), file.seconds
+    scene = viewing.scene_of(options)
+    return lambda time: scene, 0.0
+
+
+def _animation_of(path: Path, clip: str | None, notices: list[str]) -> AnimatedFile | None:
+    """Return the file with its animation; None for a file without, and for one whose first one cannot be shown."""
+    if clip is None:
+        if path.suffix.lower() not in ANIMATED or not path.is_file():
+            return None
+        with reading(path):
+            if not names_of(Document(bytes_of(path), Folder(path))):
+                return None
+    try:
+        return AnimatedFile(path, clip)
+    except SceneError as error:
+        if clip is not None:
+            raise
+        notices.append(f"{error}; it is shown still")
+        return None
+
+
+@contextmanager
+def _heard() -> Iterator[list[str]]:
+    """Give the list of the warnings that are given meanwhile."""
+    said: list[str] = []
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", sh.ShpyWarning)
+        yield said
+    said += [str(one.message) for one in found]

@@ -1,0 +1,214 @@
+"""A picture that becomes better: coarse at once, then with all pixels, then with more samples, piece by piece.
+
+Stage: the command line, in the worker. Between two pieces a session hears what the user does, so a piece takes a short
+time, which the times of those before tell.
+
+    refinement = Refinement(renderer, Pace(), (512, 512), camera)
+    for piece in refinement:
+        refinement.shown              # (512, 512, 4) bytes, or of a smaller picture while piece.coarse
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.integrators.integrator import Path
+from raytracer.integrators.renderer import Renderer, unset
+from raytracer.scene.camera import Camera
+
+_ANSWER: Final = 0.06
+"""Seconds that the first picture after a change is to take."""
+_PIECE: Final = 0.1
+"""Seconds that a piece of a later picture is to take; more, where a call of a few rays takes nearly as long."""
+_SMALLEST: Final = 48
+"""Pixels along the longer side of a coarse picture, at least."""
+_AT_ONCE: Final = 16
+"""Samples that path tracing adds to a pixel at once, at most."""
+
+
+@dataclass
+class Pace:
+    """How long coarse pictures take, which are of all parts of a picture, as its rows are not."""
+
+    rays: int = _SMALLEST**2
+    seconds: float | None = None
+    plain: bool = False
+    """The smallest pictures take too long unless they do without mirrors."""
+
+    def learn(self, rays: int, seconds: float, *, smallest: bool) -> None:
+        """Take note of the last coarse picture."""
+        if not self.plain:
+            self.rays, self.seconds = rays, seconds
+            self.plain = smallest and seconds > _ANSWER
+        elif seconds < _ANSWER / 4:  # the machine was busy with something else
+            self.rays, self.seconds, self.plain = rays, None, False
+
+    def count(self, seconds: float) -> int:
+        """Return how many rays take so long, if all take as long as those of the last picture."""
+        return self.rays if self.seconds is None else round(self.rays * min(seconds / self.seconds, 4.0))
+
+    @property
+    def piece(self) -> float:
+        """The seconds for a piece: twice those of the smallest picture, where rays are few and calls take long."""
+        return max(_PIECE, 2 * (self.seconds or 0.0)) if self.plain else _PIECE
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What a step has added: the samples that it computes, the share of the picture that has them, and its seconds.
+
+    `plain` says that nothing was mirrored or scattered again, as in coarse pictures where that would take too long.
+    """
+
+    coarse: bool
+    samples: int
+    share: float
+    seconds: float
+    plain: bool = False
+
+
+class Refinement:
+    """The steps of one picture, as an iterator of `Piece`; `shown` are the pixels in sRGB after each.
+
+    `layers` are those of an `Image`, of the size of `shown`. `stops` is the exposure. With `at_once` a coarse picture
+    is the last one, as while the scene moves.
+    """
+
+    def __init__(
+        self,
+        renderer: Renderer,
+        pace: Pace,
+        size: tuple[int, int],
+        camera: Camera,
+        stops: float = 0.0,
+        *,
+        at_once: bool = False,
+    ) -> None:
+        self._renderer, self._pace = renderer, pace
+        self.size, self.camera, self.stops = size, camera, stops
+        self.at_once = at_once
+        self.layers: dict[str, NDArray[Any]] = {}
+        self.shown: NDArray[np.uint8] = np.zeros((1, 1, 4), np.uint8)
+        self.last: Piece | None = None
+        self._steps = self._refined()
+
+    def __iter__(self) -> Iterator[Piece]:
+        return self
+
+    def __next__(self) -> Piece:
+        self.last = next(self._steps)
+        return self.last
+
+    @property
+    def finished(self) -> bool:
+        """All pixels have all samples."""
+        last, samples = self.last, self._renderer.integrator.samples
+        return last is not None and not last.coarse and (last.samples, last.share) == (samples, 1.0)
+
+    def expose(self, stops: float) -> None:
+        """Show the picture that there is brighter by 2 to another power."""
+        self.stops = stops
+        self._develop(0, len(self.shown))
+
+    def _refined(self) -> Iterator[Piece]:
+        unknown = self._pace.seconds is None
+        piece = self._first()
+        yield piece
+        if unknown and piece.coarse:
+            piece = self._first()
+            yield piece
+        if piece.coarse and self.at_once:
+            return
+        self._enlarge()
+        for first, past in self._stages():
+            if past > 1 or piece.coarse:  # else the first picture had all pixels
+                yield from self._stage(first, past)
+
+    def _stages(self) -> Iterator[tuple[int, int]]:
+        """Yield the samples of a pixel before and after each stage."""
+        most, done = self._renderer.integrator.samples, 0
+        while done < most:
+            if isinstance(self._renderer.integrator, Path):
+                past = min(max(1, 2 * done), done + _AT_ONCE, most)
+            else:
+                past = min(max(1, 4 * done), most)
+            yield done, past
+            done = past
+
+    def _small(self) -> tuple[int, int]:
+        """Return the size of the first picture."""
+        width, height = self.size
+        scale = max((self._pace.count(_ANSWER) / (width * height)) ** 0.5, _SMALLEST / max(self.size))
+        return (max(1, round(scale * width)), max(1, round(scale * height))) if scale < 1 else self.size
+
+    def _first(self) -> Piece:
+        """Render the whole picture, as large as it can be in a short time."""
+        small, plain, begun = self._small(), self._pace.plain, time.perf_counter()
+        with _plain(self._renderer) if plain else nullcontext():
+            self.layers = self._renderer.rows(small, 0, small[1], camera=self.camera, samples=1)
+        seconds = time.perf_counter() - begun
+        self._pace.learn(small[0] * small[1], seconds, smallest=max(small) <= _SMALLEST)
+        self.shown = np.zeros((small[1], small[0], 4), np.uint8)
+        self._develop(0, small[1])
+        return Piece(plain or small != self.size, 1, 1.0, seconds, plain)
+
+    def _enlarge(self) -> None:
+        """Take the coarse picture for the full one, of which it is a part until the rows are there."""
+        width, height = self.size
+        if self.shown.shape[:2] == (height, width):
+            return
+        rows, columns = len(self.shown), len(self.shown[0])
+        place = np.ix_(np.arange(height) * rows // height, np.arange(width) * columns // width)
+        larger = unset(width, height)
+        for name, layer in self.layers.items():
+            larger[name][:] = layer[place]
+        self.layers, self.shown = larger, self.shown[place]
+
+    def _stage(self, first: int, past: int) -> Iterator[Piece]:
+        """Give all pixels more samples, from the top on."""
+        width, height = self.size
+        traced = isinstance(self._renderer.integrator, Path)
+        row_of_rays = width * (past - first if traced else past)
+        top, wanted = 0, self._pace.piece
+        count = max(1, self._pace.count(wanted) // row_of_rays)
+        while top < height:
+            count = min(count, height - top)
+            begun = time.perf_counter()
+            band = {name: layer[top : top + count] for name, layer in self.layers.items()}
+            start = (band, first) if traced and first else None
+            found = self._renderer.rows(self.size, top, count, camera=self.camera, samples=past, start=start)
+            seconds = time.perf_counter() - begun
+            for name, layer in self.layers.items():
+                layer[top : top + count] = found[name]
+            self._develop(top, top + count)
+            top += count
+            yield Piece(False, past, top / height, seconds)
+            count = max(1, int(count * min(wanted / seconds, 2.0)))  # rows below may be of more than background
+
+    def _develop(self, top: int, past: int) -> None:
+        """Bring rows of `shown` up to date."""
+        light = self.layers["pixels"][top:past] * np.float32(2.0**self.stops)
+        self.shown[top:past] = sh.screen.pixels(light, encode=True)
+
+
+@contextmanager
+def _plain(renderer: Renderer) -> Iterator[None]:
+    """Have no ray mirrored; with path tracing, light is scattered once, as nothing but lamps would be seen else."""
+    bounces = renderer.params.get("bounces")
+    if bounces is None:
+        yield
+        return
+    before = bounces.value
+    bounces.value = 1 if isinstance(renderer.integrator, Path) else 0
+    try:
+        yield
+    finally:
+        bounces.value = before

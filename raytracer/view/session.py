@@ -1,0 +1,312 @@
+"""A session: one version of a scene in a worker, and the frames of it.
+
+Stage: the command line. `shpy.view.child` calls it from one thread; `wake` is called from others when a renderer is
+made, and when the camera has come to rest.
+
+    session = Session(request, wake, tell)
+    session.set({"size": [640, 360], "scene": {"camera": {"position": [0, 2, 8], …}}})
+    header, pixels = session.next()          # None where the page has what there is
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.errors import SceneError
+from raytracer.integrators.integrator import INTEGRATORS
+from raytracer.scene.camera import Camera
+from raytracer.view import asking
+from raytracer.view.command import chosen, options_of
+from raytracer.view.editing import Edits
+from raytracer.view.opening import open_scene
+from raytracer.view.refining import Piece, Refinement
+from raytracer.view.renderers import Drawer, Form, Renderers
+
+_REST: Final = 0.15
+"""Seconds without a change until a coarse picture is refined: a piece that is under way delays the next answer."""
+_LONGEST: Final = 0.25
+"""Seconds by which time goes on from frame to frame at most: a long computation is no leap."""
+_STEP: Final = 1 / 24
+"""Seconds of a single step."""
+_EXPOSURE: Final = {
+    "name": "exposure",
+    "title": "exposure",
+    "description": "brighter by 2 to this power",
+    "form": "number",
+    "range": [-6.0, 6.0],
+    "step": 0.1,
+    "whole": False,
+    "bounded": False,
+}
+
+
+class Session:
+    """The frames of one scene, as the state of the view asks for them."""
+
+    def __init__(
+        self, request: dict[str, Any], wake: Callable[[], None], tell: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Open the scene. Raises SceneError, and whatever reading a file raises."""
+        self.request, self.options = request, options_of(request)
+        self.opened = open_scene(self.options)
+        self.size, self.time, self.frame, self.playing = (512, 512), 0.0, 0, False
+        first = self.opened.make(0.0)
+        self.edits = Edits(first)
+        self._integrators = {kind: chosen(self.options, kind) for kind in INTEGRATORS}
+        self._backend, self._kind = self.options.backend or sh.view.preferred(), self.options.integrator
+        self.camera: Camera | None = None
+        """The camera that the page has turned; None for the scene's."""
+        self.stamp: Any = None
+        """What the page sent with the last camera, so that it knows which frame shows it."""
+        self.stops = self._stops = float(self.options.exposure or 0.0)
+        self._wake = wake
+        self._renderers = Renderers(wake)
+        self._refinement: Refinement | None = None
+        self._drawer: Drawer | None = None
+        self._scene = first
+        self._changed, self._exposed, self._single = True, False, False
+        self._clock = self._moved = time.monotonic()
+        self._waking = False
+
+    # The state
+
+    @property
+    def form(self) -> Form:
+        """The backend and the integrator that are asked for."""
+        return Form(self._backend, self._integrators[self._kind])
+
+    @property
+    def seen(self) -> Camera:
+        """The camera of the picture."""
+        found = self.camera or self._scene.camera
+        assert found is not None  # a scene frames one if it has none
+        return found
+
+    def describe(self) -> dict[str, Any]:
+        """Return what the page has to know of this version: its names, camera, controls and choices."""
+        return {
+            "program": self.request["name"],
+            "triangles": self._scene.triangles,
+            "camera": dataclasses.asdict(self.opened.make(0.0).camera or self.seen),
+            **self.edits.describe(),
+            "exposure": {**_EXPOSURE, "value": [self._stops], "first": [self._stops]},
+            "seconds": self.opened.seconds,
+            "backends": sh.view.available(),
+            "integrators": list(INTEGRATORS),
+            "backend": self._backend,
+            "integrator": self._kind,
+            "notices": list(self.opened.notices),
+        }
+
+    def files(self) -> list[str]:
+        """Return the files whose next version is to be opened."""
+        return files_of(self.request)
+
+    def set(self, changes: dict[str, Any]) -> list[str]:
+        """Change the state of the view; return the messages of what is refused."""
+        params = dict(changes.get("params", {}))
+        if "exposure" in params:
+            self.stops = self._stops if params["exposure"] is None else float(params.pop("exposure")[0])
+            params.pop("exposure", None)
+            self._exposed = True
+        refused = self.edits.set(params)
+        size = changes.get("size", self.size)
+        self.size = int(size[0]), int(size[1])
+        self._backend = changes.get("backend") or self._backend
+        self.time = float(changes.get("time", self.time))
+        self.frame = int(changes.get("frame", self.frame))
+        self.playing = changes.get("playing", self.playing)
+        if "scene" in changes:
+            try:
+                self._look(changes["scene"])
+            except (SceneError, KeyError, TypeError, ValueError) as error:
+                refused.append(str(error))
+        self._clock = self._moved = time.monotonic()
+        self._changed |= set(changes) != {"params"} or bool(params)
+        return refused
+
+    def _look(self, scene: dict[str, Any]) -> None:
+        """Take the camera and the integrator that the page sends."""
+        kind = scene.get("integrator") or self._kind
+        if kind not in INTEGRATORS:
+            raise SceneError(f"the integrator is one of {', '.join(INTEGRATORS)}, not {kind!r}")
+        self._kind, self.stamp = kind, scene.get("stamp")
+        given = scene.get("camera")
+        if given is None:
+            self.camera = None
+            return
+        places = {name: tuple(map(float, given[name])) for name in ("position", "target", "up")}
+        numbers = {name: float(given[name]) for name in ("fov", "span")}
+        # Directions that a calibration fixes would not follow.
+        self.camera = dataclasses.replace(self.seen, **places, **numbers, intrinsics=None)  # type: ignore[arg-type]
+
+    def reset(self) -> None:
+        """Begin anew, at the time 0."""
+        self.time, self.frame = 0.0, 0
+        self._changed = True
+
+    def step(self) -> None:
+        """Go on by one frame."""
+        self._single = self._changed = True
+
+    def woken(self) -> None:
+        """Take note that a renderer is made, or that it is time to refine."""
+        self._waking = False
+        if self._drawer is None or (self._drawer.form != self.form and self._renderers.is_ready(self.form)):
+            self._changed = True
+
+    # Frames
+
+    def next(self) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
+        """Return the header and the pixels (height, width, 4) of the next frame; None while there is nothing new."""
+        if self.opened.seconds and (self.playing or self._single):
+            self._go_on()
+        if self._changed and not self._begin():
+            return None
+        refinement = self._refinement
+        if refinement is None:
+            return None
+        if self._exposed and refinement.layers:
+            self._exposed = False
+            refinement.expose(self.stops)
+            return self._frame(refinement, None)
+        if refinement.layers and self._is_resting(refinement):
+            return None
+        piece = next(refinement, None)
+        return None if piece is None else self._frame(refinement, piece)
+
+    def _begin(self) -> bool:
+        """Begin a picture of the present state; return False while there is no renderer for one."""
+        if self.opened.seconds:
+            self._scene = self.opened.make(self.time)
+        scene = self.edits.applied(self._scene)
+        drawer = self._renderers.best(self.form, scene)
+        if drawer is None:
+            return False
+        drawer.show(scene)
+        self._drawer = drawer
+        self._changed = self._exposed = self._single = False
+        moving = bool(self.opened.seconds and self.playing)
+        self._refinement = Refinement(drawer.renderer, drawer.pace, self.size, self.seen, self.stops, at_once=moving)
+        return True
+
+    def _is_resting(self, refinement: Refinement) -> bool:
+        """Return whether it is too early to refine; the session is woken when it is not."""
+        left = self._moved + _REST - time.monotonic()
+        if left <= 0 or refinement.finished:
+            return False
+        if not self._waking:
+            self._waking = True
+            timer = threading.Timer(left, self._wake)
+            timer.daemon = True
+            timer.start()
+        return True
+
+    def _go_on(self) -> None:
+        now = time.monotonic()
+        passed = _STEP if self._single else min(now - self._clock, _LONGEST)
+        self._clock = now
+        self.time = (self.time + passed) % self.opened.seconds
+        self.frame += 1
+        self._changed = True
+
+    def _frame(self, refinement: Refinement, piece: Piece | None) -> tuple[dict[str, Any], NDArray[np.uint8]]:
+        """Return the header and the pixels of a frame; without a piece, of one for which no ray was traced."""
+        drawer, last = self._drawer, refinement.last
+        assert drawer is not None  # there is a refinement
+        assert last is not None  # and a picture
+        height, width = refinement.shown.shape[:2]
+        waiting = drawer.form != self.form and not self._renderers.is_ready(self.form)
+        header = {
+            "width": width,
+            "height": height,
+            "time": self.time,
+            "frame": self.frame,
+            "milliseconds": 1000 * piece.seconds if piece else 0.0,
+            "form": str(drawer.form),
+            "waiting": str(self.form) if waiting else None,
+            "coarse": last.coarse,
+            "plain": last.plain,
+            "samples": last.samples,
+            "of": drawer.form.integrator.samples,
+            "share": last.share,
+            "finished": refinement.finished,
+            "stamp": self.stamp,
+        }
+        return header, refinement.shown
+
+    # Questions
+
+    def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+        """Return the answer to a question about the picture, with bytes behind it."""
+        match question["about"]:
+            case "object":
+                return self._object(question["at"]), b""
+            case "surface":
+                return self._surface(question["at"]), b""
+            case "camera":
+                return asking.camera_texts(self.seen, self.options, self.form.integrator, self.stops), b""
+            case other:
+                return {"problem": f"there is no answer about {other}"}, b""
+
+    def _object(self, at: list[int]) -> dict[str, Any]:
+        """Return the object of a pixel as the picture has it, at once."""
+        if self._refinement is None or not self._refinement.layers:
+            return {"at": at, "number": None}
+        row, column = self._inside(at)
+        numbers = self._refinement.layers["object_id"]
+        height, width = numbers.shape
+        number = int(numbers[row * height // self.size[1], column * width // self.size[0]])
+        if number < 0:
+            return {"at": at, "number": None}
+        return {"at": at, "number": number, **self._names(number)}
+
+    def _surface(self, at: list[int]) -> dict[str, Any]:
+        """Return what is known of the surface of a pixel."""
+        if self._drawer is None or self._refinement is None:
+            return {"at": at, "number": None}
+        found = asking.surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
+        return found if found["number"] is None else {**found, **self._names(found["number"])}
+
+    def _names(self, number: int) -> dict[str, Any]:
+        return {"object": self._scene.meshes[number].name, "material": self.edits.labels[number]}
+
+    def _inside(self, at: list[int]) -> tuple[int, int]:
+        row, column = (min(n, most - 1) for n, most in zip(at, (self.size[1], self.size[0]), strict=True))
+        return row, column
+
+    def explain(self, error: BaseException) -> dict[str, Any]:
+        """Return an error for the page."""
+        return explained(error, self.request)
+
+
+def explained(error: BaseException, request: dict[str, Any]) -> dict[str, Any]:
+    """Return an error for the page: of a Python file with the line of the mistake itself."""
+    path = Path(request["path"])
+    mistake = error.__cause__ if isinstance(error, SceneError) and path.suffix == ".py" else None
+    return sh.view.explain(mistake or error, path)
+
+
+def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, Any]:
+    """Return the error of a scene that cannot be opened, for the page, and the files to watch."""
+    return {**explained(error, request), "files": files_of(request)}
+
+
+def files_of(request: dict[str, Any]) -> list[str]:
+    """Return the files of a request that are watched."""
+    environment = request["options"]["environment"]
+    return [request["path"], *([environment] if environment else [])]
+
+
+def warm() -> None:
+    """Open the devices, and load what a session will need."""
+    sh.view.warm()

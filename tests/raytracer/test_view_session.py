@@ -1,0 +1,288 @@
+"""The sessions of `raytracer view`, without server and browser: pictures, camera, surfaces, materials, lights, time."""
+
+import argparse
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import raytracer as rt
+from raytracer import viewing
+from raytracer.cli import _parser
+from raytracer.view import asking
+from raytracer.view.command import file_of, options_of, request_of
+from raytracer.view.refining import Pace, Refinement
+from raytracer.view.session import Session, explain_opening
+
+SIZE = (24, 16)
+MOVING = """
+import raytracer as rt
+from raytracer.meshes.shapes import sphere
+
+def scene(time):
+    ball = sphere(0.5, rt.Material((0.9, 0.1, 0.1)), rings=8, segments=12).moved((time, 0, 0))
+    return rt.Scene([ball], [rt.PointLight((0, 5, 5))], rt.Camera((0, 0, 5), (0, 0, 0)), background=(0, 0, 0))
+"""
+
+
+def opened(*words):
+    options = _parser().parse_args(["view", *map(str, words)])
+    return Session(request_of(options), lambda: None, lambda header: None)
+
+
+def pictures(session, seconds=30):
+    """Yield the frames until the picture is finished."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        session.woken()
+        found = session.next()
+        if found is None:
+            time.sleep(0.005)
+            continue
+        yield found
+        if found[0]["finished"]:
+            return
+    raise AssertionError("the picture is not finished")
+
+
+def last(session):
+    *_, found = pictures(session)
+    return found
+
+
+@pytest.fixture(scope="module")
+def session():
+    found = opened("boxes", "--backend", "numpy", "--samples", "4", "--size", "24x16")
+    found.set({"size": list(SIZE)})
+    last(found)
+    return found
+
+
+@pytest.fixture(autouse=True)
+def as_at_first(request):
+    """Undo what the test before has set."""
+    if "session" in request.fixturenames:
+        found = request.getfixturevalue("session")
+        names = [
+            control["name"]
+            for one in [*found.describe()["materials"], *found.describe()["lights"]]
+            for control in one["controls"]
+        ]
+        found.set({"size": list(SIZE), "scene": {}, "params": dict.fromkeys([*names, "exposure"])})
+
+
+def image(scene, **options):
+    return rt.render(scene, SIZE, backend="numpy", **options)
+
+
+def turned(**changes):
+    camera = {"position": [0, 3, 9], "target": [0, 0.5, 0], "up": [0, 1, 0], "fov": 50, "span": 2, **changes}
+    return {"scene": {"camera": camera, "stamp": 7}}
+
+
+def test_the_finished_picture_is_that_of_render(session):
+    header, pixels = last(session)
+    expected = image(rt.Scene.builtin("boxes"), samples=4).to_pil()
+    assert (header["width"], header["height"], header["form"]) == (*SIZE, "Whitted on numpy")
+    assert pixels[..., :3].tolist() == np.asarray(expected).tolist()
+
+
+def test_a_turned_camera_is_shown_at_once_with_its_stamp(session):
+    last(session)
+    session.set(turned())
+    assert session.next()[0]["stamp"] == 7
+    scene = replace(rt.Scene.builtin("boxes"), camera=rt.Camera((0, 3, 9), (0, 0.5, 0), fov=50))
+    assert last(session)[1][..., :3].tolist() == np.asarray(image(scene, samples=4).to_pil()).tolist()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"position": [0, 0.5, 0]}, {"fov": 0}, {"up": [1]}, {"target": "here"}, {"up": [0, 2.5, 9]}]
+)
+def test_a_camera_that_sees_nothing_is_refused_and_the_one_before_stays(session, wrong):
+    session.set(turned())
+    assert len(session.set(turned(**wrong))) == 1
+    assert session.seen.position == (0, 3, 9)
+
+
+def test_a_coarse_picture_comes_first_where_all_pixels_take_long(session):
+    renderer = rt.Renderer(rt.Scene.builtin("boxes"), backend="numpy", samples=4)
+    slow = Pace(rays=48 * 48, seconds=10.0)
+    steps = list(Refinement(renderer, slow, (96, 64), renderer.scene.camera))
+    assert steps[0].coarse
+    assert [step.samples for step in steps if step.share == 1.0 and not step.coarse] == [1, 4]
+    once = list(Refinement(renderer, Pace(rays=48 * 48, seconds=10.0), (96, 64), renderer.scene.camera, at_once=True))
+    assert [step.coarse for step in once] == [True]
+
+
+def test_a_path_traced_picture_is_refined_to_the_bits_of_render():
+    scene = rt.Scene.builtin("cornell")
+    renderer = rt.Renderer(scene, backend="numpy", integrator="path", samples=6, bounces=2)
+    refinement = Refinement(renderer, Pace(), (12, 10), scene.camera)
+    samples = [piece.samples for piece in refinement]
+    assert samples == sorted(samples)
+    assert samples[-1] == 6
+    expected = renderer.render((12, 10))
+    assert refinement.layers["pixels"].tobytes() == expected.pixels.tobytes()
+    assert refinement.layers["object_id"].tobytes() == expected.object_id.tobytes()
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
+def test_a_surface_is_where_the_intersector_finds_it(projection):
+    scene = rt.Scene.builtin("boxes")
+    camera = rt.Camera((4, 4, 8), (0, 0.7, 0), fov=50, projection=projection, span=6)
+    renderer = rt.Renderer(scene, backend="numpy", bounces=0)
+    at = (8, 12)
+    found = asking.surface(renderer, camera, SIZE, at)
+    origin, ray = asking.eye_ray(camera, SIZE, at)
+    hits = rt.Intersector(scene, backend="numpy").intersect([origin], [ray])
+    assert found["distance"] == pytest.approx(float(hits.t[0]), rel=1e-5)
+    assert found["position"] == pytest.approx(origin + float(hits.t[0]) * ray, abs=1e-4)
+    ends = np.cumsum([len(mesh) for mesh in scene.meshes])
+    assert found["number"] == np.searchsorted(ends, hits.triangle[0], side="right")
+    assert np.linalg.norm(found["normal"]) == pytest.approx(1, abs=1e-5)
+
+
+def test_a_pixel_tells_its_object_material_position_and_normal(session):
+    last(session)
+    found, _ = session.answer({"about": "surface", "at": [11, 12]})
+    assert (found["object"], found["material"]) == ("box", session.edits.labels[found["number"]])
+    assert found["normal"].tolist() == pytest.approx([0, 1, 0], abs=1e-6)
+    assert found["position"][1] == pytest.approx(0, abs=1e-4)  # the top of the slab
+    assert session.answer({"about": "object", "at": [11, 12]})[0]["number"] == found["number"]
+    nothing = session.answer({"about": "surface", "at": [0, 0]})[0]
+    assert nothing == {"at": [0, 0], "number": None}
+    assert "no answer" in session.answer({"about": "weather", "at": [0, 0]})[0]["problem"]
+
+
+def test_the_camera_is_saved_as_code_and_as_a_command_that_render_takes(session):
+    session.set({**turned(position=[-1.5, 3, 9]), "params": {"exposure": [1.5]}})
+    texts, _ = session.answer({"about": "camera"})
+    assert texts["code"] == "Camera(position=(-1.5, 3.0, 9.0), target=(0.0, 0.5, 0.0), up=(0.0, 1.0, 0.0), fov=50.0)"
+    assert eval(texts["code"], {"Camera": rt.Camera}) == session.seen
+    command = "raytracer render boxes --camera -1.5,3,9 --target 0,0.5,0 --up 0,1,0 --fov 50 --exposure 1.5"
+    assert texts["command"] == command
+    options = _parser().parse_args(viewing.joined(command.split()[1:]))
+    assert viewing.scene_of(options).camera == session.seen
+
+
+def test_numbers_of_a_material_and_a_light_change_the_picture(session):
+    before = last(session)[1]
+    label = session.edits.labels[0]
+    assert session.set({"params": {f"material.{label}.color": [0.9, 0, 0], "light.0.color": [0, 0, 0]}}) == []
+    scene = rt.Scene.builtin("boxes")
+    meshes = list(scene.meshes)
+    meshes[0] = meshes[0].with_material(replace(meshes[0].material, color=(0.9, 0, 0)))
+    lights = [replace(scene.lights[0], color=(0, 0, 0)), scene.lights[1]]
+    expected = image(replace(scene, meshes=meshes, lights=lights), samples=4)
+    assert last(session)[1][..., :3].tolist() == np.asarray(expected.to_pil()).tolist()
+    session.set({"params": {f"material.{label}.color": None, "light.0.color": None}})
+    assert last(session)[1].tolist() == before.tolist()
+
+
+def test_a_number_that_a_material_refuses_is_said_and_names_of_other_scenes_are_left_out(session):
+    label = session.edits.labels[0]
+    refused = session.set(
+        {"params": {f"material.{label}.reflectivity": [3], "material.gone.color": [1, 0, 0], "light.9.color": [1]}}
+    )
+    assert refused == ["a reflectivity lies in [0, 1], not 3.0"]
+    assert session.edits.applied(session._scene) is session._scene
+
+
+def test_exposure_brightens_the_picture_that_there_is(session):
+    before = last(session)[1].copy()
+    session.set({"params": {"exposure": [1]}})
+    header, pixels = session.next()
+    assert header["milliseconds"] == 0  # no ray was traced
+    assert (pixels.astype(int) >= before).all()
+    assert (pixels.astype(int) > before).any()
+    session.set({"params": {"exposure": None}})
+    assert session.next()[1].tolist() == before.tolist()
+
+
+def test_materials_are_named_by_their_meshes(session):
+    described = session.describe()
+    labels = [one["label"] for one in described["materials"]]
+    assert labels == ["box", "box 2", "box 3"]
+    assert [one["label"] for one in described["lights"]] == ["1: point", "2: point"]
+    form = {one["name"]: one["form"] for one in described["materials"][0]["controls"]}
+    assert (form["material.box.color"], form["material.box.ior"]) == ("color", "number")
+
+
+def test_another_integrator_takes_the_place_of_the_one_before(session):
+    session.set({"scene": {"integrator": "path"}})
+    forms = [(header["form"], header["waiting"]) for header, _ in pictures(session)]
+    while forms[-1][0] != "Path on numpy":
+        assert forms[-1] == ("Whitted on numpy", "Path on numpy")
+        session.woken()
+        found = session.next()
+        forms += [(found[0]["form"], found[0]["waiting"])] if found else []
+    assert forms[-1] == ("Path on numpy", None)
+    assert session.set({"scene": {"integrator": "magic"}}) == ["the integrator is one of whitted, path, not 'magic'"]
+    assert session.set({"scene": {"integrator": "whitted"}}) == []
+
+
+def test_a_scene_of_a_python_file_moves_steps_and_begins_anew(tmp_path):
+    path = tmp_path / "moving.py"
+    path.write_text(MOVING)
+    session = opened(path, "--backend", "numpy", "--samples", "1", "--seconds", "2")
+    session.set({"size": [16, 16], "playing": False})
+    assert session.describe()["seconds"] == 2
+    middle = last(session)[1][8, 8].tolist()
+    session.set({"time": 1.0})
+    assert last(session)[1][8, 8].tolist() == [0, 0, 0, 255] != middle
+    session.step()
+    assert last(session)[0]["time"] == pytest.approx(1 + 1 / 24)
+    session.set({"time": 1.99, "playing": True})
+    time.sleep(0.05)
+    frames = [session.next()[0] for _ in range(2)]
+    assert all(0 <= frame["time"] < 2 for frame in frames)
+    session.set({"playing": False})
+    session.reset()
+    assert last(session)[1][8, 8].tolist() == middle
+    assert session.files() == [str(path)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "line"),
+    [
+        ("def scene(time):\n    return nothing\n", "name 'nothing' is not defined", 2),
+        ("import raytracer as rt\ndef scene(time):\n    return rt.Scene(ambient=2)\n", "ambient lies in [0, 1]", 3),
+        ("scene = (\n", "'(' was never closed", 1),
+        ("x = 1\n", "defines no function scene", None),
+        ("def scene(time):\n    return 3\n", "gives a int, not a raytracer.Scene", None),
+    ],
+)
+def test_a_mistake_in_a_file_is_explained_with_its_line(tmp_path, text, message, line):
+    path = tmp_path / "wrong.py"
+    path.write_text(text)
+    with pytest.raises(rt.SceneError) as error:
+        opened(path)
+    found = explain_opening(error.value, {"path": str(path), "options": {"environment": None}})
+    assert message in found["message"]
+    assert (found["line"], found["files"]) == (line, [str(path)])
+
+
+def test_scenes_that_there_are_not(tmp_path):
+    with pytest.raises(
+        rt.SceneError, match=r"'nowhere' is neither a file nor a built-in scene; the scenes are boxes, .*, animated"
+    ):
+        file_of("nowhere")
+    with pytest.raises(rt.SceneError, match="neither a file"):
+        file_of(str(tmp_path / "gone.obj"))
+    assert file_of("boxes").name == "scenes.py"
+    assert file_of("animated").name == "animation.py"
+
+
+def test_a_request_gives_the_options_back():
+    words = ["view", "boxes", "--camera", "1,2,3", "--background", "#ffffff", "--environment", "sky.png"]
+    options = _parser().parse_args(words)
+    options.integrator = "path"
+    found = options_of(request_of(options))
+    expected = {name: value for name, value in vars(options).items() if name != "run"}
+    assert found == argparse.Namespace(**expected)
+    assert found.environment == Path("sky.png")
+    assert found.camera == (1, 2, 3)
+    assert math.isclose(found.background[0], 1)
