@@ -48,7 +48,7 @@ _SAID: Final = {
 
 
 class Edits:
-    """What has been changed of a scene, whose meshes and lights are the same in number at all times."""
+    """The changes to a scene, which has as many meshes and lights at all times."""
 
     def __init__(self, scene: Scene) -> None:
         self._radius = radius_of(*scene.bounds)

@@ -36,7 +36,7 @@ _AT_ONCE: Final = 16
 
 @dataclass
 class Pace:
-    """How long coarse pictures take, which are of all parts of a picture, as its rows are not."""
+    """The time that the last coarse picture took: it has all parts of a picture, which single rows do not."""
 
     rays: int = _SMALLEST**2
     seconds: float | None = None
@@ -63,7 +63,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class Piece:
-    """What a step has added: the samples that it computes, the share of the picture that has them, and its seconds.
+    """One step of a picture: the samples that it computes, the share of the picture that has them, and its seconds.
 
     `plain` says that nothing was mirrored or scattered again, as in coarse pictures where that would take too long.
     """

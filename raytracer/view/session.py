@@ -66,7 +66,7 @@ class Session:
         self.camera: Camera | None = None
         """The camera that the page has turned; None for the scene's."""
         self.stamp: Any = None
-        """What the page sent with the last camera, so that it knows which frame shows it."""
+        """The mark that the page sent with the last camera: it tells which frame shows it."""
         self.stops = self._stops = float(self.options.exposure or 0.0)
         self._wake = wake
         self._renderers = Renderers(wake)
