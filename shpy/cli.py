@@ -39,7 +39,7 @@ _WIDTH = 8
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; gives the exit status: 0 where what was asked for is there, else 1; 130 after Ctrl-C."""
+    """Run the command; return the exit status: 0 where what was asked for is there, else 1; 130 after Ctrl-C."""
     return run("shpy", lambda: _run(arguments))
 
 
@@ -162,7 +162,7 @@ def doctor(every: bool = False) -> int:
 
 
 def _examine(backend: sh.BackendInfo) -> str | None:
-    """Print what there is to know of a backend; gives its fault, None where it works."""
+    """Print what there is to know of a backend; return its fault, None where it works."""
     fault, cure = backend.reason, backend.cure
     if fault is None:
         fault = try_out(backend.name)
@@ -176,7 +176,7 @@ def _examine(backend: sh.BackendInfo) -> str | None:
 
 
 def try_out(backend: str) -> str | None:
-    """Compile and run a small program; gives what went wrong, or None."""
+    """Compile and run a small program; return what went wrong, or None."""
 
     @sh.program
     def line(x: sh.Attrib1f) -> sh.Attrib1f:

@@ -31,7 +31,7 @@ MOST = 100_000_000
 
 
 def run(name: str, work: Callable[[], int], *, stopped: str = "stopped") -> int:
-    """Run a command's work; gives its exit status, or 130 after Ctrl-C, 1 where its output or the memory ends.
+    """Run a command's work; return its exit status, or 130 after Ctrl-C, 1 where its output or the memory ends.
 
     SIGTERM ends the work as Ctrl-C does, by a KeyboardInterrupt: it is a `Terminated`, and the status 143. `stopped` is
     said after both, or the exception's own text. Characters that the terminal cannot show are printed as escapes.

@@ -95,7 +95,7 @@ def _library() -> Any:
 
 
 def _set_default() -> Any:
-    """Set the default environment; gives the one before, or None where that cannot be done, which is a warning."""
+    """Set the default environment; return the one before, or None where that cannot be done, which is a warning."""
     _seen.set()
     library = _library()
     if library is not None:

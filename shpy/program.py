@@ -200,7 +200,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         return Options(precision, loop_limit, device, lanes, math)
 
     def trace(self, *args: Any, shape: Any = None, at: Any = None, **named: Any) -> list[Step]:
-        """Run one element in the reference interpreter; gives each step that has a name or stores into one.
+        """Run one element in the reference interpreter; return each step that has a name or stores into one.
 
         Inputs are those of a call. `at` is the index of the element along the axes of its shape, an int or a tuple of
         ints, counted from 0; it may be left out where there is one element. `shape` is needed where no input has the

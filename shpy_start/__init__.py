@@ -32,7 +32,7 @@ class _Leave:
 
 
 def start(name: str, module: str) -> int:
-    """Import a module and call its `main`; gives the exit status. `name` is the command's."""
+    """Import a module and call its `main`; return the exit status. `name` is the command's."""
     _be_quiet(name)
     try:
         main = importlib.import_module(module).main

@@ -64,7 +64,7 @@ class Motion:
         return not still or all(map(_equal, meshes, self.meshes))
 
     def follow(self, meshes: Sequence[Mesh]) -> None:
-        """Take other meshes, which `suit`, in the place of these."""
+        """Replace the meshes by others that `suit`."""
         for number, (mesh, before) in enumerate(zip(meshes, self.meshes, strict=True)):
             self._given[number] = mesh
             self._transforms.pop(number, None)

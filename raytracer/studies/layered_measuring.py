@@ -287,7 +287,7 @@ class Bench:
         return shoot.intersect(start, away, leaving=True).t
 
     def _wrong(self, shoot: Intersector, kind: str) -> Wrong:
-        """Compare the hits of rays with the exact ones, and their time in turns."""
+        """Compare the hits of rays with the exact ones, and time both alternately."""
         found, exact = self._ask(shoot, kind), self.answers[kind]
         is_shadow = kind == "shadow"
         hit, wanted = (found, exact) if is_shadow else (np.isfinite(found), np.isfinite(exact))

@@ -169,7 +169,7 @@ def _float_errors(given: Array, exact: Exact, dtype: Any) -> tuple[Array, Array]
 
 
 def _three(errors: Array) -> tuple[float, float, float]:
-    """Largest, 99th percentile, median."""
+    """Return the largest, the 99th percentile and the median."""
     if not errors.size:
         return 0.0, 0.0, 0.0
     return (

@@ -53,7 +53,7 @@ def _places(comparison: Comparison) -> tuple[float, float]:
 
 
 def _draw_points(comparison: Comparison, axes: Any, place: Any) -> list[Any]:
-    """Draw every point with the quartiles of its time; gives the entries of the legend."""
+    """Draw every point with the quartiles of its time; return the entries of the legend."""
     series = _in_order({p.series for p in comparison.points}, _SERIES)
     modes = _in_order({p.mode for p in comparison.points}, MODES)
     colours = {name: f"C{n % 10}" for name, n in series.items()}

@@ -141,7 +141,7 @@ def _wide(numbers: Array) -> bool:
 
 
 def columns(rows: Sequence[Sequence[str]], left: Iterable[int] = ()) -> list[str]:
-    """Rows of texts, aligned: those columns in `left` to the left, the others to the right."""
+    """Return rows of texts as aligned lines: columns in `left` to the left, the others to the right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     keep = set(left)
 

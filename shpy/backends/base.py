@@ -222,7 +222,7 @@ class Tree(Protocol):
         """Reduce each part of a stream to an element of `made`."""
 
     def reduce(self, given: Sequence[Any]) -> list[Array]:
-        """Reduce a stream to one element; gives its leaves, of shape (1,) or (1, size), once the device has ended."""
+        """Reduce a stream to one element; return its leaves, of shape (1,) or (1, size), once the device has ended."""
 
     def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
         """Give all prefixes, where `above` are those that end with each part, or None for only one part."""
@@ -294,10 +294,10 @@ class Executable(Protocol):
         """Return whether every element is written, whatever the data: no discard, and no loop that could be stopped."""
 
     def run(self, call: Call) -> Array | None:
-        """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
+        """Run it; return the int32 status of each element, (n,), or None when every element was written."""
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
-        """Prepare a run over memory of the device; gives what `Space.start` calls, any number of times.
+        """Prepare a run over memory of the device; return what `Space.start` calls, any number of times.
 
         With `once` it is called once, before the executable runs anything else, which may save what repeating needs.
         """

@@ -82,7 +82,7 @@ class Chain(Unchanging, ABC):
         precision: Precision | None = None,
         **streams: Any,
     ) -> ChainResult:
-        """Run the chain on the device where the streams lie; gives the streams that it wrote, and counts.
+        """Run the chain on the device where the streams lie; return the streams that it wrote, and counts.
 
         `streams` are Streams, host arrays, which are copied to the device once, Tables and Textures, and numbers and
         Params, which hold for every element. They keep their elements: what the chain writes lies in memory of its own.

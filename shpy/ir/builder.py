@@ -202,7 +202,7 @@ class Builder:
     def call(
         self, function: Function, *args: Value | Variable | int, name: str | None = None, loc: Loc | None = None
     ) -> tuple[Value, ...]:
-        """Call `function`: by the op if it is pure, else by the statement; gives its outputs."""
+        """Call `function`: by the op if it is pure, else by the statement; return its outputs."""
         if function.pure:
             made = self.value(function.outputs[0].type, name, loc)
             self.append(Let(made, "call", tuple(map(_id, args)), function.name))

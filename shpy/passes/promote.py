@@ -85,7 +85,7 @@ class _Forward(Rewriter):
         self._known[variable] = state
 
     def _undo(self, mark: int) -> dict[int, State | None]:
-        """Go back to how things were at `mark`; gives what the variables changed since then held."""
+        """Go back to how things were at `mark`; return what the variables changed since then held."""
         undone: dict[int, State | None] = {}
         while len(self._journal) > mark:
             variable, before = self._journal.pop()

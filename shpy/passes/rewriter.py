@@ -70,7 +70,7 @@ class Rewriter:
         return Value(self._next_value - 1, type, name, self.loc)
 
     def make(self, op: str, *args: int, type: Type, attr: Attr = None) -> int:
-        """Emit a Let of a fresh value; gives its id."""
+        """Emit a Let of a fresh value; return its id."""
         value = self.value(type)
         self.let(Let(value, op, args, attr))
         return self.alias.get(value.id, value.id)

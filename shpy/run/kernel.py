@@ -106,7 +106,7 @@ class Kernel(Unchanging):
 
     @in_ieee_arithmetic
     def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
-        """Run on arrays; gives the outputs, zeros where elements were discarded.
+        """Run on arrays; return the outputs, zeros where elements were discarded.
 
         With a Stream among the inputs, or in a Table, the outputs are Streams on the same device.
         Raises ShpyTypeError for inputs that do not fit, LoopLimitExceeded where a loop ran out of iterations.
@@ -116,7 +116,7 @@ class Kernel(Unchanging):
 
     @in_ieee_arithmetic
     def run(self, *arrays: Any, out: Any = None, shape: Any = None, where: Any = None, **named: Any) -> Result:
-        """Run on arrays; gives a Result. `out` matches the outputs' dtypes and shapes and is written in place.
+        """Run on arrays; return a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 
         Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs. With a Stream among
         the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device. `where`, bools of the
@@ -209,7 +209,7 @@ class Kernel(Unchanging):
     def _run_over(
         self, common: tuple[int, ...], given: dict[str, Any], inputs: list[InputLeaf], out: Any
     ) -> tuple[Any, NDArray[np.int32] | None]:
-        """Run over the elements; gives the outputs, and the statuses unless all elements were written."""
+        """Run over the elements; return the outputs, and the statuses unless all elements were written."""
         recorded, dtypes = self.recorded, self._dtypes
         tables = host.tables(recorded.inputs, given, recorded.tables)
         self._check_sizes(tables)

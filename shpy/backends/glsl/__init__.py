@@ -62,7 +62,7 @@ class GlslExecutable:
     """The program that finds out which elements are discarded at the start, built when it is first wanted."""
 
     def run(self, call: Call) -> Array | None:
-        """Run it; gives the int32 status of each element, (n,), or None when every element was written."""
+        """Run it; return the int32 status of each element, (n,), or None when every element was written."""
         if call.count == 0 or not self.programs:
             return None
         return self.runtime.run(self.programs, self.groups, call)

@@ -178,17 +178,21 @@ def _unset(type_: type[Value], name: str | None, named: bool, about: About, cons
     return made
 
 
-class _ValueParam(Param):
-    """A Param of a scalar or vector type."""
-
-    _uniform = True
-    _owner: Any
+class _MadeParam(Param):
+    """A Param as `sh.Param` makes it: its class is not called."""
 
     def __new__(cls, *args: Any, **named: Any) -> Any:
         raise RecordError("a Param is made by sh.Param", loc=here())
 
     def __init__(self, *args: Any, **named: Any) -> None:
         pass
+
+
+class _ValueParam(_MadeParam):
+    """A Param of a scalar or vector type."""
+
+    _uniform = True
+    _owner: Any
 
     def __reduce__(self) -> Any:
         if self._owner is not None:
@@ -275,17 +279,11 @@ def _literal_of(value: Value) -> coerce.Literal:
 # Matrices and structs
 
 
-class _CompoundParam(Param):
+class _CompoundParam(_MadeParam):
     """A Param of a matrix or struct: one Param a leaf."""
 
     _layout: Layout
     _leaves: tuple[_ValueParam, ...]
-
-    def __new__(cls, *args: Any, **named: Any) -> Any:
-        raise RecordError("a Param is made by sh.Param", loc=here())
-
-    def __init__(self, *args: Any, **named: Any) -> None:
-        pass
 
     def __reduce__(self) -> Any:
         return _whole, (self._layout, self._name, self._about, [leaf._state() for leaf in self._leaves])

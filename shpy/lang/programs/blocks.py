@@ -50,7 +50,7 @@ class Block:
         self.entries = bytecode.entered()
 
     def close(self) -> Region:
-        """Close the region; gives its statements."""
+        """Close the region; return its statements."""
         frame = self.frame
         scope = frame.scopes.pop()
         frame.blocks.pop()

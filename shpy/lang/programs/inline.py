@@ -185,7 +185,7 @@ def _call(frame: Frame, entry: Function, args: list[int]) -> list[int]:
 
 
 def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
-    """Put the entry's statements into the open region, with fresh ids; gives the values of its outputs."""
+    """Put the entry's statements into the open region, with fresh ids; return the values of its outputs."""
     emitter = FrameEmitter(frame)
     slots: dict[int, int] = {}
     for v in (*entry.variables, *entry.outputs):

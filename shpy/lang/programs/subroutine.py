@@ -209,7 +209,7 @@ class Recorded:
         return self.layout, self.function.loc, replace(self.function, name="")
 
     def call(self, frame: Frame, given: dict[str, Any]) -> Any:
-        """Record a call from `frame`; gives the function's result."""
+        """Record a call from `frame`; return the function's result."""
         args = self._arguments(frame, given)
         loc = here()
         outputs = self.function.outputs

@@ -113,7 +113,7 @@ class Frame:
         return Value(self._values - 1, type, name, loc)
 
     def let(self, op: str, args: tuple[int, ...], type: Type | None, attr: Attr = None, loc: Loc | None = None) -> int:
-        """Record `op(args)`; gives the value's id."""
+        """Record `op(args)`; return the value's id."""
         assert type is not None
         value = self.new_value(type, None, loc if loc is not None else here())
         self.append(Let(value, op, args, attr))
@@ -186,7 +186,7 @@ class Recording:
         return self.frames[-1]
 
     def use(self, kind: str, declared: dict[str, Any], thing: Any) -> str:
-        """Enter a param or table under a name that no other has; gives the name.
+        """Enter a param or table under a name that no other has; return the name.
 
         Two with one given name are an error; names that were only read off the user's assignments are numbered.
         """

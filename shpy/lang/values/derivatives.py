@@ -99,7 +99,7 @@ def _no_neighbour(what: str, cure: str = "a value that is computed from sh.grid_
 
 
 def _called(frame: Frame, function: Function, index: Value, like: Value) -> Any:
-    """Record a call of the slice; gives a value of `like`'s type."""
+    """Record a call of the slice; return a value of `like`'s type."""
     emitter = FrameEmitter(frame)
     args = (index._read(emitter),)
     if function.pure:

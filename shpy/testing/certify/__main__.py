@@ -60,7 +60,7 @@ def hashes() -> dict[str, dict[str, str]]:
 
 
 def main() -> int:
-    """Write the golden file; gives the exit status."""
+    """Write the golden file; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m shpy.testing.certify", description=__doc__.splitlines()[0])
     parser.add_argument("--write-golden", action="store_true", required=True, help="write golden.json and the kernels")
     parser.add_argument("--examples", type=Path, default=Path("examples"), help="their folder (default: examples)")

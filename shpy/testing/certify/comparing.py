@@ -31,7 +31,7 @@ class Work:
     math: Math = "strict"
 
     def run(self, target: Target) -> list[Array]:
-        """Run it on a target; gives the leaves of its outputs."""
+        """Run it on a target; return the leaves of its outputs."""
         return flat_leaves(target.compile(self.program, math=self.math)(*self.arrays, **self.named, shape=self.shape))
 
     def denormal(self) -> Array:

@@ -106,7 +106,7 @@ class Runtime:
         return self.context.call(lambda: DeviceRun(self, programs, groups, call, rejection))
 
     def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
-        """Run `programs`, whose outputs are those of `groups`, over all elements; gives the status if one is made.
+        """Run `programs`, whose outputs are those of `groups`, over all elements; return the status if one is made.
 
         The status is the output after the last of `call.outputs`.
         """

@@ -123,7 +123,7 @@ class Prologue:
         self._sized: set[tuple[Helper, int]] = set()
 
     def use(self, name: str, types: tuple[Type, ...]) -> str:
-        """Ask for the function of this name that takes these types; gives the name."""
+        """Ask for the function of this name that takes these types; return the name."""
         scalars = tuple(SCALARS[t.base] for t in types)
         helper = next(h for h in self._helpers if h.name == name and h.types == scalars)
         self._used.add(helper)

@@ -161,7 +161,7 @@ class NumpyExecutable:
         return not self.prepared.status
 
     def run(self, call: Call) -> Array | None:
-        """Run it; gives the status of each element, or None when every element was written."""
+        """Run it; return the status of each element, or None when every element was written."""
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
         live = None if status is None else self._live(call)
@@ -185,7 +185,7 @@ class NumpyExecutable:
         return few(~rejected)
 
     def _run_listed(self, call: Call, live: Array, uniforms: dict[tuple[str, str], Any]) -> Array:
-        """Run some elements, in tiles whose lanes are these elements; gives the status of each element of the call."""
+        """Run some elements, in tiles whose lanes are these elements; return the status of each element of the call."""
         status = np.full(call.count, Status.DISCARDED, np.int32)
         for start in range(0, len(live), self.tile):
             elements = live[start : start + self.tile]

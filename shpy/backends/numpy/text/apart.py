@@ -73,7 +73,7 @@ def _only_places(module: Module) -> bool:
 
 
 def _holds(module: Module, kind: Callable[[Variable], bool]) -> bool:
-    """Return whether it has a slot of some kind."""
+    """Return whether a slot of the module is of this kind."""
     return any(kind(slot) for f in module.functions for slot in (*f.variables, *f.outputs))
 
 
