@@ -56,14 +56,14 @@ class Grid:
         return self.cells.nbytes + self.items.nbytes
 
 
-def build_grid(corners: NDArray[np.floating], density: float = DENSITY, across: int | None = None) -> Grid:
-    """Build the grid of triangles with `corners` (N, 3, 3): `across` cells an axis, or about `density` a triangle."""
+def build_grid(corners: NDArray[np.floating], across: int | None = None) -> Grid:
+    """Build the grid of triangles with `corners` (N, 3, 3): `across` cells an axis, or about `DENSITY` a triangle."""
     triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
     large = far_larger(triangles)
     inside = np.flatnonzero(~large)
     small = triangles[inside]
     low, high = _bounds(small, triangles)
-    shape = _resolution(high - low, len(small), density) if across is None else (across, across, across)
+    shape = _resolution(high - low, len(small)) if across is None else (across, across, across)
     cell = (high - low) / shape
     owner, place = _touched(small, low, cell, shape)
     order = np.argsort(place, kind="stable")
@@ -99,9 +99,9 @@ def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
     return low - margin, high + margin
 
 
-def _resolution(size: Floats, count: int, density: float) -> tuple[int, int, int]:
-    """Return the number of cells along each axis: nearly cubes, `density * count` of them, within the limits."""
-    wanted = min(max(density * count, 1.0), MAX_CELLS)
+def _resolution(size: Floats, count: int) -> tuple[int, int, int]:
+    """Return the number of cells along each axis: nearly cubes, `DENSITY * count` of them, within the limits."""
+    wanted = min(max(DENSITY * count, 1.0), MAX_CELLS)
     edge = (float(np.prod(size)) / wanted) ** (1 / 3)
     nx, ny, nz = np.clip(np.rint(size / edge), 1, MAX_PER_AXIS).astype(int).tolist()
     while nx * ny * nz > MAX_CELLS:

@@ -83,30 +83,6 @@ class Interpreter:
             for slot in slots[: len(self.module.outputs)]
         ], status
 
-    def run_grid(
-        self,
-        inputs: Sequence[Array],
-        shape: tuple[int, ...],
-        params: Mapping[str, Any] | None = None,
-        tables: Mapping[str, Any] | None = None,
-        lane_oracle: LaneOracle | None = None,
-    ) -> tuple[list[Array], Array]:
-        """Run every element of `shape` in C order, as a backend does.
-
-        `inputs` are (n, size), or (n,) for scalars, with 1 instead of n for a uniform. Gives the outputs likewise and
-        the statuses, (n,) int32.
-        """
-        count = int(np.prod(shape, dtype=np.int64))
-        types = [slot.type for slot in self.module.entry.outputs[: len(self.module.outputs)]]
-        outputs = [np.zeros((count, t.size) if t.size > 1 else (count,), self.dtypes[t.base]) for t in types]
-        statuses = np.zeros(count, np.int32)
-        for n, index in enumerate(np.ndindex(shape)):
-            given = [each[n if len(each) > 1 else 0] for each in inputs]
-            results, statuses[n] = self.run_element(given, params, tables, index, shape, lane_oracle=lane_oracle)
-            for output, result in zip(outputs, results, strict=True):
-                output[n] = result
-        return outputs, statuses
-
     def cast(self, type: Type, given: Any) -> Any:
         """Return the data as an array of the type's shape and dtype; a scalar as a numpy scalar."""
         with np.errstate(all="ignore"):

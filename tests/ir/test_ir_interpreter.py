@@ -433,7 +433,7 @@ def test_a_trace_tells_line_name_and_value():
     ]
 
 
-def test_a_grid_runs_element_by_element():
+def test_elements_of_a_grid_know_their_place():
     lines = """\
   %1: i2 = grid_index
   %2: f2 = convert %1
@@ -446,11 +446,9 @@ def test_a_grid_runs_element_by_element():
     discard
   }"""
     made = module(lines, outputs="$y.0: f2")
-    (output,), status = Interpreter(made).run_grid([np.array([10.0])], (2, 3))
-    assert output.tolist() == [[0, 0], [0, 10], [0, 20], [0, 0], [0, 0], [0, 0]]
-    assert status.tolist() == [1, 1, 1, 0, 0, 0]
-    (output,), _ = Interpreter(made).run_grid([np.arange(6.0)], (2, 3))
-    assert output.tolist()[2] == [0, 4]
+    ran = [Interpreter(made).run_element([10.0], index=index, shape=(2, 3)) for index in np.ndindex(2, 3)]
+    assert [output.tolist() for (output,), _ in ran] == [[0, 0], [0, 10], [0, 20], [0, 0], [0, 0], [0, 0]]
+    assert [status for _, status in ran] == [1, 1, 1, 0, 0, 0]
 
 
 def test_mistakes_of_the_caller_are_named():
