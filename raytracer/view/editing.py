@@ -20,7 +20,6 @@ from raytracer.appearance.materials import Material
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
-from raytracer.scene.camera import radius_of
 from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.scene.scene import Scene
 
@@ -51,7 +50,6 @@ class Edits:
     """The changes to a scene, which has as many meshes and lights at all times."""
 
     def __init__(self, scene: Scene) -> None:
-        self._radius = radius_of(*scene.bounds)
         self.labels: list[str] = []
         """The name of each mesh's material."""
         self._materials: dict[str, Material] = {}
@@ -160,13 +158,11 @@ class Edits:
     def _lamp(self, number: int, light: Any) -> dict[str, Any]:
         if isinstance(light, EnvironmentLight):
             return {"label": "environment", "controls": []}
-        far = float(3 * self._radius)
         if isinstance(light, DirectionalLight):
-            spans = {"color": (0.0, 2.0), "direction": (-1.0, 1.0)}
             most = max(map(abs, light.direction))
-            spans["direction"] = -most, most
+            spans = {"color": (0.0, 2.0), "direction": (-most, most)}
         else:
-            most = max(far, 1.25 * max(map(abs, light.position)))
+            most = 2 * max(map(abs, light.position)) or 1.0
             spans = {"color": (0.0, max(2.0, 2 * max(light.color))), "position": (-most, most)}
         what = "point" if isinstance(light, PointLight) else "direction"
         found = [_control(f"light.{number}.", name, light, span) for name, span in spans.items()]
@@ -189,6 +185,7 @@ def _control(prefix: str, name: str, thing: Any, span: tuple[float, float]) -> d
         "first": numbers,
         "form": "color" if name == "color" and max(numbers) <= 1 else "number",
         "linear": True,
+        "components": "xyz" if name in ("position", "direction") else "rgb",
         "range": [low, high],
         "step": 1.0 if high >= 100 else 10.0 ** np.floor(np.log10((high - low) / 100)),
         "whole": False,

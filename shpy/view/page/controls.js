@@ -50,10 +50,10 @@ function switches({ title, value }, present, tell) {
   return [[make("div", { class: "row" }, ...boxes)], (shown) => boxes.forEach((box, k) => { box.checked = shown[k]; })];
 }
 
-function numbers({ title, value, range: [low, high], step, bounded }, present, tell) {
+function numbers({ title, value, range: [low, high], step, bounded, components = COMPONENTS }, present, tell) {
   const rows = value.map((number, k) => {
-    const slider = make("input", { type: "range", min: low, max: high, step: "any", value: number, "aria-label": label(title, value, k) });
-    const field = make("input", { type: "number", step, value: number, "aria-label": `${label(title, value, k)}, number` });
+    const slider = make("input", { type: "range", min: low, max: high, step: "any", value: number, "aria-label": label(title, value, k, components) });
+    const field = make("input", { type: "number", step, value: number, "aria-label": `${label(title, value, k, components)}, number` });
     if (bounded) Object.assign(field, { min: low, max: high });
     slider.addEventListener("input", () => {
       const stepped = Number((low + Math.round((slider.valueAsNumber - low) / step) * step).toPrecision(7));
@@ -68,7 +68,7 @@ function numbers({ title, value, range: [low, high], step, bounded }, present, t
       slider.value = field.value;
       tell(replaced(present(), k, field.valueAsNumber));
     });
-    const row = make("div", { class: value.length > 1 ? "component" : "component alone" }, make("span", { "aria-hidden": "true" }, value.length > 1 ? COMPONENTS[k] : ""), slider, field);
+    const row = make("div", { class: value.length > 1 ? "component" : "component alone" }, make("span", { "aria-hidden": "true" }, value.length > 1 ? components[k] : ""), slider, field);
     return { row, show: (shown) => { slider.value = shown; if (document.activeElement !== field) field.value = spoken(shown); } };
   });
   return [rows.map(({ row }) => row), (shown) => rows.forEach(({ show }, k) => show(shown[k]))];
@@ -90,7 +90,7 @@ function color({ title, value, linear }, present, tell) {
   return [[make("div", { class: "row" }, picker, text), ...(alpha ? [alpha] : [])], refresh];
 }
 
-const label = (title, value, k) => (value.length > 1 ? `${title} ${COMPONENTS[k]}` : title);
+const label = (title, value, k, components = COMPONENTS) => (value.length > 1 ? `${title} ${components[k]}` : title);
 const replaced = (values, k, value) => values.map((old, n) => (n === k ? value : old));
 const hexOf = (rgb) => `#${rgb.slice(0, 3).map((part) => Math.round(255 * Math.min(Math.max(part, 0), 1)).toString(16).padStart(2, "0")).join("")}`;
 const partsOf = (text) => [1, 3, 5].map((k) => Number((parseInt(text.slice(k, k + 2), 16) / 255).toFixed(4)));
