@@ -7,6 +7,7 @@
     python -m benchmarks --json bench.json --plot bench.png --markdown bench.md
     python -m benchmarks --only widths                    # lanes="auto" against every width, minutes
     python -m benchmarks record                           # seconds of recording and printing alone
+    python -m benchmarks view                             # saves and frames of `shpy view` in Chromium
 
 The exit status is 1 if an answer is wrong or a contender fails.
 """
@@ -43,6 +44,7 @@ from benchmarks import (
     startup,
     studies,
     trades,
+    view,
     widths,
 )
 from benchmarks.chains import calls, collectives, gray_scott, jacobi, life, particles
@@ -91,6 +93,9 @@ STUDIES = (
 """Studies of shpy, most of them without a peer."""
 
 
+WHAT = "record: recording alone; view: `shpy view` in a browser (--only, --rounds, --frames)"
+
+
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
     """Return the works of these names; those with triangles have the mesh's."""
     known = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh), *paths.works())}
@@ -116,11 +121,12 @@ def chosen(text: str | None, known: Any, what: str) -> list[str]:
 def arguments(given: list[str] | None) -> argparse.Namespace:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
-    parser.add_argument("what", nargs="?", choices=["all", "record"], default="all", help="record: recording alone")
+    parser.add_argument("what", nargs="?", choices=["all", "record", "view"], default="all", help=WHAT)
     parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join((*WORKS, *STUDIES))}")
     parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
     parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
     parser.add_argument("--rounds", type=whole(1), help="how often each is timed (default: 9, quick: 2)")
+    parser.add_argument("--frames", type=whole(10), metavar="N", help="view: the memory that so many frames take")
     parser.add_argument("--mesh", type=Path, metavar="FILE", help="OBJ, PLY, STL or GLB for rays and frames")
     parser.add_argument("--size", type=whole(1), help="a size other than a work's own")
     parser.add_argument("--quick", action="store_true", help="small sizes")
@@ -139,6 +145,10 @@ def compare(options: argparse.Namespace) -> int:
     """Measure and write what the options ask for; gives the exit status."""
     if options.what == "record":
         return record.main()
+    if options.what == "view":
+        names = chosen(options.only, view.EXAMPLES, "example")
+        count = options.rounds or (2 if options.quick else 7)
+        return view.main(names, count=count, drawn=options.frames, quick=options.quick)
     try:
         check_files(options)
     except ShpyError as error:
