@@ -113,7 +113,7 @@ def shown(example: Example, text: str, program: str) -> Iterator[tuple[View, Bro
             browsed(view.url) as page,
         ):
             view.path = path
-            page.wait(f"document.body.dataset.form === '{backend()}'")
+            page.wait(f"document.body?.dataset.form === '{backend()}'")
             _settle(view)
             yield view, page
 

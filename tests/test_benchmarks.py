@@ -10,10 +10,12 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import shpy as sh
-from benchmarks import alike, command, features, peers, rays, record, report, rounds, startup, widths
+from benchmarks import alike, command, features, peers, rays, record, report, rounds, startup, view, widths
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 from shpy.packages import install
+from shpy.screen import moves
+from shpy.view.source import open_file
 
 BY_HAND = ("masks", "compacted")
 
@@ -229,3 +231,16 @@ def test_auto_is_compared_with_every_width_that_the_driver_has(monkeypatch):
     assert min(float(t) for t in (four, eight, auto)) > 0
     assert int(chose) >= 1
     assert len(ratios) == 4
+
+
+@pytest.mark.parametrize("name", view.EXAMPLES)
+def test_examples_of_the_view_have_a_constant_to_save_and_a_picture_that_moves(name, tmp_path, monkeypatch):
+    example = view.EXAMPLES[name]
+    assert example.saved(7) != example.saved(8)
+    monkeypatch.syspath_prepend(str(view.FOLDER))
+    path = tmp_path / "example.py"
+    path.write_text(example.moving())
+    found, program = open_file(path).pick(None)
+    assert found == "moving"
+    assert moves(program)
+    assert "level" in program.params
