@@ -54,7 +54,8 @@ class Hub:
         self._pool = Pool(module, self._heard)
         self._drawing: Worker | None = None
         self._recording: Worker | None = None
-        self._described: dict[Worker, bytes] = {}
+        self._described: bytes | None = None
+        """What the recording worker said of its version."""
         self._recorded: bytes | None = None
         self._frame: bytes | None = None
         self._error: bytes | None = None
@@ -110,7 +111,7 @@ class Hub:
     def _drop_recording(self) -> None:
         if self._recording is not None:
             self._recording.kill()
-            self._recording = None
+        self._recording = self._described = None
 
     def close(self) -> None:
         """End all workers."""
@@ -150,7 +151,7 @@ class Hub:
                 worker.asked = None
             case "recorded":
                 self._watch_files(header["files"])
-                self._described[worker] = message
+                self._described = message
             case "error":
                 self._take_error(worker, header, message)
             case "frame":
@@ -168,7 +169,7 @@ class Hub:
         self._error, self._failed = message, worker
         self._broadcast(message)
         if worker is self._recording:
-            if worker in self._described and self._drawing is None:
+            if self._described is not None and self._drawing is None:
                 self._promote(worker)  # its controls may mend what went wrong
             else:
                 self._drop_recording()
@@ -192,15 +193,15 @@ class Hub:
         if self._drawing is not None:
             self._drawing.kill()
         self._drawing, self._recording = worker, None
-        self._recorded = self._described.pop(worker)
-        self._described.clear()
-        self._broadcast(self._recorded)
+        self._recorded, self._described = self._described, None
+        if self._recorded is not None:
+            self._broadcast(self._recorded)
 
     def _ended(self, worker: Worker) -> None:
         status = worker.status
         how = f"by signal {-status}" if status is not None and status < 0 else f"with status {status}"
         if worker is self._recording:
-            self._recording = None
+            self._recording = self._described = None
         if worker is self._drawing:
             self._drawing = None
         self._fail(f"the process that runs the file ended {how}", "another backend; save the file to try again")

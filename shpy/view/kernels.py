@@ -1,10 +1,10 @@
-"""The compiled forms of one program: the one that was asked for, and a quick one until it is there.
+"""The compiled forms of one program: the one that was asked for, and numpy's until it is there.
 
-Stage: view. Each form compiles in a thread. The quick one is GLSL's, whose text is short and whose driver compiles
-fast, or numpy's, whichever is there first; OpenCL's driver takes a second, or more.
+Stage: view. Each form compiles in a thread. numpy's is quick, for no driver compiles it; OpenCL's driver takes a
+second, or more, and GLSL's puts most of its work off to the first frame.
 
     kernels = Kernels(program, wake)
-    kernels.best(Form("opencl", "strict"))       # its kernel and form once it is compiled, a quick one's before
+    kernels.best(Form("opencl", "strict"))       # its kernel and form once it is compiled, numpy's before
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from shpy.backends.registry import backends
 from shpy.errors import ShpyError
 from shpy.program import Program
 
-_HEAD_START: Final = 0.12
-"""Seconds after which numpy compiles too, where GLSL's driver has not finished."""
+QUICK: Final = "numpy"
+"""The backend that draws while the driver of another one compiles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,33 +41,26 @@ class Kernels:
     def __init__(self, program: Program, wake: Callable[[], None]) -> None:
         self.program = program
         self._wake = wake
-        self._lock = threading.Lock()
+        self._done = threading.Condition()
         self._found: dict[Form, Any] = {}
         self._begun: dict[Form, float] = {}
 
     def best(self, wanted: Form) -> tuple[Any, Form]:
-        """Return the wanted kernel, else a quick one that is there; waits for the first, raises where it is refused."""
-        deadline = time.monotonic() + _HEAD_START
-        quick = [Form(name, wanted.math) for name in quick_backends() if name != wanted.backend]
-        self._begin(*quick[:1] or [wanted])
-        while True:
-            for form in (wanted, *quick):
-                kernel = self._found.get(form)
-                if kernel is not None and not isinstance(kernel, Exception):
-                    self._begin(wanted)  # once the processor is free of the quick one
-                    return kernel, form
-            self._raise_refused(wanted)
-            if time.monotonic() > deadline or any(isinstance(self._found.get(f), Exception) for f in quick):
-                self._begin(*quick, wanted)
-            time.sleep(0.002)
+        """Return the wanted kernel, else the quick one; waits for the quick one, raises where both are refused."""
+        there, quick = self._found.get(wanted), Form(QUICK, wanted.math)
+        if there is None or isinstance(there, Exception):
+            meanwhile = self._wait(quick)
+            self._begin(wanted)  # now that the processor is free of the quick one
+            if not isinstance(meanwhile, Exception):
+                return meanwhile, quick
+        return self.exactly(wanted), wanted
 
     def exactly(self, form: Form) -> Any:
         """Return the kernel of a form, compiled now where it is not there; raises where it is refused."""
-        self._begin(form)
-        while form not in self._found:
-            time.sleep(0.002)
-        self._raise_refused(form)
-        return self._found[form]
+        found = self._wait(form)
+        if isinstance(found, Exception):
+            raise found
+        return found
 
     def refused(self, form: Form) -> Exception | None:
         """Return the error with which the target refused a form; None where it did not."""
@@ -79,31 +72,29 @@ class Kernels:
         begun = self._begun.get(form)
         return None if begun is None or form in self._found else time.monotonic() - begun
 
-    def _raise_refused(self, form: Form) -> None:
-        error = self.refused(form)
-        if error is not None:
-            raise error
+    def _wait(self, form: Form) -> Any:
+        """Return the kernel of a form, or the error with which it is refused, once it is there."""
+        self._begin(form)
+        with self._done:
+            self._done.wait_for(lambda: form in self._found)
+        return self._found[form]
 
-    def _begin(self, *forms: Form) -> None:
-        for form in forms:
-            with self._lock:
-                if form in self._begun:
-                    continue
-                self._begun[form] = time.monotonic()
-            threading.Thread(target=self._compile, args=(form,), daemon=True).start()
+    def _begin(self, form: Form) -> None:
+        with self._done:
+            if form in self._begun:
+                return
+            self._begun[form] = time.monotonic()
+        threading.Thread(target=self._compile, args=(form,), daemon=True).start()
 
     def _compile(self, form: Form) -> None:
         try:
             made: Any = self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
         except Exception as error:  # of a driver too: the page shows it, and other forms go on
             made = error
-        self._found[form] = made
+        with self._done:
+            self._found[form] = made
+            self._done.notify_all()
         self._wake()
-
-
-def quick_backends() -> tuple[str, ...]:
-    """Return the backends that compile fast, the fastest first."""
-    return ("glsl", "numpy") if "glsl" in available() else ("numpy",)
 
 
 @cache

@@ -12,35 +12,55 @@ from __future__ import annotations
 
 import linecache
 import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
+from shpy.errors import ShpyError
+from shpy.program import Program
 from shpy.screen import Moment, filled, pixels
 from shpy.units import steps
 from shpy.view.kernels import Form
+from shpy.view.subject import Still, Subject
 
 _LIBRARY: Final = Path(__file__).parents[1]
 """The folder of shpy, whose own steps, as of noise, are counted and not sent."""
 _STEPS: Final = 400
 """The most steps of a trace that are sent: the first and the last ones."""
+_ALONE: Final = "a program of pixels; or shpy.testing.first_divergence for a step of the chain"
 
 
-def answer(session: Any, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+class Asked(Protocol):
+    """What questions need of a session."""
+
+    subject: Subject
+    output: Any
+    moment: Moment
+    size: tuple[int, int]
+    form: Form
+    encode: bool
+    tell: Callable[[dict[str, Any]], None]
+
+    def wanted_moment(self) -> Moment:
+        """Return the moment of the full picture."""
+
+
+def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
     """Return the answer, and bytes that belong to it. Raises what the run raises."""
-    match question["about"]:
-        case "value":
-            return value(session, question["at"]), b""
-        case "trace":
-            return trace(session, question["at"]), b""
-        case "compare":
-            return compare(session, Form(**question["with"]), question["page"])
-        case other:
-            return {"problem": f"there is no answer about {other}"}, b""
+    match question:
+        case {"about": "value", "at": at}:
+            return value(session, at), b""
+        case {"about": "trace", "at": at}:
+            return trace(session, at), b""
+        case {"about": "compare", "with": {"backend": backend, "math": math}}:
+            return compare(session, Form(backend, math), question["page"])
+        case _:
+            return {"problem": f"there is no answer about {question['about']}"}, b""
 
 
-def value(session: Any, at: list[int]) -> dict[str, Any]:
+def value(session: Asked, at: list[int]) -> dict[str, Any]:
     """Return the numbers of a pixel, as the last frame has them."""
     if session.output is None:
         return {"at": at, "value": None}
@@ -55,7 +75,7 @@ def _scaled(at: list[int], size: tuple[int, int], there: tuple[int, int]) -> tup
     return row * there[1] // size[1], column * there[0] // size[0]
 
 
-def trace(session: Any, at: list[int]) -> dict[str, Any]:
+def trace(session: Asked, at: list[int]) -> dict[str, Any]:
     """Return the steps of a pixel, each with its line, name, value and iterations, and the text of the lines."""
     moment = session.wanted_moment()
     row, column = _scaled(at, session.size, session.size)
@@ -77,14 +97,16 @@ def trace(session: Any, at: list[int]) -> dict[str, Any]:
     return {"at": [row, column], "program": program.name, "steps": sent, "left_out": left_out, "inside": inside}
 
 
-def compare(session: Any, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
+def compare(session: Asked, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
     """Return how the picture in the wanted form differs from that in another one: three pictures, behind each other.
 
     They are both pictures and their difference, white where it is largest.
     """
-    moment = session.wanted_moment()
+    moment, subject = session.wanted_moment(), session.subject
+    if not isinstance(subject, Still):
+        raise ShpyError("the frames of a chain are not compared: each follows from those before", cure=_ALONE)
     forms = session.form, other
-    outputs = [np.atleast_3d(np.asarray(session.subject.exactly(moment, form))) for form in forms]
+    outputs = [np.atleast_3d(np.asarray(subject.exactly(moment, form))) for form in forms]
     one, two = (output.astype(np.float64) for output in outputs)
     with np.errstate(invalid="ignore", over="ignore"):
         apart = np.abs(one - two)
@@ -106,13 +128,19 @@ def compare(session: Any, other: Form, page: int) -> tuple[dict[str, Any], bytes
     shade = np.where(places, 0.35 + 0.65 * np.nan_to_num(apart / (largest or 1), nan=1.0), 0)
     pictures = [pixels(output, encode=session.encode) for output in outputs] + [pixels(shade)]
     if header["searching"]:
-        _search(session, moment, forms, int(np.flatnonzero(places)[0]), page)
+        _search(session.tell, subject.program, moment, forms, int(np.flatnonzero(places)[0]), page)
     return header, b"".join(picture.tobytes() for picture in pictures)
 
 
-def _search(session: Any, moment: Moment, forms: tuple[Form, Form], element: int, page: int) -> None:
+def _search(
+    tell: Callable[[dict[str, Any]], None],
+    program: Program,
+    moment: Moment,
+    forms: tuple[Form, Form],
+    element: int,
+    page: int,
+) -> None:
     """Search, in a thread, for the first statement at which an element diverges; the page gets it as an answer."""
-    program = session.subject.program
 
     def work() -> None:
         from shpy.testing import first_divergence  # here: it takes long to import, and few pictures are compared
@@ -125,6 +153,6 @@ def _search(session: Any, moment: Moment, forms: tuple[Form, Form], element: int
             text = str(found) if found else "No statement diverges while it is watched: a contraction, or a lane width."
         except Exception as error:  # the comparison itself stands
             text = f"The search for the first statement ended: {error}"
-        session.tell({"kind": "answer", "about": "divergence", "page": page, "divergence": text})
+        tell({"kind": "answer", "about": "divergence", "page": page, "divergence": text})
 
     threading.Thread(target=work, daemon=True).start()

@@ -19,7 +19,7 @@ from shpy.errors import ShpyError
 from shpy.program import Program
 from shpy.screen import Moment, filled, first_output, moves, values_of
 from shpy.streams.stream import Stream
-from shpy.view.kernels import Form, Kernels, quick_backends
+from shpy.view.kernels import QUICK, Form, Kernels
 from shpy.view.source import SHOW, START, Opened
 
 
@@ -138,7 +138,7 @@ class Evolving:
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
         """Go on by some steps, and return True; return False while neither the wanted form nor a quick one is there."""
         streams = self._present(moment)
-        forms = [wanted, *(Form(name, wanted.math) for name in quick_backends()[:1] if name != wanted.backend)]
+        forms = tuple(dict.fromkeys((wanted, Form(QUICK, wanted.math))))
         for form in reversed(forms):
             self._prepare((form, moment.size), moment, streams)
         ready = [form for form in forms if self._is_ready(form, moment.size)]

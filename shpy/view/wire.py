@@ -23,8 +23,13 @@ _FRAME: Final = struct.Struct("<Q")
 
 def pack(header: Header, rest: Any = b"") -> bytes:
     """Return the message; numbers that are not finite become texts, which JSON can hold."""
+    return b"".join((_head(header), rest))
+
+
+def _head(header: Header) -> bytes:
+    """Return what stands before the rest of a message."""
     text = json.dumps(plain(header), allow_nan=False).encode()
-    return b"".join((_LENGTH.pack(len(text)), text, rest))
+    return _LENGTH.pack(len(text)) + text
 
 
 def unpack(message: bytes) -> tuple[Header, memoryview]:
@@ -56,10 +61,11 @@ class Line:
         self._reader = connection.makefile("rb")
 
     def send(self, header: Header, rest: Any = b"") -> None:
-        """Send one message; raises OSError where the server is gone."""
-        message = pack(header, rest)
+        """Send one message, whose rest is not copied; raises OSError where the server is gone."""
+        head = _head(header)
         with self._lock:
-            self._connection.sendall(_FRAME.pack(len(message)) + message)
+            self._connection.sendall(_FRAME.pack(len(head) + len(rest)) + head)
+            self._connection.sendall(rest)
 
     def receive(self) -> Header | None:
         """Return the header of the next message; None where the server is gone."""

@@ -17,13 +17,15 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from typing import Final
 
 from shpy.view import wire
 
 Heard = Callable[["Worker", bytes | None], None]
 """The function for each message of a worker; None where its process has ended."""
 
-
+_HEAD_START: Final = 1.0
+"""Seconds in which a worker that records has the processor for itself, before the next one warms up."""
 _numbers = itertools.count(1)
 
 
@@ -79,26 +81,39 @@ class Worker:
 
 
 class Pool:
-    """Workers for one module of sessions: there is always a warm one, or one that is warming up."""
+    """Workers for one module of sessions: there is a warm one, or one that is warming up, but for a moment."""
 
     def __init__(self, module: str, heard: Heard) -> None:
         self._module = module
         self._heard = heard
-        self._spare = Worker(module, heard)
-        self._all = {self._spare}
+        self._all: set[Worker] = set()
+        self._spare: Worker | None = None
+        self._later: asyncio.TimerHandle | None = None
+        self._start()
+
+    def _start(self) -> Worker:
+        """Return the warm worker, which starts now where there is none."""
+        if self._later is not None:
+            self._later.cancel()
+        if self._spare is None:
+            self._all = {worker for worker in self._all if worker.status is None}
+            self._spare = Worker(self._module, self._heard)
+            self._all.add(self._spare)
+        return self._spare
 
     async def take(self) -> Worker:
-        """Return a warm worker, and start the next one."""
-        worker = self._spare
+        """Return a warm worker; the next one starts once this one has had the processor for a while."""
+        worker = self._start()
         await worker.warm.wait()
         if worker is not self._spare:  # somebody else took it meanwhile
             return await self.take()
-        self._all = {w for w in self._all if w.status is None}
-        self._spare = Worker(self._module, self._heard)
-        self._all.add(self._spare)
+        self._spare = None
+        self._later = asyncio.get_running_loop().call_later(_HEAD_START, self._start)
         return worker
 
     def close(self) -> None:
         """End all workers."""
+        if self._later is not None:
+            self._later.cancel()
         for worker in self._all:
             worker.kill()
