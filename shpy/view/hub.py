@@ -106,7 +106,7 @@ class Hub:
         elif self._drawing is not None:
             self._drawing.kill()
             self._drawing = None
-        self._fail("stopped", "a loop that ends; save the file to try again")
+        self._fail("you stopped the process that runs the file", "a loop that ends; save the file to try again")
 
     def _drop_recording(self) -> None:
         if self._recording is not None:

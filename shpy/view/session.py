@@ -166,14 +166,12 @@ class Session:
         if not self.subject.coarse:
             return self.size
         known = [self._cost[form] for form in (self.form, *self._cost) if form in self._cost]
-        scale = min(1.0, _FIRST / max(self.size))
+        scale = least = min(1.0, _FIRST / max(self.size))
         if known:
             cost = known[0] * count
-            scale = (
-                1.0
-                if cost < (2 * _QUICK if self.playing and self.subject.moves else _QUICK)
-                else (min(1.0, (_COARSE / cost) ** 0.5))
-            )
+            quick = 2 * _QUICK if self.playing and self.subject.moves else _QUICK
+            # Of a few pixels, the time is that of the call: fewer would not be faster.
+            scale = 1.0 if cost < quick else min(1.0, max(least, (_COARSE / cost) ** 0.5))
         return max(1, round(scale * self.size[0])), max(1, round(scale * self.size[1]))
 
     def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:

@@ -46,7 +46,7 @@ function heard(header, bytes) {
     recording: () => { saved = { at: performance.now() - 1000 * header.age, worker: Number(document.body.dataset.worker) }; },
     recorded: () => { described = header; showRecorded(); },
     frame: () => picture.take(header, bytes),
-    error: () => showProblem(header),
+    error: () => { showProblem(header); at("empty").textContent = "There is no picture yet."; },
     well: () => showProblem(null),
     busy: () => showBusy(header),
     remark: () => { at("status").textContent = header.text; },
@@ -101,6 +101,8 @@ function showRecorded() {
     at("other-backend").value = backends.find((name) => name !== form[0]) ?? form[0];
     at("other-backend").dataset.chosen = true;
   }
+  for (const one of [at("params"), at("look"), ...document.querySelectorAll("header > .choice:not(#programs)")]) one.hidden = false;
+  if (!at("pixel").textContent) at("pixel").textContent = "Point at a pixel for its value; click it for its trace.";
   at("clock").hidden = !moves;
   at("pace").hidden = !evolves;
   at("comparing").hidden = evolves;
