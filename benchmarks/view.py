@@ -36,7 +36,7 @@ from benchmarks.studies import Table, backend, spread
 FOLDER: Final = Path(__file__).parents[1] / "examples"
 ALLOWED_FIRST, ALLOWED_FULL, LEAST_FRAMES = 300.0, 1500.0, 30.0
 _SECONDS: Final = 4.0
-"""How long frames are counted, and a slider is dragged."""
+"""Seconds in which frames are counted, and a slider is dragged."""
 _PAUSE: Final = 1.5
 """Seconds between saves, in which the next worker becomes warm."""
 _WATCH: Final = """

@@ -55,7 +55,7 @@ class Hub:
         self._drawing: Worker | None = None
         self._recording: Worker | None = None
         self._described: bytes | None = None
-        """What the recording worker said of its version."""
+        """The message in which the recording worker described its version."""
         self._recorded: bytes | None = None
         self._frame: bytes | None = None
         self._error: bytes | None = None

@@ -33,7 +33,7 @@ _ALONE: Final = "a program of pixels; or shpy.testing.first_divergence for a ste
 
 
 class Asked(Protocol):
-    """What questions need of a session."""
+    """The parts of a session that questions need."""
 
     subject: Subject
     output: Any
