@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gltf_files import png, shining, textured
+from ply_files import PLY
 
 from raytracer import Scene, SceneError, render
 from raytracer.meshes.shapes import icosahedron
@@ -58,23 +59,6 @@ d 0.5
 Ke 1 0 0
 map_Kd -s 1 1 1 -clamp on paint.png
 map_d paint.png
-"""
-PLY = """ply
-format ascii 1.0
-comment TextureFile paint.png
-element vertex 3
-property float x
-property float y
-property float z
-property float s
-property float t
-element face 1
-property list uchar int vertex_indices
-end_header
-0 0 0 0 0
-1 0 0 1 0
-0 1 0 0 1
-3 0 1 2
 """
 WORDS = [
     *(b"0", b"-1", b"nan", b"inf", b"1e38", b"3e38", b"1e-40", b"999999999", b"-9999999999999999999"),

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from gltf_files import png
+from ply_files import PLY
 
 import shpy as sh
 from raytracer import Material, Mesh, Scene, SceneError, Texture
@@ -180,25 +181,6 @@ def test_words_of_libraries():
     )
     assert picture_words(["-mm", "0", "1", "7.png"]) == ("7.png", {"-mm": ["0", "1"]})
     assert picture_words(["7"]) == ("7", {})
-
-
-PLY = """ply
-format ascii 1.0
-comment TextureFile paint.png
-element vertex 3
-property float x
-property float y
-property float z
-property float s
-property float t
-element face 1
-property list uchar int vertex_indices
-end_header
-0 0 0 0 0
-1 0 0 1 0
-0 1 0 0 1
-3 0 1 2
-"""
 
 
 def test_a_ply_file_with_a_picture(tmp_path):

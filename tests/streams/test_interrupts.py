@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from stream_programs import kept, smooth
 
 import shpy as sh
 from shpy.backends.device.pace import Pace
@@ -21,18 +22,6 @@ SIZE = 5000
 @sh.program
 def bend(x: sh.Attrib3f, by: sh.Attrib1f) -> sh.Attrib3f:
     return sh.Attrib3f(x.y * by, x.z - x.x, x.x)
-
-
-@sh.program
-def kept(x: sh.Attrib1f) -> sh.Attrib1f:
-    sh.SH_DISCARD(x <= 0)
-    return x * x - 1
-
-
-@sh.program
-def smooth(u: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
-    i = sh.grid_index(1)
-    return 0.25 * u[i - 1] + 0.5 * u[i] + 0.25 * u[i + 1]
 
 
 @sh.program

@@ -4,6 +4,7 @@ import gc
 
 import numpy as np
 import pytest
+from stream_programs import kept, smooth
 from test_threads import at_once
 
 import shpy as sh
@@ -16,18 +17,6 @@ every = pytest.mark.parametrize("name", NAMES)
 @sh.program
 def bend(x: sh.Attrib3f, by: sh.Attrib1f) -> sh.Attrib3f:
     return sh.Attrib3f(sh.sin(x.x) * by, x.z - x.y, x.y * by)
-
-
-@sh.program
-def kept(x: sh.Attrib1f) -> sh.Attrib1f:
-    sh.SH_DISCARD(x <= 0)
-    return x * x - 1
-
-
-@sh.program
-def smooth(u: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
-    i = sh.grid_index(1)
-    return 0.25 * u[i - 1] + 0.5 * u[i] + 0.25 * u[i + 1]
 
 
 @sh.program
