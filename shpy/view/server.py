@@ -225,7 +225,10 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
         server_header=False,
     )
     with listening:
-        uvicorn.Server(config).run(sockets=[listening])
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        except KeyboardInterrupt as error:  # uvicorn raises it again when it has ended
+            raise type(error)("stopped") from None
 
 
 def _is_loopback(address: str) -> bool:

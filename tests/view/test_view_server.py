@@ -232,6 +232,11 @@ def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_pat
         wait_until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in workers))
 
 
+def test_control_c_ends_the_view_of_a_scene_with_one_word():
+    with viewed("boxes", command=("raytracer", "view")) as found:
+        assert found.end() == (130, "raytracer: stopped\n")
+
+
 def test_a_warm_process_that_ended_is_said_and_the_next_one_draws(tmp_path):
     path = tmp_path / "wave.py"
     path.write_text(MOVING)
