@@ -60,27 +60,39 @@ def surface(renderer: Renderer, camera: Camera, size: tuple[int, int], at: tuple
     }
 
 
-def camera_texts(camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float) -> dict[str, str]:
-    """Return the camera as Python code, and as the command line that renders what the page shows."""
+def camera_texts(
+    camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float, *, moving: bool
+) -> dict[str, str]:
+    """Return the camera as Python code, and as the command line that renders or animates what the page shows."""
     words: dict[str, Any] = {"position": camera.position, "target": camera.target, "up": camera.up}
     words |= {"projection": camera.projection} if camera.projection != "perspective" else {}
     words |= {"span": camera.span} if camera.projection == "orthographic" else {}
     words |= {"fov": camera.fov} if camera.projection == "perspective" else {}
     words |= {"aperture": camera.aperture, "focus": camera.focus} if camera.aperture else {}
     code = f"Camera({', '.join(f'{name}={_code(value)}' for name, value in words.items())})"
-    return {"code": code, "command": shlex.join(_command(camera, options, integrator, stops))}
+    return {
+        "code": code,
+        "command": shlex.join([*_first(options, moving=moving), *_seen(camera, options, integrator, stops)]),
+    }
 
 
 def _code(value: Any) -> str:
     return f"({', '.join(f'{x!r}' for x in value)})" if isinstance(value, tuple) else repr(value)
 
 
-def _command(camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float) -> list[str]:
-    """Return the words of the command line; what is as by default is left out."""
-    found = ["raytracer", "render", options.scene, "--camera", _numbers(camera.position)]
+def _first(options: argparse.Namespace, *, moving: bool) -> list[str]:
+    """Return the first words of the command line."""
+    if not moving:
+        return ["raytracer", "render", options.scene]
+    return ["raytracer", "animate", options.scene, *(["--clip", options.clip] if options.clip else [])]
+
+
+def _seen(camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float) -> list[str]:
+    """Return the options of the command line; what is as by default is left out."""
+    found = ["--camera", _numbers(camera.position)]
     found += ["--target", _numbers(camera.target), "--up", _numbers(camera.up)]
     if camera.projection == "perspective":
-        found += ["--fov", f"{camera.fov:g}"]
+        found += ["--fov", f"{camera.fov:.9g}"]
     if isinstance(integrator, Path):
         found += ["--integrator", "path"]
     if stops:

@@ -254,7 +254,7 @@ class Session:
             case "surface":
                 return self._surface(question["at"]), b""
             case "camera":
-                return asking.camera_texts(self.seen, self.options, self.form.integrator, self.stops), b""
+                return self._camera_texts(), b""
             case other:
                 return {"problem": f"there is no answer about {other}"}, b""
 
@@ -276,6 +276,10 @@ class Session:
             return {"at": at, "number": None}
         found = asking.surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
         return found if found["number"] is None else {**found, **self._names(found["number"])}
+
+    def _camera_texts(self) -> dict[str, str]:
+        moving, integrator = bool(self.opened.seconds), self.form.integrator
+        return asking.camera_texts(self.seen, self.options, integrator, self.stops, moving=moving)
 
     def _names(self, number: int) -> dict[str, Any]:
         return {"object": self._scene.meshes[number].name, "material": self.edits.labels[number]}

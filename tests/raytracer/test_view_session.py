@@ -243,6 +243,7 @@ def test_a_scene_of_a_python_file_moves_steps_and_begins_anew(tmp_path):
     session.reset()
     assert last(session)[1][8, 8].tolist() == middle
     assert session.files() == [str(path)]
+    assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer animate {path} --camera 0,0,5 ")
 
 
 @pytest.mark.parametrize(
