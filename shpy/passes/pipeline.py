@@ -17,6 +17,7 @@ from shpy.ir.exact import FUNCTIONS
 from shpy.ir.nodes import If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
+from shpy.passes.alone import run_alone
 from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
@@ -122,7 +123,8 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
-    made = remove_unused_functions(optimise(ending.module))
+    optimised = optimise(ending.module)
+    made = remove_unused_functions(optimised if target.vector else remove_dead(run_alone(optimised)))
     return Prepared(made, ending.status, ending.loops, ending.flagged, shared)
 
 

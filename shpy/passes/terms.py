@@ -143,7 +143,7 @@ def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Te
     for slot, value in zip(slots, values.values(), strict=True):
         b.store(slot, value.value)
     one = c if c.type.size == 1 else c.op("any")
-    with b.when(one.op("any_lane", type=vec(Base.B)).named(f"any_{b.names[c.value.id]}").value):
+    with b.when(one.op("any_lane", type=vec(Base.B)).value):
         for slot, value, made in zip(slots, values.values(), make(), strict=True):
             b.store(slot, where(c, made, value).value)
     return [Term(b, b.load(slot)) for slot in slots]

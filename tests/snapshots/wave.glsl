@@ -21,11 +21,9 @@ float sin_strict(precise float x) {
     precise double near_f = t * 1.138005036539198e-18lf + (t * 7.340831623126043e-10lf + (product - near_k));
     precise float t2 = abs(x);
     precise bool far = t2 >= 1.6777216e+07;
-    precise float t3 = float(near_k);
     precise double f = near_f;
-    precise float k = t3;
-    precise bool any_far = far;
-    if (any_far) {
+    precise float k = float(near_k);
+    if (far) {
         precise bool above = t2 >= 1.1258999e+15;
         precise double digit = above ? 1.2841276625374931e-08lf : 0.3183098854497075lf;
         precise double digit_2 = above ? 8.076898927812296e-18lf : 7.340831623126043e-10lf;
@@ -44,17 +42,16 @@ float sin_strict(precise float x) {
         precise double more = rest + 6755399441055744.0lf - 6755399441055744.0lf;
         precise double left = product_2 - k_2 + (rest - more);
         precise double last = left + 6755399441055744.0lf - 6755399441055744.0lf;
-        precise double t4 = t * digit_9 + (left - last);
-        precise double t5 = k_2 - floor(k_2 * 0.5lf) * 2.0lf + (more + last);
-        f = far ? t4 : near_f;
-        k = far ? float(t5) : t3;
+        precise double t3 = k_2 - floor(k_2 * 0.5lf) * 2.0lf + (more + last);
+        f = t * digit_9 + (left - last);
+        k = float(t3);
     }
     precise float half_ = k * 0.5;
     precise bool odd = half_ != floor(half_);
     precise double z = f * f;
-    precise double t4 = ((7.407082011743356e-07lf * z + -2.187234610985848e-05lf) * z + 0.0004662860726569745lf) * z + -0.007370427288701782lf;
-    precise double t5 = (((t4 * z + 0.08214588614421396lf) * z + -0.5992645292865307lf) * z + 2.5501640398760044lf) * z + -5.167712780049945lf;
-    precise double series = t5 * z + 3.141592653589793lf;
+    precise double t3 = ((7.407082011743356e-07lf * z + -2.187234610985848e-05lf) * z + 0.0004662860726569745lf) * z + -0.007370427288701782lf;
+    precise double t4 = (((t3 * z + 0.08214588614421396lf) * z + -0.5992645292865307lf) * z + 2.5501640398760044lf) * z + -5.167712780049945lf;
+    precise double series = t4 * z + 3.141592653589793lf;
     precise float size = float(f * series);
     precise float result = odd ? -size : size;
     return result;

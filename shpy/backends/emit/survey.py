@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
-from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import regions_of, uses
 
 Place = tuple[int, int]
@@ -119,7 +118,7 @@ class Survey:
             return True
         if let.op == "const":
             return let.value.name is None
-        if let.op in LANE_OPS or self.uses[value] != 1:
+        if self.uses[value] != 1:
             return self._is_glimpse(let)
         return let.value.name is None and self._used_in[value] == self._made_in[value]
 

@@ -17,6 +17,9 @@ from shpy.passes.terms import Term, where
 
 HALF_PI: Final = math.pi / 2
 
+_ABOVE_HALF_PI: Final = HALF_PI + 2.0**-52
+"""The next binary64, by which no arc sine or cosine is misrounded."""
+
 _EIGHTH: Final = math.sqrt(2) - 1
 """The tangent of pi/8."""
 
@@ -33,7 +36,7 @@ def _arc(x: Term) -> tuple[Term, Term]:
 def asin(x: Term) -> Term:
     """Arc sine."""
     near, arc = _arc(x)
-    size = where(near, arc, arc.mul_add(-2.0, HALF_PI)).based(Base.F).named("size")
+    size = where(near, arc, arc.mul_add(-2.0, _ABOVE_HALF_PI)).based(Base.F).named("size")
     return where(sign_bit(x), -size, size)
 
 
@@ -42,7 +45,7 @@ def acos(x: Term) -> Term:
     near, arc = _arc(x)
     left = (x < 0).named("left")
     turned = where(left ^ near, -arc, arc).named("turned")
-    return where(near, turned + HALF_PI, turned.mul_add(2.0, where(left, turned.constant(math.pi), 0.0)))
+    return where(near, turned + _ABOVE_HALF_PI, turned.mul_add(2.0, where(left, turned.constant(math.pi), 0.0)))
 
 
 def _angle(a: Term, b: Term) -> Term:

@@ -12,10 +12,8 @@ __kernel void packets(  // snapshot_programs.py:165
     }
     float x = x_in[element * x_step];
     float y = x;  // snapshot_programs.py:167
-    bool t = x > 1.0f;  // snapshot_programs.py:168
-    bool t2 = t;
-    if (t2) {
-        y = t ? sqrt(x) : y;  // snapshot_programs.py:169
+    if (x > 1.0f) {  // snapshot_programs.py:168
+        y = sqrt(x);  // snapshot_programs.py:169
     }
     result_out[element] = y;  // snapshot_programs.py:170
 }

@@ -13,9 +13,8 @@ layout(location = 0) out float out_0;
 float packets(precise float x) {  // snapshot_programs.py:165
     precise float y = x;  // snapshot_programs.py:167
     precise bool t = x > 1.0;  // snapshot_programs.py:168
-    precise bool t2 = t;
-    if (t2) {
-        y = t ? sqrt(x) : y;  // snapshot_programs.py:169
+    if (t) {
+        y = sqrt(x);  // snapshot_programs.py:169
     }
     precise float result = y;  // snapshot_programs.py:170
     return result;

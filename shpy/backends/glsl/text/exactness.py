@@ -15,6 +15,7 @@ from collections.abc import Collection, Mapping
 from typing import Final
 
 from shpy.ir.nodes import Call, Function, Let, Store, Variable
+from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import defined, uses, walk
 from shpy.ir.types import Type
 
@@ -32,7 +33,7 @@ def precise_conditions(function: Function, callees: Mapping[str, Function]) -> s
         if isinstance(s, Let):
             if _compares(s, types, comparing):
                 comparing.add(s.value.id)
-            if _is_precise(s.value.type) and s.op not in ("call", "any_lane", "all_lanes"):
+            if _is_precise(s.value.type) and s.op not in {"call", *LANE_OPS}:
                 continue
             kept.update(s.args)
         elif not isinstance(s, Store) or not _is_precise(slots[s.variable]):
@@ -43,7 +44,8 @@ def precise_conditions(function: Function, callees: Mapping[str, Function]) -> s
 def _compares(let: Let, types: dict[int, Type], comparing: set[int]) -> bool:
     if let.op in _COMPARISONS and types[let.args[0]].is_float:
         return True
-    return let.value.type.is_bool and any(a in comparing for a in let.args)
+    # An element that runs alone is asked by its own condition, which has a name already.
+    return let.value.type.is_bool and let.op not in LANE_OPS and any(a in comparing for a in let.args)
 
 
 def _is_precise(type: Type) -> bool:
