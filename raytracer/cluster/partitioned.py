@@ -180,13 +180,23 @@ class _Run:
         there = [sent for sent in self.sent.values() if not sent.cancelled()]
         holders = self.client.who_has(there) if there else {}
         self.homes = {number: home for number, sent in self.sent.items() for home in holders.get(sent.key, ())[:1]}
-        load = dict.fromkeys(sorted(self.client.nthreads()), 0) | Counter(self.homes.values())
+        held = Counter(self.homes.values())
+        load = {worker: held[worker] for worker in sorted(self.client.nthreads())}
         for number, part in enumerate(self.parts):
             if number not in self.homes:
                 home = min(load, key=lambda worker: load[worker])
-                self.sent[number] = self.client.scatter(part, workers=[home], hash=False)
+                self.sent[number] = self._sent_to(home, part)
                 self.homes[number] = home
                 load[home] += 1
+
+    def _sent_to(self, home: str, part: PartData) -> Any:
+        """Send a part to a worker; raise the error of a loss where that has died since its address was asked for."""
+        from distributed import CancelledError
+
+        try:
+            return self.client.scatter(part, workers=[home], hash=False)
+        except (KeyError, TimeoutError) as error:
+            raise CancelledError(f"a part for the worker at {home}, which has died") from error
 
     def _traced(self, top: int, count: int, width: int) -> Pixel:
         ends = [count * number // len(self.parts) for number in range(len(self.parts) + 1)]

@@ -101,7 +101,7 @@ def is_loss(error: Exception) -> bool:
     from distributed import CancelledError, KilledWorker
     from distributed.comm import CommClosedError
 
-    return isinstance(error, KilledWorker | CancelledError | CommClosedError | TimeoutError)
+    return isinstance(error, KilledWorker | CancelledError | CommClosedError)
 
 
 def shown(error: Exception) -> Exception:

@@ -2,14 +2,30 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
 from scene_pictures import same
 
 import shpy as sh
-from raytracer import ClusterError, Material, Path, PointLight, Scene, SceneError, Staged, Surface, Texture, render
+from raytracer import (
+    Camera,
+    ClusterError,
+    Material,
+    Mesh,
+    Path,
+    PointLight,
+    Scene,
+    SceneError,
+    Staged,
+    Surface,
+    Texture,
+    render,
+)
 from raytracer.cluster import connection, partitioned, records
 from raytracer.cluster.partitioned import _groups
 from raytracer.cluster.records import Records, next_part
@@ -169,11 +185,60 @@ def test_pictures_of_parts_with_workers_killed_at_twenty_moments_are_the_same(cl
     random = np.random.default_rng(5)
     for parts in (1, 2, 4, 8) * 5:
         client.wait_for_workers(2, timeout=120)
-        pid = int(random.choice(list(client.run(os.getpid).values())))
+        address, pid = list(client.run(os.getpid).items())[random.integers(2)]
         timer = threading.Timer(random.uniform(0, 4), os.kill, (pid, signal.SIGKILL))
         timer.start()
         found = render(mirrors(), (160, 120), cluster=client, partitions=parts, **given)
         timer.join()
+        while address in client.nthreads():
+            time.sleep(0.01)
         same(found, wanted)
         counts.append((parts, *found.stats.moved.values()))
     assert len(set(counts)) == 4  # what was lost is not counted
+
+
+LIMIT = 400 * 10**6
+"""Bytes that a worker may hold."""
+
+
+def hills():
+    """Return a hilly field of a million triangles."""
+    across, x = 707, np.linspace(-4, 4, 708)
+    height = 0.2 * np.sin(3 * x)[:, None] * np.cos(2 * x)
+    vertices = np.stack(np.broadcast_arrays(x[:, None], height, x), axis=2).reshape(-1, 3)
+    first = (np.arange(across)[:, None] * (across + 1) + np.arange(across)).ravel()
+    faces = np.stack([first, first + 1, first + across + 2, first, first + across + 2, first + across + 1], axis=1)
+    lights, camera = [PointLight((3, 6, 4), (0.8, 0.7, 0.6))], Camera((0, 3, 6), (0, -0.3, 0), fov=45)
+    return Scene([Mesh(vertices, faces.reshape(-1, 3), material=Material(reflectivity=0.2))], lights, camera)
+
+
+def peak():
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def alone(path):
+    """Write the picture that one process makes, and print the bytes that it took at most."""
+    np.savez(path, **render(hills(), (64, 48), backend="numpy").layers)
+    print(peak())
+
+
+@pytest.mark.slow
+def test_a_scene_that_no_worker_may_hold_renders_by_parts(tmp_path):
+    from dask.distributed import Client, LocalCluster
+
+    code = f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r}); import test_partitions as t"
+    words = [sys.executable, "-c", f"{code}; t.alone(sys.argv[1])", str(tmp_path / "alone.npz")]
+    needed = int(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+    assert needed > LIMIT
+    with (
+        LocalCluster(4, threads_per_worker=1, processes=True, memory_limit=LIMIT, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        found = render(hills(), (64, 48), backend="numpy", cluster=client, partitions=8)
+        peaks = client.run(peak).values()
+    print(f"one process took {needed / 1e6:.0f} MB, a worker {max(peaks) / 1e6:.0f} of {LIMIT / 1e6:.0f} MB")
+    assert max(peaks) < LIMIT
+    for name, layer in np.load(tmp_path / "alone.npz").items():
+        assert found.layers[name].tobytes() == layer.tobytes(), name
