@@ -84,6 +84,14 @@ class Motion:
             raise SceneError(f"the scene has no mesh {name!r}: its meshes are {named(names) or 'none'}")
         return found
 
+    def given(self, number: int) -> Mesh:
+        """Return a mesh before it is transformed."""
+        return self._given[number]
+
+    def transform(self, number: int) -> NDArray[np.float64]:
+        """Return the matrix by which a mesh is transformed."""
+        return self._transforms.get(number, np.eye(4))
+
     @property
     def changes(self) -> dict[int, tuple[Mesh, Mesh]]:
         """The meshes that changed by their numbers, each with the one that the picture shows."""

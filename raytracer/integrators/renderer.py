@@ -23,6 +23,7 @@ from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
+from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_cube
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.progressive import origin_of, passes, resumed
@@ -31,7 +32,6 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Pixel, Tracer
-from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.memory import check_fits
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
@@ -80,13 +80,13 @@ class Renderer:
 
     def _prepare(self) -> None:
         """Build the accelerators, and record and compile the kernel of the scene's camera."""
-        scene, self.layout = self.scene, None
+        scene, before, self.layout = self.scene, self.layout, None
         if not scene.triangles:
             return
         self.builds += 1
         self.staged = self.program = self.kernel = None
         started = time.perf_counter()
-        self.layout = self._laid_out()
+        self.layout = self._laid_out(before and before.secondary)
         self.build_seconds = time.perf_counter() - started
         self._options: dict[str, Any] = {"precision": self.integrator.precision, "math": self.integrator.math}
         secondary = self.layout.secondary
@@ -100,14 +100,17 @@ class Renderer:
         assert scene.camera is not None  # a scene frames one if it has none
         self._choose(scene.camera)
 
-    def _laid_out(self) -> Layout:
-        """Return the tables of the scene, with the cube for secondary rays if there is one."""
+    def _laid_out(self, before: Any) -> Layout:
+        """Return the tables of the scene, with the cubes for secondary rays, some of them those of `before`."""
         chosen = self.integrator
         layout = Layout.of(self.scene, chosen.structure, chosen.precision, chosen.grid, self._moving)
-        cube: LayeredCube | None = getattr(chosen, "secondary", None)
-        if cube is None and chosen.accel is not None and is_layered(chosen.accel):
-            cube = cube_of(chosen.accel, self.scene, self.backend)
-        return layout if cube is None else dataclasses.replace(layout, secondary=cube)
+        if not has_cubes(chosen):
+            return layout
+        if self._moving:
+            cubes: Any = object_cubes(chosen, self._motion, self._moving, layout, self.backend, before)
+        else:
+            cubes = scene_cube(chosen, self.scene, self.backend)
+        return dataclasses.replace(layout, secondary=cubes)
 
     def move(self, name: str | int, transform: ArrayLike) -> None:
         """Place the meshes of a name, or the one of a number, where `transform` takes them, from the next picture on.
@@ -170,11 +173,8 @@ class Renderer:
     @property
     def _obstacle(self) -> str | None:
         """The accelerator, if it is one in which nothing can move."""
-        chosen = self.integrator
-        cube = getattr(chosen, "secondary", None) is not None or (chosen.accel is not None and is_layered(chosen.accel))
-        if cube:
-            return "a layered depth cube"
-        return None if chosen.structure in HIERARCHIES else f"accel={chosen.structure!r}"
+        structure = self.integrator.structure
+        return None if structure in HIERARCHIES else f"accel={structure!r}"
 
     def _follow_motion(self) -> None:
         """Bring tables and accelerators up to where the objects are."""
@@ -192,7 +192,8 @@ class Renderer:
         origin, scale = frame_of(*motion.bounds, precision)
         stays = np.array_equal(origin, layout.origin) and scale == layout.scale
         if stays and motion.changed <= set(self._moving):
-            stays = self._tracer.renew(layout, layout.put(self._moving, motion.changes, precision))
+            stays = follow(motion, layout)
+            stays = stays and self._tracer.renew(layout, layout.put(self._moving, motion.changes, precision))
         else:
             self._moving = tuple(sorted(motion.changed | set(self._moving)))
             stays = False

@@ -31,6 +31,7 @@ from raytracer.kernels.triangle import (
 )
 from raytracer.layered import raster
 from raytracer.layered.cube import LayeredCube
+from raytracer.layered.placed import PlacedCubes
 from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 
 ROUNDED = 2.0**-8
@@ -50,16 +51,22 @@ OUTSIDE = 2.0**-20
 class LayeredIntersector(Walk):
     """The tables of a cube over `triangles` (see `triangle_rows`), and the walk through them.
 
-    `bound` is for rays that may start from a triangle.
+    `bound` is for rays that may start from a triangle. The cubes of objects that move are walked one after the other,
+    with the ray as it is seen from each; planes and triangles are tested where they are in the scene.
     """
 
-    def __init__(self, cube: LayeredCube, triangles: Any, bound: AheadBound | None = None) -> None:
-        cube.check_triangles(triangles)
+    def __init__(self, cube: LayeredCube | PlacedCubes, triangles: Any, bound: AheadBound | None = None) -> None:
+        self.poses: Any = None
+        if isinstance(cube, LayeredCube):
+            cube.check_triangles(triangles)
+        else:
+            self.poses = sh.Table(cube.poses, sh.Attrib4f, "poses")
+            self.cubes = sh.Param(sh.Attrib1i, len(cube.cubes), name="cubes")
         self.bound, self.test, self.conservative = bound, cube.hit, cube.conservative
         self.triangles = Triangles(triangles)
         records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
-        self.offsets = sh.Table(cube.images.offsets, sh.Attrib1i, "offsets")
+        self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets")
         self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks")
         self.outside = sh.Table(cube.outside, sh.Attrib1i, "outside") if len(cube.outside) else None
         self.left_out = sh.Param(sh.Attrib1i, len(cube.outside), name="left_out")
@@ -70,24 +77,44 @@ class LayeredIntersector(Walk):
 
         A triangle is offered for each of its samples.
         """
-        low, high = self.frame[raster.LOW].xyz, self.frame[raster.HIGH].xyz
-        inverse = inverse_of(ray)
-        t0, t1 = (low - eye) * inverse, (high - eye) * inverse
+        if self.poses is None:
+            self.collect_from(CubeTables(self.frame), hit, ray, eye, near, begin, any_hit, (ray, eye))
+        else:
+            with SH_FOR(0, self.cubes) as k:
+                SH_BREAK(any_hit & (hit.id >= 0))
+                rows = [self.poses[3 * k + axis] for axis in range(3)]
+                seen = sh.Vector3f(*(sh.dot(row.xyz, ray) for row in rows))
+                place = sh.Point3f(*(sh.dot(row.xyz, eye) + row.w for row in rows))
+                self.collect_from(CubeTables(self.frame, k), hit, ray, eye, near, begin, any_hit, (seen, place))
+        if self.outside is not None:
+            self.try_outside(self.outside, hit, ray, eye, near, any_hit)
+
+    def collect_from(
+        self, cube: CubeTables, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any, seen: tuple[Any, Any]
+    ) -> None:
+        """Offer to `hit` what is met in a cube, from which the ray is `seen` as a direction and a place."""
+        frame, (heading, place) = cube, seen
+        low, high = frame[raster.LOW].xyz, frame[raster.HIGH].xyz
+        inverse = inverse_of(heading)
+        t0, t1 = (low - place) * inverse, (high - place) * inverse
         enter = highest(begin, *(lower(t0[k], t1[k]) for k in range(3)))
         leave = lowest(hit.l, *(higher(t0[k], t1[k]) for k in range(3)))
         enter, leave = higher(enter - OUTSIDE * abs(enter), begin), leave + OUTSIDE * abs(leave)
         with SH_IF((near < hit.l) & (enter <= leave) & is_ray(ray, eye)):
             begin_at = sh.Attrib1f(enter)
-            way = Way(hit, ray, eye, near, begin_at, leave - begin_at)
+            way = Way(hit, ray, eye, near, begin_at, leave - begin_at, seen)
             test = TESTS[self.test](self, way)
-            major = raster.largest_axis(ray)
+            major = raster.largest_axis(heading)
             with SH_FOR(0, 3) as k:
                 axis = sh.cond(major + k >= 3, major + k - 3, major + k)
-                self.walk(ImageRay(self.frame, way, axis), test, any_hit)
+                self.walk(ImageRay(frame, way, axis), test, any_hit)
                 SH_BREAK(any_hit & (hit.id >= 0))
             test.finish()
-        if self.outside is not None:
-            self.try_outside(self.outside, hit, ray, eye, near, any_hit)
+
+    def renew(self, cubes: PlacedCubes) -> None:
+        """Update the poses."""
+        assert self.poses is not None
+        self.poses.update(cubes.poses)
 
     def try_outside(self, numbers: Any, hit: Any, ray: Any, eye: Any, near: Any, any_hit: Any) -> None:
         """Offer to `hit` the triangles that have no samples."""
@@ -104,7 +131,8 @@ class LayeredIntersector(Walk):
         with SH_DO():
             with SH_WHILE(lambda: blocks.t <= image.end()):
                 blocks.look()
-                block = self.blocks[(image.axis * image.blocks + blocks.cell.y) * image.blocks + blocks.cell.x]
+                number = (image.axis * image.blocks + blocks.cell.y) * image.blocks + blocks.cell.x
+                block = self.blocks[image.frame.block(number, image.blocks)]
                 SH_BREAK(image.reaches_block(blocks.t, blocks.out, block))
                 blocks.advance()
             with SH_IF(blocks.t <= image.end()):
@@ -122,7 +150,8 @@ class LayeredIntersector(Walk):
         with SH_DO():
             with SH_WHILE(lambda: texels.t <= image.end()):
                 texels.look()
-                texel = (image.axis * image.resolution + texels.cell.y) * image.resolution + texels.cell.x
+                number = (image.axis * image.resolution + texels.cell.y) * image.resolution + texels.cell.x
+                texel = image.frame.texel(number, image.resolution)
                 item[:] = self.offsets[texel]
                 end[:] = self.offsets[texel + 1]
                 near, beyond = image.depths(texels.t, texels.out)
@@ -151,12 +180,35 @@ class LayeredIntersector(Walk):
         return sh.float_from_bits(sample.x)
 
 
-class Way:
-    """A ray's way through the box: from `begin` on as a point `start`, and the distance from there to its `end`."""
+class CubeTables:
+    """The rows of the raster of a cube, and its places in the tables of several; `number` is None for the only one."""
 
-    def __init__(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, end: Any) -> None:
+    def __init__(self, frame: Any, number: Any = None) -> None:
+        self.frame, self.number = frame, number
+
+    def __getitem__(self, row: int) -> Any:
+        """Return a row of the raster."""
+        return self.frame[row] if self.number is None else self.frame[8 * self.number + row]
+
+    def block(self, number: Any, side: Any) -> Any:
+        """Return the place of a block; there are `side` along a side of each image."""
+        return number if self.number is None else number + self.number * (3 * side * side)
+
+    def texel(self, number: Any, side: Any) -> Any:
+        """Return the place of a texel; the end of the last one's samples follows those of a cube."""
+        return number if self.number is None else number + self.number * (3 * side * side + 1)
+
+
+class Way:
+    """A ray's way through the box: from `begin` on as a point `start`, and the distance from there to its `end`.
+
+    `seen` are its direction and origin as they are seen from the cube.
+    """
+
+    def __init__(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, end: Any, seen: tuple[Any, Any]) -> None:
         self.hit, self.ray, self.eye, self.near, self.begin = hit, ray, eye, near, begin
-        self.start = sh.Point3f(*(sh.fma(begin, ray[k], eye[k]) for k in range(3)))
+        self.heading, place = seen
+        self.start = sh.Point3f(*(sh.fma(begin, self.heading[k], place[k]) for k in range(3)))
         rest = sh.Attrib1f(end)
         self.end = rest
 
@@ -168,14 +220,14 @@ class Way:
 class ImageRay:
     """A ray as one of the images sees it: column, row and depth at its start, and how they change along it."""
 
-    def __init__(self, frame: Any, way: Way, axis: Any) -> None:
-        self.way, self.axis = way, axis
+    def __init__(self, frame: CubeTables, way: Way, axis: Any) -> None:
+        self.frame, self.way, self.axis = frame, way, axis
         inverse = frame[raster.INVERSE].xyz
         self.resolution, self.block, self.blocks = (sh.Attrib1i(frame[raster.COUNTS][k]) for k in range(3))
         x, y, _ = raster.turned((way.start - frame[raster.LOW].xyz) * inverse, axis)
-        dx, dy, _ = raster.turned(way.ray * inverse, axis)
+        dx, dy, _ = raster.turned(way.heading * inverse, axis)
         self.place, self.pace = sh.Attrib2f(x, y), sh.Attrib2f(dx, dy)
-        self.depth, self.deepening = raster.turned(way.start, axis)[2], raster.turned(way.ray, axis)[2]
+        self.depth, self.deepening = raster.turned(way.start, axis)[2], raster.turned(way.heading, axis)[2]
         self.per_depth = sh.clamp(1 / self.deepening, -FAR, FAR)
         self.slack, self.low, self.high = (
             raster.turned(frame[k].xyz, axis)[2] for k in (raster.SLACK, raster.NEAREST, raster.FARTHEST)
@@ -269,7 +321,7 @@ class DepthTest:
 
     def __init__(self, walk: LayeredIntersector, way: Way) -> None:
         self.way, self.triangles, self.bound = way, walk.triangles, walk.bound
-        self.pace = sh.length(way.ray)
+        self.pace = sh.length(way.heading)
         self.close = CLOSER if walk.test == "plane" and not walk.conservative else CLOSE
 
     def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:

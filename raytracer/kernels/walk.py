@@ -20,6 +20,7 @@ from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, RayHit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
+from raytracer.layered.placed import PlacedCubes
 from raytracer.scene.layout import Change, Layout
 from shpy import SH_ELSE, SH_IF
 
@@ -97,6 +98,11 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
 
 def renew_walk(walk: Walk | SplitWalk, layout: Layout, changes: Sequence[Change]) -> None:
     """Update the tables of a walk through moving objects after changes."""
+    if isinstance(walk, SplitWalk):
+        assert isinstance(walk.secondary, LayeredIntersector)
+        assert isinstance(layout.secondary, PlacedCubes)
+        walk.secondary.renew(layout.secondary)
+        walk = walk.exact
     assert isinstance(walk, BvhIntersector)
     assert layout.forest is not None
     walk.renew(layout.forest, changes)

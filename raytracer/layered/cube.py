@@ -163,6 +163,11 @@ class LayeredCube:
         return np.concatenate([self.images.ranges.view(np.uint32), self.images.slices], axis=1)
 
     @property
+    def offsets(self) -> NDArray[np.int32]:
+        """The places at which the samples of each texel begin, and the end of the last ones."""
+        return self.images.offsets
+
+    @property
     def options(self) -> dict[str, Any]:
         """The options that decide a cube, besides its triangles."""
         return {

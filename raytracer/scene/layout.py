@@ -26,6 +26,7 @@ from raytracer.accel.shape import Shape
 from raytracer.accel.space import WORKING, Rows, rounded, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
 from raytracer.layered.cube import LayeredCube
+from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
 from raytracer.scene.lights import PlacedLight, PointLight
 from raytracer.scene.scene import Scene
@@ -57,7 +58,8 @@ class Layout:
     `without_uv` (M,) is the name of a mesh of each of the `materials` that has no uv coordinates, or ""; `uvs` (3N, 2)
     the uv coordinates at the corners, None if no material has textures or programs.
 
-    `secondary` is the cube that all rays but those from the eye go through, None where they go through `structure`.
+    `secondary` is the cube that all rays but those from the eye go through, or the cubes of objects that move; None
+    where they go through `structure`.
 
     `forest` is the hierarchy of moving objects, of which `structure` is the joined one; None if none moves. Where one
     does, rows are held in the working precision.
@@ -77,7 +79,7 @@ class Layout:
     materials: tuple[Material, ...] = ()
     without_uv: tuple[str, ...] = ()
     uvs: Rows | None = None
-    secondary: LayeredCube | None = None
+    secondary: LayeredCube | PlacedCubes | None = None
     forest: Forest | None = None
 
     @classmethod

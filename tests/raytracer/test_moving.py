@@ -276,7 +276,7 @@ def test_mistakes_are_refused_and_change_nothing():
     same(renderer.render((8, 6)), before)
 
 
-@pytest.mark.parametrize("accel", ["grid", "brute", "ldc:16"])
+@pytest.mark.parametrize("accel", ["grid", "brute"])
 def test_other_accelerators_say_that_nothing_moves_there(accel):
     renderer = Renderer(scene(), backend="numpy", accel=accel)
     with pytest.raises(SceneError, match='choose accel="bvh"'):

@@ -1,0 +1,139 @@
+"""PlacedCubes: the layered depth cubes of a scene whose objects move, each with the way from the scene to it.
+
+Stage: accelerate. An object that moves keeps its cube, and rays are taken to it; what does not move has one cube. All
+have the same resolution and blocks, so that their tables stand one behind the other and a walk counts through them.
+
+    cubes = PlacedCubes.of(meshes, moving, make)       # make(tuple of meshes) gives a LayeredCube
+    cubes.place(transforms, origin, scale)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accel.space import to_kernel
+from raytracer.layered.cube import LayeredCube
+from raytracer.meshes import Mesh
+
+
+@dataclass(frozen=True)
+class Meshes:
+    """Some meshes of a scene."""
+
+    meshes: tuple[Mesh, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedCubes:
+    """The cube of what does not move, then those of the objects `moving`, which are meshes by their numbers.
+
+    `parts` are the meshes of each cube as they were given, before they are moved; `numbers` are those of its triangles
+    in the scene. `poses` (3K, 4), for K cubes, takes rows (x, y, z, 1) of the scene's kernel to each cube's.
+    """
+
+    cubes: tuple[LayeredCube, ...]
+    numbers: tuple[NDArray[np.int32], ...]
+    frames: tuple[tuple[NDArray[np.float64], float], ...]
+    moving: tuple[int, ...]
+    parts: tuple[tuple[Mesh, ...], ...]
+    poses: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, meshes: Mapping[int, Mesh], moving: Sequence[int], make: Callable[[tuple[Mesh, ...]], LayeredCube]
+    ) -> PlacedCubes:
+        """Make the cubes of the meshes with triangles, by their numbers in the scene; those that move as given."""
+        ends = np.cumsum([0, *map(len, meshes.values())])
+        ranges = {
+            number: np.arange(first, past, dtype=np.int32)
+            for number, first, past in zip(meshes, ends[:-1], ends[1:], strict=True)
+        }
+        still = [number for number in meshes if number not in moving]
+        groups = [still, *([number] for number in moving)] if still else [[number] for number in moving]
+        parts = [tuple(meshes[number] for number in group) for group in groups]
+        frames = [to_kernel(np.concatenate([mesh.corners for mesh in part]), "f32")[1:] for part in parts]
+        return cls(
+            tuple(map(make, parts)),
+            tuple(np.concatenate([ranges[number] for number in group]) for group in groups),
+            tuple(frames),
+            tuple(moving),
+            tuple(parts),
+            np.zeros((3 * len(groups), 4)),
+        )
+
+    def place(self, transforms: Mapping[int, NDArray[np.float64]], origin: NDArray[np.float64], scale: float) -> None:
+        """Set the poses for matrices (4, 4) by the numbers of objects; the scene's kernel is at `origin`."""
+        matrices = [np.eye(4)] * (len(self.cubes) - len(self.moving)) + [transforms[number] for number in self.moving]
+        for k, (matrix, (start, factor)) in enumerate(zip(matrices, self.frames, strict=True)):
+            inverse = np.linalg.inv(matrix)[:3]
+            turn = inverse[:, :3] * (factor / scale)
+            self.poses[3 * k : 3 * k + 3, :3] = turn
+            self.poses[3 * k : 3 * k + 3, 3] = (inverse[:, :3] @ origin + inverse[:, 3] - start) * factor
+
+    @property
+    def objects(self) -> list[Mesh]:
+        """The meshes that move."""
+        return [mesh for (mesh,) in self.parts[len(self.parts) - len(self.moving) :]]
+
+    @property
+    def hit(self) -> str:
+        """The hit test."""
+        return self.cubes[0].hit
+
+    @property
+    def conservative(self) -> bool:
+        """True if a triangle has a sample in each texel that it touches."""
+        return self.cubes[0].conservative
+
+    @property
+    def resolution(self) -> int:
+        """Texels along a side of an image."""
+        return self.cubes[0].resolution
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options that decide the cubes, besides their triangles."""
+        return self.cubes[0].options
+
+    @cached_property
+    def frame(self) -> NDArray[np.float32]:
+        """The rasters, (8K, 4)."""
+        return np.concatenate([cube.frame for cube in self.cubes])
+
+    @property
+    def samples(self) -> int:
+        """The samples of all cubes."""
+        return sum(cube.samples for cube in self.cubes)
+
+    @property
+    def offsets(self) -> NDArray[np.int32]:
+        """The places at which the samples of each texel begin, and for each cube the end of its last ones."""
+        starts = np.cumsum([0, *(cube.samples for cube in self.cubes)])
+        parts = [cube.offsets + first for cube, first in zip(self.cubes, starts, strict=False)]
+        return np.concatenate(parts).astype(np.int32)
+
+    @property
+    def blocks(self) -> NDArray[np.uint32]:
+        """The blocks of the coarse levels."""
+        return np.concatenate([cube.blocks for cube in self.cubes])
+
+    @property
+    def records(self) -> NDArray[np.uint32]:
+        """The samples as a walk reads them, with the numbers of triangles in the scene."""
+        parts = []
+        for cube, numbers in zip(self.cubes, self.numbers, strict=True):
+            found = cube.records
+            found[:, -1] = numbers[cube.images.triangles].view(np.uint32)
+            parts.append(found)
+        return np.concatenate(parts)
+
+    @property
+    def outside(self) -> NDArray[np.int32]:
+        """The numbers of the triangles that have no samples."""
+        return np.concatenate([n[cube.outside] for cube, n in zip(self.cubes, self.numbers, strict=True)])

@@ -1,0 +1,108 @@
+"""Objects that move in scenes whose secondary rays go through layered depth cubes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scene_pictures import SIZE, same
+
+from raytracer import Camera, LayeredCube, Material, PointLight, Renderer, Scene
+from raytracer.integrators import cubes
+from raytracer.meshes.shapes import box, floor, sphere
+
+MIRROR = Material((0.8, 0.3, 0.2), reflectivity=0.4)
+
+
+def scene(*placed):
+    """Return a ball and a box over a mirroring floor, each where a matrix takes it."""
+    ball, brick = sphere(0.6, MIRROR, rings=6, segments=10), box((0.7, 0.9, 0.5), MIRROR).moved((1.4, 0, 0))
+    meshes = [floor(6, Material(reflectivity=0.2)).moved((0, -1, 0)), ball, brick]
+    for number, matrix in enumerate(placed, 1):
+        meshes[number] = meshes[number].transformed(matrix)
+    return Scene(meshes, [PointLight((3, 6, 5), (0.8, 0.8, 0.7))], Camera((0, 2, 6), (0, 0, 0), fov=45))
+
+
+def turned(angle, offset=(0, 0, 0), scale=(1, 1, 1)):
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack([np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) * scale, offset])
+    return matrix
+
+
+MOVES = [
+    (np.eye(4), turned(0.4)),
+    (turned(0.7, (0.3, 0.2, -0.4)), turned(-0.5, (0, 0, 0.3))),
+    (turned(0.1, (0, 0.3, 0), (-1, 1.5, 1)), turned(2, (-0.8, 0, -1), (0.5, 0.5, 0.5))),
+]
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The cubes that are made, as the numbers of their triangles."""
+    counts, own = [], cubes._made
+
+    def counted(*given):
+        found = own(*given)
+        counts.append(len(found.triangles) // 3)
+        return found
+
+    monkeypatch.setattr(cubes, "_made", counted)
+    return counts
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize("options", [{"bounces": 2}, {"integrator": "path", "samples": 2}], ids=["whitted", "path"])
+def test_rigid_objects_keep_their_cubes_and_the_pictures_are_exact(backend, options, made):
+    renderer = Renderer(scene(), accel="ldc:64:triangle", backend=backend, **options)
+    ball = len(scene().meshes[1])
+    for move in MOVES:
+        renderer.move(1, move[0])
+        renderer.move(2, move[1])
+        found = renderer.render(SIZE)
+        same(found, Renderer(scene(*move), backend=backend, **options).render(SIZE))
+    assert made == [14 + ball, 2, ball, 12]
+    assert renderer.builds == 2
+
+
+def test_a_deformed_object_has_a_new_cube_and_the_others_keep_theirs(made):
+    renderer = Renderer(scene(), accel="ldc:64:triangle", backend="numpy", bounces=2)
+    ball = scene().meshes[1]
+    renderer.move(1, np.eye(4))
+    renderer.move(2, turned(0.4))
+    renderer.render(SIZE)
+    flat = turned(0, (0, 0.2, 0), (1, 0, 1))
+    for k, matrix in enumerate([turned(0.5, (0.3, 0, 0)), flat, turned(0.2)]):
+        vertices = ball.vertices * (1, 1 + 0.3 * min(k, 1), 1)
+        renderer.deform(1, vertices)
+        renderer.move(1, matrix)
+        wanted = scene(np.eye(4), turned(0.4))
+        meshes = list(wanted.meshes)
+        meshes[1] = ball.with_vertices(vertices, None).smoothed().transformed(matrix)
+        same(
+            renderer.render(SIZE),
+            Renderer(dataclasses.replace(wanted, meshes=meshes), backend="numpy", bounces=2).render(SIZE),
+        )
+    assert made == [14 + len(ball), 2, len(ball), 12, *[len(ball)] * 3]
+
+
+def test_objects_take_the_options_of_a_cube_that_is_handed_over(made):
+    cube = LayeredCube.of(scene(), 32, block=8, hit="plane", backend="numpy")
+    renderer = Renderer(scene(), secondary=cube, backend="numpy")
+    renderer.render(SIZE)
+    assert not made
+    renderer.move(1, turned(0.5))
+    renderer.render(SIZE)
+    assert renderer.layout.secondary.options == cube.options
+    assert len(made) == 2
+
+
+@pytest.mark.parametrize(("hit", "most"), [("plane", 5), ("sample", 10)])
+def test_the_errors_of_moved_cubes_are_small(hit, most):
+    """Root mean squares, in 255ths, against the exact picture."""
+    renderer, errors = Renderer(scene(), accel=f"ldc:256:{hit}", backend="numpy", bounces=2), []
+    for move in MOVES:
+        renderer.move(1, move[0])
+        renderer.move(2, move[1])
+        exact = Renderer(scene(*move), backend="numpy", bounces=2).render(SIZE)
+        errors.append(np.sqrt(np.mean((renderer.render(SIZE).srgb.astype(float) - exact.srgb) ** 2)))
+    assert 0 < max(errors) < most, errors
