@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from shpy.chains.chain import Chain
 from shpy.command import progress_lines
 from shpy.errors import ShpyTypeError
+from shpy.evolution import Evolution
 from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math
 from shpy.program import Program
-from shpy.screen import Moment, check_pictures, filled, first_output, pixels, values_of
+from shpy.screen import Moment, check_pictures, pixels, run_at
 from shpy.streams.stream import Stream
 from shpy.videos import FPS, writing
 
@@ -63,7 +64,7 @@ def animate(
     """
     tell = progress or progress_lines("frames")
     if isinstance(shown, Chain):
-        evolving = _Evolving(shown, show, values, fps, size, backend)
+        evolving = _Evolving(Evolution(shown, show, values, size=size, backend=backend), fps)
         extent, draw = evolving.size(), evolving.draw
     elif isinstance(shown, Program):
         if show is not None:
@@ -116,8 +117,7 @@ class _Still:
         for name, param in self._params.items():
             param.value = _now(self._values[name], moment)
         given = {n: _now(v, moment) for n, v in self._values.items() if n not in self._params}
-        named = filled(self._program.inputs, moment, given=given)
-        return first_output(self._kernel(**given, **named, shape=moment.shape))
+        return run_at(self._kernel, self._program.inputs, moment, given)
 
 
 def _now(value: Any, moment: Moment) -> Any:
@@ -125,24 +125,10 @@ def _now(value: Any, moment: Moment) -> Any:
 
 
 class _Evolving:
-    """A chain whose streams go on from frame to frame."""
+    """A chain that runs once for each frame."""
 
-    def __init__(
-        self,
-        chain: Chain,
-        show: Program | None,
-        values: Mapping[str, Any],
-        fps: float,
-        size: tuple[int, int] | None,
-        backend: str | None,
-    ) -> None:
-        names = {*chain.inputs, *chain.outputs, *(show.inputs if show else ())}
-        unknown = [name for name in values if name not in names]
-        if unknown:
-            raise ShpyTypeError(f"{unknown[0]} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(names)}")
-        self._chain, self._show, self._fps, self._backend = chain, show, fps, backend
-        self._size = size or _extent(values)
-        self._streams = dict(values)
+    def __init__(self, evolution: Evolution, fps: float) -> None:
+        self._evolution, self._fps = evolution, fps
         self._drawn = 0
         self._picture: Any = None
 
@@ -154,23 +140,8 @@ class _Evolving:
     def draw(self, number: int) -> Any:
         """Return the output of a frame: of the one drawn last, or of a later one."""
         while self._drawn <= number:
-            moment = Moment(self._size, self._drawn / self._fps, self._drawn)
-            given = values_of({**self._chain.inputs, **self._chain.outputs}, moment, self._streams)
-            self._streams |= self._chain.run(backend=self._backend, **given).streams
-            self._picture = self._shown(moment)
+            moment = Moment(self._evolution.size, self._drawn / self._fps, self._drawn)
+            self._evolution.step(moment)
+            self._picture = self._evolution.picture(moment)
             self._drawn += 1
         return self._picture
-
-    def _shown(self, moment: Moment) -> Any:
-        if self._show is None:
-            return np.asarray(self._streams[list(self._chain.outputs)[-1]])
-        given = values_of(self._show.inputs, moment, self._streams)
-        check_pictures(self._show, moment.size, given)
-        return np.asarray(first_output(self._show(**given, shape=moment.shape)))
-
-
-def _extent(values: Mapping[str, Any]) -> tuple[int, int]:
-    """Return (width, height) of the streams that a chain begins with: of the first one that has two axes."""
-    shapes = [value.shape if isinstance(value, Stream) else np.shape(value)[:2] for value in values.values()]
-    height, width = next((shape for shape in shapes if len(shape) == 2), (512, 512))
-    return width, height

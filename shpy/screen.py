@@ -20,7 +20,7 @@ Other types of the same size are filled with the same numbers, and an Attrib2f `
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -171,9 +171,16 @@ def drawn(
     `given` are the inputs that are not filled by their names. Raises ShpyTypeError as `check_pictures` does.
     """
     check_pictures(program, moment.size, given)
-    named = filled(program.inputs, moment, given=given)
-    output: NDArray[Any] = first_output(program.compile(backend, math=math)(**given, **named, shape=moment.shape))
+    output: NDArray[Any] = run_at(program.compile(backend, math=math), program.inputs, moment, given)
     return output
+
+
+def run_at(
+    kernel: Callable[..., Any], inputs: Mapping[str, Any], moment: Moment, given: Mapping[str, Any] | None = None
+) -> Any:
+    """Return the picture of a program's kernel at a moment: `inputs` are filled by their names, but those `given`."""
+    values = dict(given or {})
+    return first_output(kernel(**values, **filled(inputs, moment, given=values), shape=moment.shape))
 
 
 def first_output(outputs: Any) -> Any:

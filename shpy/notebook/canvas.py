@@ -1,9 +1,9 @@
-"""The widget of a program of pixels: the page asks for a frame once it has drawn the last, so that none wait in line.
+"""The widget of a program or chain: the page asks for a frame once it has drawn the last, so that none wait in line.
 
 Stage: view. `widget.js` draws and has the controls, which are those of `shpy view`; this class computes.
 
-    page  ──{"time", "frame", "mouse", "params"}──▶  Canvas
-    page  ◀──{"params", "milliseconds"} + pixels──   Canvas
+    page  ──{"time", "frame", "mouse", "steps", "params"}──▶  Canvas
+    page  ◀──{"params", "milliseconds"} + pixels────────────   Canvas
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from shpy.passes.modes import Math
+from shpy.notebook.drawn import Pixels, Running
 from shpy.pictures import png
-from shpy.program import Program
-from shpy.screen import Moment, drawn, moves, pixels
+from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 
 
@@ -35,7 +34,7 @@ def _script() -> str:
 
 
 class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unused-ignore]
-    """A program's picture with its controls: see `sh.widget`."""
+    """A picture with its controls: see `sh.widget`."""
 
     _esm = _script()
     _css = (files("shpy.notebook") / "widget.css").read_text()
@@ -43,32 +42,26 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
     extent = traitlets.List(traitlets.Int()).tag(sync=True)
     controls: Any = traitlets.List().tag(sync=True)
     moves = traitlets.Bool().tag(sync=True)
+    evolves = traitlets.Bool().tag(sync=True)
+    steps = traitlets.Int().tag(sync=True)
 
-    def __init__(
-        self,
-        program: Program,
-        size: tuple[int, int],
-        backend: str | None,
-        math: Math,
-        encode: bool,
-        values: Mapping[str, Any],
-    ) -> None:
-        self._program, self._size, self._encode = program, size, encode
-        self._options: dict[str, Any] = {"backend": backend, "math": math, **values}
-        self._controls = Controls(program.params)
-        controls = self._controls.describe()
-        super().__init__(title=program.name, extent=list(size), controls=controls, moves=moves(program))
+    def __init__(self, shown: Pixels | Running, encode: bool) -> None:
+        self._shown, self._encode = shown, encode
+        self._controls = Controls(shown.params)
+        kind = {"moves": shown.moves, "evolves": shown.evolves, "steps": shown.steps}
+        super().__init__(title=shown.title, extent=list(shown.size), controls=self._controls.describe(), **kind)
         self.on_msg(self._answer)
 
     def frame(self, time: float = 0.0, frame: int = 0, mouse: Any = (0, 0, 0, 0)) -> NDArray[np.uint8]:
         """Return the pixels (height, width, 4) at a time, in sRGB."""
         x, y, press_x, press_y = map(float, mouse)
-        moment = Moment(self._size, float(time), int(frame), (x, y, press_x, press_y))
-        return pixels(drawn(self._program, moment, **self._options), encode=self._encode)
+        moment = Moment(self._shown.size, float(time), int(frame), (x, y, press_x, press_y))
+        return pixels(self._shown.draw(moment), encode=self._encode)
 
     def _answer(self, _widget: Any, asked: Mapping[str, Any], _buffers: Any) -> None:
         """Set the Params, and send the frame that was asked for, or the message of what went wrong."""
         refused = self._controls.assign(asked.get("params", {}))
+        self._shown.steps = int(asked.get("steps", self._shown.steps))
         begun = time.monotonic()
         try:
             levels = self.frame(asked.get("time", 0), asked.get("frame", 0), asked.get("mouse", (0, 0, 0, 0)))

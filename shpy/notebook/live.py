@@ -1,16 +1,19 @@
-"""`sh.widget`: a program of pixels in a notebook, with a slider for each of its Params.
+"""`sh.widget`: a program of pixels, or a chain that runs on, in a notebook, with a slider for each Param.
 
 Stage: view.
 
     sh.widget(planet, size=(640, 360))
+    sh.widget(sh.repeat(react, 1), show=colors, steps=20, u=u, v=v)
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from shpy.chains.chain import Chain
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
+from shpy.notebook.drawn import Pixels, Running
 from shpy.packages import install
 from shpy.passes.modes import Math
 from shpy.program import Program
@@ -18,27 +21,43 @@ from shpy.screen import check_pictures
 
 
 def widget(
-    program: Program,
+    shown: Program | Chain,
     *,
-    size: tuple[int, int] = (512, 512),
+    size: tuple[int, int] | None = None,
+    show: Program | None = None,
+    steps: int = 1,
     backend: str | None = None,
     math: Math = "strict",
     encode: bool = False,
     **values: Any,
 ) -> Any:
-    """Return a widget that shows a program of pixels of `size` (width, height), with controls for its Params.
+    """Return a widget that shows a program of pixels, or a chain that runs on, with controls for its Params.
 
     This process computes the frames, on any backend, and sets the Params' values: `gain.value` is what the slider says,
     and what is set in another cell shows. Inputs are filled by name as `sh.animate` does; `mouse` follows the pointer
     while it is pressed. `values` are the other inputs. With `encode`, numbers are linear light, which becomes sRGB.
-    Raises ShpyTypeError for what is no program of pixels; ShpyError, with the command that brings it, where anywidget
-    is missing.
+    `size` is (width, height) of a program's picture, (512, 512) where nothing is said.
+
+    A chain is run `steps` times for each frame, which a field of the widget changes; `values` are the streams that it
+    begins with, and `show` is the program that makes colours of its streams, as in `sh.animate`.
+    Raises ShpyTypeError for what is neither a program of pixels nor a chain with its streams; ShpyError, with the
+    command that brings it, where anywidget is missing.
     """
-    if not isinstance(program, Program):
-        raise ShpyTypeError(f"{program!r} is no program", loc=here(), cure="sh.widget(program); sh.animate for chains")
-    check_pictures(program, size, values)
+    drawn: Pixels | Running
+    if isinstance(shown, Chain):
+        if math != "strict":
+            cure = f'sh.repeat(step.compile(math="{math}"), 8)'
+            raise ShpyTypeError("math= is for programs; the kernels of a chain have their own", loc=here(), cure=cure)
+        drawn = Running(shown, show, values, size=size, steps=steps, backend=backend)
+    elif isinstance(shown, Program):
+        if show is not None:
+            raise ShpyTypeError("show= makes colours of the streams of a chain", loc=here(), cure="show << program")
+        check_pictures(shown, size or (512, 512), values)
+        drawn = Pixels(shown, size or (512, 512), {"backend": backend, "math": math, **values})
+    else:
+        raise ShpyTypeError(f"{shown!r} is neither a program nor a chain", loc=here(), cure="sh.widget(program)")
     try:
         from shpy.notebook.canvas import Canvas
     except ImportError as error:
         raise ShpyError(f"widgets need anywidget: {install('anywidget')}", loc=here()) from error
-    return Canvas(program, size, backend, math, encode, values)
+    return Canvas(drawn, encode)

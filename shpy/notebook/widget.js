@@ -1,4 +1,4 @@
-// The widget of a program of pixels: a picture, its controls, and the time.
+// The widget of a program or chain: a picture, its controls, and the time.
 
 export default { render };
 
@@ -8,11 +8,13 @@ function render({ model, el }) {
   const canvas = make("canvas", { width, height, role: "img", "aria-label": `picture of ${model.get("title")}` });
   const play = make("button", { type: "button", hidden: !moves, onclick: () => { playing = !playing; begun = null; label(); ask(); } });
   const back = make("button", { type: "button", hidden: !moves, onclick: () => { seconds = 0; frame = 0; changed(); } }, "Reset");
+  const steps = make("input", { type: "number", min: 1, max: 1000, value: model.get("steps") });
+  const pace = make("label", { hidden: !model.get("evolves") }, "Steps a frame ", steps);
   const told = make("output", {});
   const problem = make("p", { class: "problem", role: "alert", hidden: true });
   const place = make("div", { class: "controls" });
   el.classList.add("shpy-widget");
-  el.append(make("div", { class: "stage" }, canvas, make("div", { class: "row" }, play, back, told), problem), place);
+  el.append(make("div", { class: "stage" }, canvas, make("div", { class: "row" }, play, back, pace, told), problem), place);
 
   let playing = moves && !matchMedia("(prefers-reduced-motion: reduce)").matches;
   let seconds = 0, frame = 0, begun = null, waiting = false, dirty = true, visible = true;
@@ -32,7 +34,8 @@ function render({ model, el }) {
     begun = playing ? now : null;
     waiting = true;
     dirty = false;
-    model.send({ time: seconds, frame, mouse, params: wanted });
+    const pace = Math.min(Math.max(Math.round(steps.valueAsNumber) || 1, 1), 1000);
+    model.send({ time: seconds, frame, mouse, steps: pace, params: wanted });
     wanted = {};
   }
 

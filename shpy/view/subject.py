@@ -17,7 +17,7 @@ import numpy as np
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyError
 from shpy.program import Program
-from shpy.screen import Moment, filled, first_output, moves, values_of
+from shpy.screen import Moment, filled, first_output, moves, run_at, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import QUICK, Form, Kernels
 from shpy.view.source import SHOW, START, Opened
@@ -72,11 +72,11 @@ class Still:
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
         kernel, form = self.kernels.best(wanted)
-        return first_output(kernel(**self._given(moment), shape=moment.shape)), form
+        return run_at(kernel, self.program.inputs, moment), form
 
     def exactly(self, moment: Moment, form: Form) -> Any:
         """Return the output for a moment in a form, which may have to be compiled."""
-        return first_output(self.kernels.exactly(form)(**self._given(moment), shape=moment.shape))
+        return run_at(self.kernels.exactly(form), self.program.inputs, moment)
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
         """Return True: time alone goes on, and no stream is kept."""
@@ -95,10 +95,7 @@ class Still:
 
     def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
         """Return the program and the steps of one pixel."""
-        return self.program, self.program.trace(**self._given(moment), shape=moment.shape, at=at)
-
-    def _given(self, moment: Moment) -> dict[str, Any]:
-        return filled(self.program.inputs, moment)
+        return self.program, self.program.trace(**filled(self.program.inputs, moment), shape=moment.shape, at=at)
 
 
 class Evolving:

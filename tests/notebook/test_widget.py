@@ -16,6 +16,7 @@ from shpy.screen import Moment, drawn, pixels
 gain = sh.Param(sh.Attrib1f, 0.5, name="gain", range=(0, 1), title="Gain", description="How bright it is")
 tint = sh.Param(sh.Color3f, (1, 0.5, 0.25), name="tint", range=(0, 1))
 on = sh.Param(sh.Attrib1b, True, name="on")
+rate = sh.Param(sh.Attrib1f, 0.125, name="rate", range=(0, 1))
 
 
 @sh.program
@@ -30,13 +31,23 @@ def grid() -> sh.Attrib1f:
 
 
 @sh.program
+def grow(u: sh.Attrib1f):
+    return {"u": u + rate}
+
+
+@sh.program
+def shades(u: sh.Attrib1f) -> sh.Color3f:
+    return gain * sh.Color3f(u, 0, 1)
+
+
+@sh.program
 def of_points(p: sh.Point3f) -> sh.Color3f:
     return sh.Color3f(p.x)
 
 
 @pytest.fixture(autouse=True)
 def _params_stay():
-    before = [(param, param.value) for param in (gain, tint, on)]
+    before = [(param, param.value) for param in (gain, tint, on, rate)]
     yield
     for param, value in before:
         param.value = value
@@ -106,10 +117,30 @@ def test_a_frame_that_fails_shows_why_and_the_widget_goes_on(monkeypatch):
     assert len(sent[1][1]) == 1
 
 
+def test_a_chain_goes_on_with_each_frame_and_begins_anew(monkeypatch):
+    widget, sent = sh.widget(sh.repeat(grow, 1), show=shades, backend="numpy", u=np.zeros((3, 4), np.float32)), []
+    assert ([c["name"] for c in widget.controls], widget.extent) == (["gain", "rate"], [4, 3])
+    assert (widget.moves, widget.evolves, widget.steps) == (True, True, 1)
+    monkeypatch.setattr(widget, "send", lambda told, buffers=(): sent.append(buffers[0][0]))
+    for asked in (
+        {"frame": 0},
+        {"frame": 1, "steps": 3},
+        {"frame": 1, "params": {"gain": [1]}},
+        {"frame": 2, "steps": 1, "params": {"rate": [0.5]}},
+        {"frame": 0},
+    ):
+        widget._answer(widget, asked, [])
+    # gain * u: 0.125 after one step, 0.5 after three more, which are drawn again, 1 after a longer one, then anew.
+    assert sent == [round(255 * red) for red in (0.5 * 0.125, 0.5 * 0.5, 0.5, 1.0, 0.5)]
+
+
 @pytest.mark.parametrize(
     ("program", "given", "what"),
     [
-        (3, {}, "3 is no program"),
+        (3, {}, "3 is neither a program nor a chain"),
+        (lamp, {"show": lamp}, "show= makes colours of the streams of a chain"),
+        (sh.repeat(grow, 1), {"w": 1}, "w is no stream of repeat"),
+        (sh.repeat(grow, 1), {"math": "fast"}, "the kernels of a chain have their own"),
         (of_points, {}, "of_points is no program of pixels"),
         (lamp, {"size": (0, 1)}, "is no width and height"),
         (lamp, {"spede": 1}, "spede is neither an input nor a Param of lamp"),
@@ -168,7 +199,7 @@ def open_page(browser, widget, **options):
 
     page = browser.new_page(**options)
     page.expose_function("ask", ask)
-    traits = {name: getattr(widget, name) for name in ("title", "extent", "controls", "moves")}
+    traits = {name: getattr(widget, name) for name in ("title", "extent", "controls", "moves", "evolves", "steps")}
     page.evaluate(HARNESS, [widget._esm, widget._css, traits])
     page.wait_for_function("document.querySelector('canvas').dataset.frame !== undefined")
     return page
@@ -195,6 +226,20 @@ def test_a_slider_changes_the_picture(browser):
     on.value = True
     page.get_by_role("button", name="Reset").click()
     page.wait_for_function("document.querySelector('[aria-label=\"Gain, number\"]').value === '0.75'")
+    page.close()
+
+
+def test_a_chain_runs_on_in_the_page_and_is_reset(browser):
+    widget = sh.widget(sh.repeat(grow, 1), show=shades, steps=2, backend="numpy", u=np.zeros((8, 8), np.float32))
+    gain.value, rate.value = 1, 1 / 255
+    page = open_page(browser, widget, reduced_motion="reduce")
+    assert page.evaluate(COLOR) == [2, 0, 255, 255]
+    page.get_by_label("Steps a frame").fill("5")
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_function(f"{COLOR}[0] > 12")
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Reset").click()
+    page.wait_for_function(f"{COLOR}[0] === 5")
     page.close()
 
 

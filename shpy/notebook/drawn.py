@@ -1,0 +1,66 @@
+"""What a widget draws: a program of pixels, or a chain that runs on.
+
+Stage: view. A frame is asked for by its moment: a chain goes on where the frame has another number than the last one.
+
+    Pixels(program, (640, 360), {"backend": "opencl"}).draw(Moment((640, 360), time=1.5))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from shpy.chains.chain import Chain
+from shpy.evolution import Evolution
+from shpy.program import Program
+from shpy.screen import Moment, drawn, moves
+
+
+class Pixels:
+    """A program of pixels."""
+
+    evolves = False
+    steps = 1
+
+    def __init__(self, program: Program, size: tuple[int, int], options: dict[str, Any]) -> None:
+        self._program, self._options = program, options
+        self.size, self.title, self.params = size, program.name, program.params
+        self.moves = moves(program)
+
+    def draw(self, moment: Moment) -> Any:
+        """Return the output at a moment."""
+        return drawn(self._program, moment, **self._options)
+
+
+class Running:
+    """A chain that runs some steps for each frame; the frame 0, and every earlier one than the last, begins anew."""
+
+    evolves = moves = True
+
+    def __init__(
+        self,
+        chain: Chain,
+        show: Program | None,
+        streams: Mapping[str, Any],
+        *,
+        size: tuple[int, int] | None,
+        steps: int,
+        backend: str | None,
+    ) -> None:
+        self._evolution = Evolution(chain, show, streams, size=size, backend=backend)
+        self.size, self.title, self.steps = self._evolution.size, str(chain), steps
+        self.params = dict(show.params) if show else {}
+        for kernel in chain.kernels:
+            self.params |= kernel.recorded.params
+        self._last = -1
+
+    def draw(self, moment: Moment) -> Any:
+        """Return the output of a frame: the next one runs the chain, the last one is drawn again."""
+        if moment.frame < self._last:
+            self._evolution.reset()
+            self._last = -1
+        if moment.frame > self._last:
+            for _ in range(self.steps):
+                self._evolution.step(moment)
+            self._last = moment.frame
+        return self._evolution.picture(moment)
