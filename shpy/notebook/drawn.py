@@ -1,4 +1,4 @@
-"""What a widget draws: a program of pixels, or a chain that runs on.
+"""The pictures of a widget: of a program of pixels, or of a chain that runs on.
 
 Stage: view. A frame is asked for by its moment: a chain goes on where the frame has another number than the last one.
 
