@@ -212,9 +212,6 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
     listening = _listen(address, port)
     port = listening.getsockname()[1]
     host = f"[{address}]" if ":" in address else address
-    said(f"http://{host}:{port}/   (Ctrl-C ends it)")
-    if beyond:
-        said("warning: everybody who reaches this machine sees the view and changes it, without a password")
     config = uvicorn.Config(
         app,
         log_level="warning",
@@ -226,6 +223,9 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
     )
     with listening:
         try:
+            said(f"http://{host}:{port}/   (Ctrl-C ends it)")
+            if beyond:
+                said("warning: everybody who reaches this machine sees the view and changes it, without a password")
             uvicorn.Server(config).run(sockets=[listening])
         except KeyboardInterrupt as error:  # uvicorn raises it again when it has ended
             raise type(error)("stopped") from None
