@@ -1,6 +1,7 @@
 """Ctrl-C anywhere in a run: the next calls give the right bits, and streams that the run did not write keep theirs."""
 
 import gc
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from stress.interrupts import Interrupted, at_line, in_a_draw
 from stress.mode import stressed
 
 import shpy as sh
+from shpy.backends.device.pace import Pace
 
 BACKENDS = ("numpy", "opencl", "glsl")
 X = np.arange(2500, dtype=np.float32).reshape(50, 50)
@@ -120,6 +122,28 @@ def check(backend, seed, times):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_calls_after_an_interrupt(backend):
     check(backend, 1, 60)
+
+
+def test_a_run_in_parts_is_interrupted_at_each_line():
+    """The kernel of a small run on OpenCL holds where a dispatch begins, which the next run must not find there."""
+    kernel = double.compile("opencl")
+    kernel(X)
+    interrupts = 0
+    for line in range(1, 120):
+        with patch.object(Pace, "is_brief", lambda *_: False), patch.object(Pace, "parts", parts_of_a_row):
+            try:
+                with at_line(line):
+                    kernel(X)
+            except Interrupted:
+                interrupts += 1
+        other = X + line  # its results are nowhere in memory yet
+        np.testing.assert_array_equal(kernel(other), 2 * other, err_msg=f"after Ctrl-C at line {line} of the run")
+    assert interrupts > 60
+
+
+def parts_of_a_row(pace, rows, *size):
+    """Return dispatches of one row each, in place of `Pace.parts`."""
+    return [(first, 1) for first in range(rows)]
 
 
 @pytest.mark.slow

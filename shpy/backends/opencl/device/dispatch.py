@@ -2,8 +2,7 @@
 
 Stage: run. PoCL generates code anew for each local size, for a global offset that is not 0, and for the first launch
 of 65,535 or more work items along an axis. So a kernel has one local size, its second argument is where a dispatch
-begins (0 whenever no run is under way), and its first launch has `driver.ANY_SIZE` work items, most of them idle:
-that code serves smaller launches too.
+begins, and its first launch has `driver.ANY_SIZE` work items, most of them idle: that code serves smaller launches too.
 
     start = starter(machine, kernel, args, Items(64, 48), PACKETS, pace, 16, reads=False)
     start()
@@ -53,18 +52,18 @@ def starter(
     least = -(-machine.device.max_compute_units * group // width)  # each core should have a group
     elements = rows * width * each
     enqueue, queue, start = machine.cl.enqueue_nd_range_kernel, machine.queue, type(args[1])
+    moved = False  # whether the kernel may hold another beginning than 0, also after Ctrl-C at any line
 
     def dispatch(first: int, count: int) -> Any:
+        nonlocal moved
         size = (count * group, 1) if listed else (groups * group, count)
         if not reads:
             machine.may_take_long |= not pace.was_brief(elements)
-        if not first:
-            return enqueue(queue, kernel, size, (group, 1))
-        try:
+        if first or moved:
+            moved = True
             kernel.set_arg(1, start(first * step))
-            return enqueue(queue, kernel, size, (group, 1))
-        finally:
-            kernel.set_arg(1, args[1])
+            moved = first > 0
+        return enqueue(queue, kernel, size, (group, 1))
 
     run = pace.driver(rows, dispatch, machine.waiter.wait, width * each, least, reads=reads)
     if not shared:
