@@ -81,6 +81,8 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
 
     `scattered`: rays that come of eye rays soon have little in common with their neighbours, as after matt surfaces and
     in glass. Where packets would walk the union of their ways through many triangles, each of them walks alone.
+    Not among objects that move: the wide nodes gather boxes of several levels and lie in the order of the whole
+    hierarchy, so that no part of them belongs to one object and could be replaced by itself.
     """
     exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
     bound = AheadBound(layout.roundoff)

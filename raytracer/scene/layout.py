@@ -147,12 +147,12 @@ class Layout:
         """
         assert self.forest is not None
         self.forest.stale_items.clear()  # of an attempt that was interrupted
-        changes = []
+        changes, places = [], {number: place for place, number in enumerate(moving)}
         for number, (mesh, before) in meshes.items():
             first, past = _range(self.object_of, number)
             vertices = rounded((mesh.vertices - self.origin) * self.scale, precision)
             rows = slice(3 * first, 3 * past)
-            place = list(moving).index(number)
+            place = places[number]
             shape = self.forest.shapes[place]
             shape.take(vertices, mesh.faces, self.triangles[rows])
             stale = set()
