@@ -197,8 +197,9 @@ class _PythonBody(NumpyOperations):
             if port.id in self.varying:
                 self.lane_names.add(name)
         self.arguments = tuple(arguments)
+        params = {p.name: p.type for p in self.module.module.params}
         self.given = {
-            (kind, what): Name(INT, self.scope.take(what) if what else kind)
+            (kind, what): Name(params[what] if kind == "param" else INT, self.scope.take(what) if what else kind)
             for kind, what in self.module.handed[self.function.name]
         }
         self.kept = self.continued()

@@ -282,7 +282,7 @@ class _OpenCLCollectives:
         return tree_of(self._space, module, types, precision)
 
     def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
-        """Sort scalars digit by digit; gives them and, if `indexed`, the indices that they had."""
+        """Sort scalars digit by digit; return them and, if `indexed`, the indices that they had."""
         text, bits = self._ordering(keys, descending, below)
         chunks, chunk = self._chunks(keys.count)
         counts = self._allocate(chunks << self._digit, Base.U)

@@ -252,7 +252,7 @@ class OpenCLExecutable:
         machine.give_back([empty])
 
     def run(self, call: Call) -> Array | None:
-        """Run it; gives the status of each element, or None where every element was written."""
+        """Run it; return the status of each element, or None where every element was written."""
         with self.machine.lock:
             used: list[Any] = []
             try:
@@ -459,7 +459,7 @@ class OpenCLExecutable:
         return self._hand_over(call, found)
 
     def _hand_over(self, call: Call, found: Sequence[Array | None]) -> Array | None:
-        """Copy what was found to the outputs, where elements were written; gives the statuses if not all were."""
+        """Copy what was found to the outputs, where elements were written; return the statuses if not all were."""
         status: Array | None = None
         written: Any = True
         if self.prepared.status:

@@ -128,7 +128,7 @@ class PacketPrologue(Prologue):
         self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
 
     def use(self, op: str, type: Type) -> str:
-        """Ask for the function that does `op` for a first argument of `type`; gives its name."""
+        """Ask for the function that does `op` for a first argument of `type`; return its name."""
         if not isinstance(type, Lanes):
             return super().use(op, type)
         if op == "lane_any":
@@ -180,7 +180,7 @@ class PacketPrologue(Prologue):
     # Types and memory
 
     def struct(self, type: Type) -> str:
-        """Ask for the struct of a packet of vectors; gives its name."""
+        """Ask for the struct of a packet of vectors; return its name."""
         return self._ask(spelled_wide(type), lambda _: struct_text(type))
 
     def packet(self) -> None:
@@ -188,7 +188,7 @@ class PacketPrologue(Prologue):
         self._ask("sh_packet", lambda _: self._memory.packet())
 
     def memory(self, way: str, base: Base, size: int) -> str:
-        """Ask for the function that can `read`, `write` or `gather`; gives its name."""
+        """Ask for the function that can `read`, `write` or `gather`; return its name."""
         if size > 1:
             self.struct(rows_of(base, size, self.lanes))
         name = f"sh_{way}_{base.value}{size if size > 1 else ''}"

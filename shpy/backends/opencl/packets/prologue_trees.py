@@ -352,7 +352,7 @@ class TreePrologue:
         ])  # fmt: skip
 
     def _called(self, inner: str, arguments: Sequence[str], *, last: bool) -> list[str]:
-        """Call the program; gives the last node of its results, or the first one."""
+        """Call the program; return the last node of its results, or the first one."""
         made = [f"&made.part{k}" for k in range(len(self.parts))]
         if self.node_types.lifted:
             unused = [f"&unused.part{k}" for k in range(len(self.parts))]

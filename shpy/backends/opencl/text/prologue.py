@@ -169,7 +169,7 @@ class Prologue:
         self._texts: dict[str, str] = {}
 
     def use(self, op: str, type: Type) -> str:
-        """Ask for the function that does `op` for a first argument of `type`; gives its name."""
+        """Ask for the function that does `op` for a first argument of `type`; return its name."""
         base = "" if type.base is Base.F else f"_{type.base.value}"
         name = f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
         if name in self._texts:
