@@ -17,9 +17,10 @@ import numpy as np
 from benchmarks import peers, rays
 from benchmarks.studies import Table, backend, rounds_of, spread
 from raytracer import Intersector, Mesh
-from raytracer.accel.choice import HIERARCHIES
+from raytracer.accel.choice import HIERARCHIES, build
 from raytracer.accel.space import to_kernel, triangle_rows
 from raytracer.kernels.bvh_walk import BvhIntersector
+from raytracer.kernels.triangle import Triangles
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import knot
 
@@ -47,8 +48,10 @@ def builders(quick: bool) -> Table:
 
 def _rows(mesh: Mesh, found: list[str], turns: int, size: int) -> list[list[str]]:
     corners, *_ = to_kernel(mesh.corners, "f32")
-    makers: dict[str, Callable[[], Any]] = {name: partial(build, corners) for name, build in HIERARCHIES.items()}
-    whole = [partial(_with_tables, build, mesh.corners) for build in HIERARCHIES.values()]
+    makers: dict[str, Callable[[], Any]] = {
+        name: partial(build, name, corners, backend=backend()) for name in HIERARCHIES
+    }
+    whole = [partial(_with_tables, name, mesh.corners) for name in HIERARCHIES]
     makers |= {name: maker(mesh) for name, maker in _PEERS.items() if name in found}
     trees = np.array(rounds_of(list(makers.values()), turns, time.process_time))
     tables = np.array(rounds_of(whole, turns, time.process_time))
@@ -65,11 +68,11 @@ def _rows(mesh: Mesh, found: list[str], turns: int, size: int) -> list[list[str]
     return rows
 
 
-def _with_tables(build: Any, corners: np.ndarray) -> tuple[Any, Any]:
+def _with_tables(name: str, corners: np.ndarray) -> tuple[Any, Any]:
     """Make all that an Intersector reads."""
     corners, *_ = to_kernel(corners, "f32")
-    rows, bvh = triangle_rows(corners), build(corners)
-    return BvhIntersector(bvh, rows, together=True), WideIntersector(bvh, rows)
+    triangles, bvh = Triangles.of(triangle_rows(corners), np.float32), build(name, corners, backend=backend())
+    return BvhIntersector(bvh, triangles, together=True), WideIntersector(bvh, triangles, backend=backend())
 
 
 def _mitsuba(mesh: Mesh) -> Callable[[], Any]:

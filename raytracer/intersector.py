@@ -24,7 +24,7 @@ from raytracer.accel.choice import build, check
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
 from raytracer.errors import SceneError
 from raytracer.kernels import nearby, queries
-from raytracer.kernels.triangle import AheadBound, Walk
+from raytracer.kernels.triangle import AheadBound, Triangles, Walk
 from raytracer.kernels.walk import Structure, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
@@ -140,7 +140,7 @@ class Intersector:
             elif layered:
                 self._structure = cube_of(accel, mesh_or_scene, backend)
             else:
-                self._structure = build(accel, self._corners, precision)
+                self._structure = build(accel, self._corners, precision, backend=self._target)
             if isinstance(self._structure, LayeredCube):
                 self._structure.check_triangles(self._rows)
 
@@ -337,12 +337,10 @@ class Intersector:
         if several and isinstance(self._structure, LayeredCube):
             raise SceneError('a layered depth cube finds the nearest hit alone: count hits with accel="bvh"')
         if alone:
-            assert isinstance(self._structure, Bvh)
-            return WideIntersector(self._structure, self._rows, bound)
-        structure = self._tree if several and self._accel == "grid" else self._structure
-        if structure is self._structure and not leaving:
-            return self._walk
-        return walk_with(structure, self._rows, self._target, bound)
+            return self._wide.bounded(bound)
+        if several and self._accel == "grid":
+            return walk_with(self._tree, self._triangles, self._target, bound)
+        return self._walk.bounded(bound)
 
     def _walks_alone(self, rays: Rays) -> bool:
         """Return True if rays walk through the hierarchy one by one."""
@@ -357,9 +355,19 @@ class Intersector:
 
     @cached_property
     def _walk(self) -> Walk:
-        """The walk for rays that do not start from a triangle, built on first use: lone rays do not need it."""
+        """The walk of rays that keep together, built on first use: lone rays do not need it."""
         assert self._structure is not None
-        return walk_with(self._structure, self._rows, self._target, None)
+        return walk_with(self._structure, self._triangles, self._target, None)
+
+    @cached_property
+    def _wide(self) -> WideIntersector:
+        """The walk of lone rays, built on first use."""
+        return WideIntersector(self._tree, self._triangles, backend=self._target)
+
+    @cached_property
+    def _triangles(self) -> Any:
+        """The tables of the triangles, which all walks share; a cube is compared with their rows."""
+        return self._rows if isinstance(self._structure, LayeredCube) else Triangles.of(self._rows, self._floats)
 
     @cached_property
     def _tree(self) -> Bvh:
@@ -371,7 +379,7 @@ class Intersector:
     @cached_property
     def _closest(self) -> Any:
         """The kernel for closest points."""
-        program = nearby.closest_point(WideIntersector(self._tree, self._rows))
+        program = nearby.closest_point(self._wide)
         return program.compile(**self._options, **({"lanes": 1} if self._target == "opencl" else {}))
 
 

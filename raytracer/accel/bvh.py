@@ -34,6 +34,8 @@ GROWTH = 2.0**-67
 """By how much boxes are grown at least: more than `kernels.triangle` grows those of triangles."""
 DESCENT = 3.0
 """The cost of visiting the two nodes below a cut; the test of a triangle costs 1."""
+_NARROW = BINS / np.finfo(np.float32).max
+"""Extent up to which a node is not cut into bins, whose number in a unit of length would be infinite."""
 END = -1
 """The link that ends the walk."""
 
@@ -109,7 +111,11 @@ def cut_apart(lows: Floats, highs: Floats, most: int) -> tuple[list[Level], Ints
         level = Level(start, count, np.full(len(start), -1), np.zeros(len(start), np.int64))
         levels.append(level)
         open_ = np.flatnonzero(count > 1)
-        axis, left = _best_cuts(lows, highs, order, start[open_], count[open_], most)
+        axis, left = np.zeros((2, len(open_)), np.int64)
+        is_pair = (count[open_] == 2) & (most == 1)
+        for which, cuts in ((is_pair, _pair_cuts), (~is_pair, _best_cuts)):
+            nodes = open_[which]
+            axis[which], left[which] = cuts(lows, highs, order, start[nodes], count[nodes], most)
         cut = left > 0
         parents, left = open_[cut], left[cut]
         level.axis[parents] = axis[cut]
@@ -117,6 +123,17 @@ def cut_apart(lows: Floats, highs: Floats, most: int) -> tuple[list[Level], Ints
         start = np.stack([start[parents], start[parents] + left], axis=1).reshape(-1)
         count = np.stack([left, count[parents] - left], axis=1).reshape(-1)
     return levels, order
+
+
+def _pair_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int) -> tuple[Ints, Ints]:
+    """Part the two boxes of each node as `_best_cuts` does: all cuts between them cost the same."""
+    pair = order[np.stack([start, start + 1])]
+    one, other = lows[pair] + highs[pair]
+    axis = (one != other).argmax(axis=1)
+    place = np.arange(len(start))
+    turned = one[place, axis] > other[place, axis]
+    order[start[turned]], order[start[turned] + 1] = pair[::-1, turned]
+    return axis, np.ones(len(start), np.int64)
 
 
 def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int) -> tuple[Ints, Ints]:
@@ -157,7 +174,7 @@ def _binned(centers: Floats, node: Ints, begins: Ints) -> Ints:
     """Return the bin of each center along each axis of its node, (3, K)."""
     low = np.minimum.reduceat(centers, begins)
     extent = np.maximum.reduceat(centers, begins) - low
-    scale = np.divide(BINS, extent, out=np.zeros_like(extent), where=extent > 0)
+    scale = np.divide(BINS, extent, out=np.zeros_like(extent), where=extent > _NARROW)
     bins = np.minimum((centers - low[node]) * scale[node], BINS - 1)
     return np.ascontiguousarray(bins.T.astype(np.int64))
 

@@ -8,8 +8,10 @@ Stage: accelerate. Takes corners (N, 3, 3), N > 0, gives a `Grid` or a `Bvh`; `k
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from raytracer.accel.bvh import Bvh, build_bvh
 from raytracer.accel.grid import Grid, build_grid
@@ -20,14 +22,17 @@ from raytracer.errors import SceneError
 Corners = NDArray[np.floating]
 
 
-def build(accel: str, corners: Corners, precision: str = "f32", across: int | None = None) -> Grid | Bvh:
+def build(
+    accel: str, corners: Corners, precision: str = "f32", across: int | None = None, backend: str = "numpy"
+) -> Grid | Bvh:
     """Build the accelerator of this name for a kernel that works at `precision`; SceneError for an unknown name.
 
-    A grid has `across` cells along each axis, None for as many as suit the triangles.
+    A grid has `across` cells along each axis, None for as many as suit the triangles. Builders that have kernels of
+    their own run them on `backend`, which makes no difference to what they build.
     """
     check(accel)
     if accel in HIERARCHIES:
-        return HIERARCHIES[accel](corners, WORKING.get(precision, np.float32))
+        return HIERARCHIES[accel](corners, WORKING.get(precision, np.float32), backend)
     if accel == "grid":
         return build_grid(corners.astype(np.float32), across=across)
     # A grid of one empty cell with every triangle outside of it: a ray tries all of them.
@@ -45,5 +50,8 @@ def check(accel: str) -> None:
 
 ACCELERATORS = ("bvh", "grid", "brute")
 """The hierarchy of boxes; the uniform grid; every triangle, for judging the others."""
-HIERARCHIES = {"bvh": build_bvh, "bvh:ploc": build_ploc}
+HIERARCHIES: dict[str, Callable[[Corners, DTypeLike, str], Bvh]] = {
+    "bvh": lambda corners, dtype, _: build_bvh(corners, dtype),
+    "bvh:ploc": build_ploc,
+}
 """The hierarchy's builders, from the top down and from the bottom up. The second takes less time; rays take more."""

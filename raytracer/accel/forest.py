@@ -42,7 +42,7 @@ GAP = 256
 class Forest:
     """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
 
-    `accel` is the name of what builds it, as in `accel.choice`.
+    `accel` is the name of what builds it, as in `accel.choice`, which may do so on `backend`.
 
     `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those
     (octant, first, past) of nodes whose links did, `stale_items` the ranges of `bvh.items`. `shapes` are those that
@@ -50,9 +50,14 @@ class Forest:
     """
 
     def __init__(
-        self, corners: Corners, moving: Sequence[tuple[int, int]], dtype: DTypeLike = np.float32, accel: str = "bvh"
+        self,
+        corners: Corners,
+        moving: Sequence[tuple[int, int]],
+        dtype: DTypeLike = np.float32,
+        accel: str = "bvh",
+        backend: str = "numpy",
     ) -> None:
-        self.dtype, self.accel = np.dtype(dtype), accel
+        self.dtype, self.accel, self.backend = np.dtype(dtype), accel, backend
         self.moving = list(moving)
         self.rebuilt = 0
         stays = np.ones(len(corners), bool)
@@ -82,7 +87,7 @@ class Forest:
         self.clear()
 
     def _built(self, corners: Corners) -> Bvh:
-        return HIERARCHIES[self.accel](corners, self.dtype)
+        return HIERARCHIES[self.accel](corners, self.dtype, self.backend)
 
     def clear(self) -> None:
         """Forget what has changed."""

@@ -8,6 +8,7 @@ Stage: accelerate. Takes corners (N, 3, 3), in whatever coordinates.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,22 @@ def copy_columns(target: NDArray[Any], values: NDArray[Any]) -> None:
     """
     for axis in range(values.shape[1]):
         target[:, axis] = values[:, axis]
+
+
+AT_ONCE = 1 << 13
+"""Triangles that are computed at once: from 8,000 to 16,000 took the least time with 1 MiB of cache for each core."""
+
+
+def parts(count: int) -> Iterator[slice]:
+    """Yield slices of so many triangles, each of as many as a processor's cache holds with all that follows of them."""
+    for start in range(0, count, AT_ONCE):
+        yield slice(start, start + AT_ONCE)
+
+
+def constant(array: NDArray[Any]) -> NDArray[Any]:
+    """Make an array read-only and return it: an `sh.Table` takes it without a copy."""
+    array.flags.writeable = False
+    return array
 
 
 def unit(vectors: Floats) -> Floats:

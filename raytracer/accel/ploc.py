@@ -1,9 +1,9 @@
 """A hierarchy from the bottom up: clusters beside each other on a Morton curve are joined in pairs, many at a time.
 
 Stage: accelerate. Takes corners (N, 3, 3), gives a `Bvh`, in a third to a quarter of the time of `bvh.build_bvh`.
-Triangles are sorted along a Morton curve. In each round every cluster finds, among its `REACH` neighbours on either
-side, the one with which it makes the smallest box; two clusters that find each other are joined (Meister and Bittner
-2018, parallel locally ordered clustering). Neighbours on the curve say little about large clusters, so the last
+Triangles are sorted along a Morton curve. In each round every cluster finds, among its `pairs.REACH` neighbours on
+either side, the one with which it makes the smallest box; two clusters that find each other are joined (Meister and
+Bittner 2018, parallel locally ordered clustering). Neighbours on the curve say little about large clusters, so the last
 clusters are cut apart by the surface area heuristic, as in `bvh`.
 
 >>> bvh = build_ploc(np.eye(3)[None])
@@ -14,30 +14,61 @@ clusters are cut apart by the surface area heuristic, as in `bvh`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, Bounds, Bvh, Floats, Ints, cut_apart, grown, unit_boxes
+from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, Bounds, Bvh, Floats, Ints, cut_apart, grown
+from raytracer.accel.links import links
+from raytracer.accel.pairs import TURNED, Sides, joined, partners
+from raytracer.accel.planes import by_components, copy_columns, parts
+from raytracer.accel.target import target_for
 
-REACH = 8
-"""Neighbours on either side among which a cluster looks for its partner."""
 PROGRESS = 8
 """A round that joins fewer than one cluster in this many joins all pairs of neighbours, which bounds the rounds."""
+LEAST = 2.0**-100
+"""Coordinates below this part of the scene's size are 0, for differences of smaller ones may vanish on a GPU."""
 CLUSTER = 16
 """Triangles of a cluster, on average, from which on nodes are cut from the top down."""
-CHUNK = 8192
-"""Clusters whose boxes fit a processor's cache together; an even number."""
 
 
-def build_ploc(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> Bvh:
-    """Build the BVH of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`."""
-    a, b, c = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3).transpose(1, 0, 2)
-    lows, highs = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    low, high = unit_boxes(lows, highs)
-    order = morton_order(low + high)
-    joined = _joined(np.concatenate([low.T, -high.T])[:, order])
-    return _linked(_numbered(joined, order), *grown(lows, highs, np.dtype(dtype)))
+def build_ploc(corners: NDArray[np.floating], dtype: DTypeLike = np.float32, backend: str = "numpy") -> Bvh:
+    """Build the BVH of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`.
+
+    The backend on which large meshes are joined makes no difference to the tree.
+    """
+    triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
+    backend = target_for(len(triangles), backend)
+    unit, sides = _boxes(triangles, np.dtype(dtype))
+    order = morton_order((unit[:3] - unit[3:]).T)
+    tree = _joined([side.take(order) for side in unit], backend)
+    return _linked(_numbered(tree, order), sides, backend)
+
+
+def _boxes(triangles: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Floats, Bounds]:
+    """Return the boxes (6, N) of triangles in the unit cube, and their boxes (N, 6) as the hierarchy holds them.
+
+    Three lower sides come before three upper ones with the opposite sign: one minimum joins boxes.
+    """
+    exact = np.empty((6, len(triangles)))
+    sides = np.empty((len(triangles), 6), dtype)
+    for part in parts(len(triangles)):
+        a, b, c = by_components(triangles[part])
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        exact[:3, part], exact[3:, part] = low.T, -high.T
+        low, high = grown(low, high, dtype)
+        copy_columns(sides[part], low)
+        copy_columns(sides[part, 3:], -high)
+    lowest = exact.min(axis=1)
+    begin = np.concatenate([lowest[:3], -lowest[:3]])[:, None]
+    size = float((-lowest[3:] - lowest[:3]).max()) or 1.0
+    unit = np.empty(exact.shape, np.float32)
+    for part in parts(len(triangles)):
+        held = (exact[:, part] - begin) / size
+        unit[:, part] = np.where(np.abs(held) < LEAST, 0, held)
+    return unit, sides
 
 
 def morton_order(places: Floats) -> Ints:
@@ -81,7 +112,7 @@ class _Joined:
         self.count = np.ones(2 * total - 1, np.int64)
         self.rounds: list[slice] = []
 
-    def add(self, left: Ints, right: Ints, axis: Ints) -> Ints:
+    def add(self, left: Ints, right: Ints, axis: NDArray[np.integer]) -> Ints:
         """Make a node of each two nodes; return the numbers of the new nodes."""
         new = slice(self.made - self.total, self.made - self.total + len(left))
         self.left[new], self.right[new], self.axis[new] = left, right, axis
@@ -92,29 +123,32 @@ class _Joined:
         return nodes
 
 
-def _joined(boxes: Floats) -> _Joined:
-    """Join boxes (6, N), three lower sides and three negated upper sides, neighbours on a curve, to a tree."""
-    tree = _Joined(boxes.shape[1])
+def _joined(sides: Sides, backend: str) -> _Joined:
+    """Join boxes (see `accel.pairs`), neighbours on a curve, to a tree."""
+    tree = _Joined(len(sides[0]))
     node = np.arange(tree.total)
     while len(node) * CLUSTER > tree.total + CLUSTER:
-        first, second = _partners(boxes)
-        a, b = boxes[:, first], boxes[:, second]
-        apart = (b[:3] - b[3:]) - (a[:3] - a[3:])  # twice the way from middle to middle
-        axis = np.abs(apart).argmax(axis=0)
-        turned = apart[axis, np.arange(len(axis))] < 0
-        one, other = node[first], node[second]
-        boxes[:, first] = np.minimum(a, b)
-        node[first] = tree.add(np.where(turned, other, one), np.where(turned, one, other), axis)
+        partner, is_first = _pairs(sides, backend)
+        first = np.flatnonzero(is_first)
+        second = partner[first]
         kept = np.ones(len(node), bool)
         kept[second] = False
-        boxes, node = boxes[:, kept], node[kept]
-    _cut_above(tree, boxes, node)
+        places = np.flatnonzero(kept)
+        sides, axis = joined(sides, partner, places, backend)
+        is_new = is_first[places]
+        axis = axis[is_new]
+        turned = axis >= TURNED
+        one, other = node[first], node[second]
+        node = node[places]
+        node[is_new] = tree.add(np.where(turned, other, one), np.where(turned, one, other), axis % TURNED)
+    _cut_above(tree, sides, node)
     return tree
 
 
-def _cut_above(tree: _Joined, boxes: Floats, clusters: Ints) -> None:
+def _cut_above(tree: _Joined, sides: Sides, clusters: Ints) -> None:
     """Make the nodes above clusters with these boxes from the top down; see `bvh.cut_apart`."""
-    levels, order = cut_apart(np.ascontiguousarray(boxes[:3].T), np.ascontiguousarray(-boxes[3:].T), 1)
+    boxes = np.stack(sides, axis=1)
+    levels, order = cut_apart(boxes[:, :3], -boxes[:, 3:], 1)
     below = np.zeros(0, np.int64)
     for level in reversed(levels):
         nodes, inner = clusters[order[level.start]], level.child >= 0
@@ -123,61 +157,33 @@ def _cut_above(tree: _Joined, boxes: Floats, clusters: Ints) -> None:
         below = nodes
 
 
-def _partners(boxes: Floats) -> tuple[Ints, Ints]:
-    """Return the places of clusters that are joined, first and second of each pair, in order of the first."""
-    total = boxes.shape[1]
-    partner = np.empty(total, np.int64)
-    for start in range(0, total, CHUNK):
-        # With neighbours of neighbours on both sides; an even number of them, for the places' parity.
-        begin, end = max(start - REACH - REACH % 2, 0), min(start + CHUNK + REACH, total)
-        found = _nearest(boxes[:, begin:end])
-        partner[start : start + CHUNK] = begin + found[start - begin : start - begin + CHUNK]
-    place = np.arange(total)
-    first = np.flatnonzero((partner > place) & (partner[partner] == place))
-    if len(first) * PROGRESS < total - 1:
-        first = place[: total - 1 : 2]
-        return first, first + 1
-    return first, partner[first]
+def _pairs(sides: Sides, backend: str) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Return for each cluster the place of that with which it is joined, and whether it is the first of the two.
 
-
-def _nearest(boxes: Floats) -> Ints:
-    """Return for each box (6, N) the place of that within `REACH` with which it makes the smallest box.
-
-    Of pairs of the same surface those count that are closer, then those that begin at an even place, then the first.
-    All boxes agree on this order, so two find each other at least; and of equal boxes all do.
+    A cluster that is not joined is its own partner.
     """
-    total = boxes.shape[1]
-    best = np.full(total, np.inf, np.float32)
-    step = np.zeros(total, np.int64)
-    for apart in range(1, min(REACH, total - 1) + 1):
-        both = np.minimum(boxes[:, :-apart], boxes[:, apart:])
-        x, y, z = both[:3] + both[3:]  # extents, negative all three
-        area = x * (y + z) + y * z
-        if apart == 1:
-            best[1:], step[1:] = area, -1
-            even = np.arange(total - 1) % 2 == 0
-            better = (area < best[:-1]) | (even & (area == best[:-1]))
-        else:
-            late = best[apart:]
-            better = area < late
-            np.copyto(late, area, where=better)
-            np.copyto(step[apart:], -apart, where=better)
-            better = area < best[:-apart]
-        np.copyto(best[:-apart], area, where=better)
-        np.copyto(step[:-apart], apart, where=better)
-    return np.arange(total) + step
+    partner = partners(sides, backend)
+    total = len(partner)
+    place = np.arange(total, dtype=np.int32)
+    mutual = partner.take(partner) == place
+    is_first = mutual & (partner > place)
+    if np.count_nonzero(is_first) * PROGRESS < total - 1:
+        partner = np.minimum(place ^ 1, total - 1).astype(np.int32)
+        return partner, partner > place
+    return np.where(mutual, partner, place), is_first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Numbered:
-    """The nodes of a tree depth first: `leaf` and, for each round, `inner`.
+    """The nodes of a tree depth first.
 
-    `items` (N,) are the triangles, leaf by leaf. A row of `leaf` (L, 3) is a leaf's number, its first item, and how
-    many it holds. A row of `inner` (n, 4) is a node's number, its children's, and the axis along which the
-    first lies lower.
+    `items` (N,) are the triangles, leaf by leaf, and `rows` (M, 4) what `links` takes of each node. `leaf` (3, L) are
+    the leaves' numbers, the first item of each, and how many it holds; `inner` (3, n) for each round the numbers of
+    nodes, and those of their children.
     """
 
     items: Ints
+    rows: NDArray[np.int32]
     leaf: Ints
     inner: list[Ints]
 
@@ -190,39 +196,42 @@ def _numbered(tree: _Joined, order: Ints) -> _Numbered:
         nodes = slice(own.start + total, own.stop + total)
         size[nodes] += np.where(count[nodes] > MAX_LEAF, size[tree.left[own]] + size[tree.right[own]], 0)
     begin, number = np.zeros((2, len(count)), np.int64)
+    there = np.zeros(len(count), bool)
+    there[-1] = True
+    rows = np.full((size[-1], 4), END, np.int32)
+    inner = []
     for own in reversed(tree.rounds):
         nodes = slice(own.start + total, own.stop + total)
         left, right = tree.left[own], tree.right[own]
         begin[left], begin[right] = begin[nodes], begin[nodes] + count[left]
-        number[left], number[right] = number[nodes] + 1, number[nodes] + 1 + size[left]
+        is_inner = np.flatnonzero(count[nodes] > MAX_LEAF)
+        left, right = left[is_inner], right[is_inner]
+        node = number[nodes][is_inner]
+        one, other = node + 1, node + 1 + size[left]
+        number[left], number[right] = one, other
+        there[left] = there[right] = True
+        inner.append(np.stack([node, one, other]))
+        for k, column in enumerate((one, other, tree.axis[own][is_inner])):
+            rows[node, k] = column
+        rows[one, 3] = rows[other, 3] = node
     items = np.empty(total, np.int64)
     items[begin[:total]] = order
-    rows = np.stack([number[total:], number[tree.left], number[tree.right], tree.axis], axis=1)
-    is_inner = count[total:] > MAX_LEAF
-    there = np.zeros(len(count), bool)
-    there[-1] = there[tree.left[is_inner]] = there[tree.right[is_inner]] = True
-    leaf = np.flatnonzero(there & (count <= MAX_LEAF))
-    leaf = leaf[np.argsort(begin[leaf])]
-    return _Numbered(
-        items, np.stack([number, begin, count], axis=1)[leaf], [rows[own][is_inner[own]] for own in tree.rounds]
-    )
+    held = np.flatnonzero(there & (count <= MAX_LEAF))
+    leaf = np.stack([number[held], begin[held], count[held]])
+    rows[leaf[0], 0] = -1 - (leaf[1] << COUNT_BITS | leaf[2])
+    return _Numbered(items, rows, leaf, inner)
 
 
-def _linked(tree: _Numbered, lows: Bounds, highs: Bounds) -> Bvh:
-    """Build the boxes of all nodes from the bottom up, their links from the top down; `lows`, `highs` of triangles."""
-    nodes = len(tree.leaf) + sum(map(len, tree.inner))
-    low, high = np.empty((2, nodes, 3), lows.dtype)
-    links = np.full((nodes, 8, 2), END, np.int32)
-    number, begin, count = tree.leaf.T
-    low[number] = np.minimum.reduceat(lows[tree.items], begin)
-    high[number] = np.maximum.reduceat(highs[tree.items], begin)
-    links[number, :, 0] = (-1 - (begin << COUNT_BITS | count))[:, None]
-    for node, left, right, _ in (rows.T for rows in tree.inner):
-        low[node], high[node] = np.minimum(low[left], low[right]), np.maximum(high[left], high[right])
-    for node, left, right, axis in (rows.T for rows in reversed(tree.inner)):
-        turned = (np.arange(8) >> axis[:, None] & 1).astype(bool)
-        near, far = np.where(turned, right[:, None], left[:, None]), np.where(turned, left[:, None], right[:, None])
-        past = links[node, :, 1]
-        links[node, :, 0] = near
-        links[left, :, 1], links[right, :, 1] = np.where(turned, past, far), np.where(turned, far, past)
-    return Bvh(low, high, np.ascontiguousarray(links.transpose(1, 0, 2)), tree.items.astype(np.int32))
+def _linked(tree: _Numbered, sides: Bounds, backend: str) -> Bvh:
+    """Build the boxes of all nodes from the bottom up, and their links; `sides` (N, 6) are those of triangles."""
+    boxes = np.empty((len(tree.rows), 6), sides.dtype)
+    number, begin, count = tree.leaf
+    # The first triangle of each leaf, the second, and so on; of a leaf with fewer, the last one again.
+    members = (tree.items.take(begin + np.minimum(k, count - 1)) for k in range(MAX_LEAF))
+    boxes[number] = reduce(np.minimum, (sides.take(member, axis=0) for member in members))
+    for node, one, other in reversed(tree.inner):
+        boxes[node] = np.minimum(boxes.take(one, axis=0), boxes.take(other, axis=0))
+    low, high = np.empty((2, len(boxes), 3), sides.dtype)
+    copy_columns(low, boxes[:, :3])
+    copy_columns(high, -boxes[:, 3:])
+    return Bvh(low, high, links(tree.rows, backend), tree.items.astype(np.int32))

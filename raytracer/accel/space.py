@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.planes import normals_of
+from raytracer.accel.planes import copy_columns, normals_of, parts
 
 Rows = NDArray[np.float64]
 WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
@@ -83,4 +83,8 @@ def triangle_rows(corners: NDArray[np.float64]) -> Rows:
 
     The normals are those of these corners: hand it rounded ones, so that a kernel sees no other plane than they span.
     """
-    return np.concatenate([corners, normals_of(corners)[:, :, None]], axis=2).reshape(-1, 4)
+    rows = np.empty((len(corners), 3, 4))
+    for part in parts(len(corners)):
+        rows[part, :, :3] = corners[part]
+        copy_columns(rows[part, :, 3], normals_of(corners[part]))
+    return rows.reshape(-1, 4)

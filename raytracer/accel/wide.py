@@ -1,11 +1,10 @@
 """The hierarchy with eight boxes a node and four triangles a leaf: what one ray can try at once on vectors of four.
 
 Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. What holds four triangles or fewer
-is a leaf. A node takes the place of up to seven of the two-armed ones; of all ways to choose them that is taken whose
-nodes have the least surface in all, for so often are they looked into (Ylitie, Karras and Laine 2017).
+is a leaf. A node takes the place of up to seven of the two-armed ones, which `families` chooses.
 
 >>> from raytracer.accel.bvh import build_bvh
->>> wide = widen(build_bvh(np.eye(3)[None]), np.eye(3)[None])
+>>> wide = widen(build_bvh(np.eye(3)[None]), np.eye(3, 4), np.ones(1))
 >>> wide.records.shape, wide.records[0, FIRST, 0].tolist(), wide.records[1, NUMBERS].tolist()
 ((2, 16, 4), 1, [0, 4294967295, 4294967295, 4294967295])
 """
@@ -17,16 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, Bounds, Bvh
-from raytracer.accel.planes import levels_of, normals_of
+from raytracer.accel.bvh import COUNT_BITS, Bvh
+from raytracer.accel.families import HALF, WIDTH, Binary, families
+from raytracer.accel.planes import constant, copy_columns, parts
+from raytracer.accel.target import target_for
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]
 
-WIDTH = 8
-"""Boxes of a node."""
-HALF = 4
-"""Numbers in a row; triangles of a block."""
 ROWS = 16
 """Rows of a record, whether it is a node or a block."""
 TAGS, FIRST = 12, 14
@@ -37,6 +34,11 @@ NORMALS, LEVEL = 10, 13
 """Rows of a block: three for the unit normal, and one for the plane's level."""
 LEAF = 8
 """Bit of a tag: the box is that of a block. The bits below it are a number among its siblings."""
+RECORDS = 1024
+"""Records of a table, at least.
+
+To look whether an index is in range costs 8 % of a walk, so a table has as many as its kernel may ask for.
+"""
 _FAR = np.float32(3e38)
 
 
@@ -44,45 +46,56 @@ _FAR = np.float32(3e38)
 class WideBvh:
     """`records` (M, 16, 4), each 16 rows of four 32-bit words; `depth` is the number of levels of nodes.
 
+    `table` begins with the records; others follow, so that it has the children of every record up to `last`.
+
     The first record is a node, the others nodes and blocks, siblings side by side. A node: the lower sides of its eight
     boxes along x, y and z as floats, the upper sides, the boxes' tags, and the number of its first child's record. A
     box that is not there is inside out. A block: x, y and z of four triangles' first corners, of the second, of the
-    third, their numbers, unit normals and levels (see `mesh.levels_of`); one that is not there has no area and the
+    third, their numbers, unit normals and levels (see `planes.levels_of`); one that is not there has no area and the
     number -1.
     """
 
-    records: Words
+    table: Words
+    count: int
     depth: int
 
+    @property
+    def records(self) -> Words:
+        """The records that are used."""
+        return self.table[: self.count]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Binary:
-    """The nodes of the two-armed hierarchy: boxes (M, 3), which items each holds, its two children, -1 for a leaf."""
-
-    low: Bounds
-    high: Bounds
-    start: Ints
-    count: Ints
-    left: Ints
-    right: Ints
+    @property
+    def last(self) -> int:
+        """The number to which kernels clamp those of records, a power of 2 less 1 that is in their texts."""
+        return _last(self.count)
 
 
-def widen(bvh: Bvh, corners: NDArray[np.floating]) -> WideBvh:
-    """Return the wide form of a hierarchy over triangles with `corners` (N, 3, 3), all rounded to f32."""
+def _last(count: int) -> int:
+    return max(RECORDS, 1 << (count - 1).bit_length()) - 1
+
+
+def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], backend: str = "numpy") -> WideBvh:
+    """Return the wide form of a hierarchy over triangles, whose numbers are rounded to f32.
+
+    `rows` (3N, 4) are as in `triangle_rows`, `levels` (N,) how far the triangles' planes are from 0. The backend on
+    which nodes are chosen makes no difference to them.
+    """
     tree = _with_small_leaves(_binary(bvh))
-    levels = _gathered(_shares(tree), tree)
-    children = np.concatenate(levels)
+    found = families(tree, target_for(len(bvh.items), backend))
+    children = np.concatenate(found)
     there = children >= 0
     kids = children[there]
     is_block = np.concatenate([[False], tree.count[kids] <= HALF])
-    records = np.zeros((len(is_block), ROWS, HALF), np.uint32)
-    records[~is_block] = _nodes(tree, children)
+    count = len(is_block)
+    table = np.zeros((_last(count) + WIDTH, ROWS, HALF), np.uint32)
+    table[np.flatnonzero(~is_block)] = _nodes(tree, children)
     blocks = kids[is_block[1:]]
-    records[is_block, : LEVEL + 1] = _blocks(bvh, corners, tree.start[blocks], tree.count[blocks])
-    return WideBvh(records, len(levels))
+    items = _block_items(bvh, tree.start[blocks], tree.count[blocks])
+    _put_blocks(table, np.flatnonzero(is_block), items, _words(rows, levels))
+    return WideBvh(constant(table), count, len(found))
 
 
-def _binary(bvh: Bvh) -> _Binary:
+def _binary(bvh: Bvh) -> Binary:
     """Return the nodes of a hierarchy, with what follows from its links."""
     first, past = bvh.links[0].T.astype(np.int64)
     code = -1 - first
@@ -91,10 +104,10 @@ def _binary(bvh: Bvh) -> _Binary:
     end = np.where(past < 0, len(first), past)  # nodes are numbered depth first: here what a node holds ends
     left = np.where(first < 0, -1, first)
     right = np.where(first < 0, -1, past[np.maximum(first, 0)])
-    return _Binary(bvh.low, bvh.high, before[:-1], before[end] - before[:-1], left, right)
+    return Binary(bvh.low, bvh.high, before[:-1], before[end] - before[:-1], left, right)
 
 
-def _with_small_leaves(tree: _Binary) -> _Binary:
+def _with_small_leaves(tree: Binary) -> Binary:
     """Return the nodes with two leaves in the box of each leaf that holds more triangles than a block.
 
     A leaf of a `Bvh` has room for seven triangles, so two blocks hold them.
@@ -110,63 +123,10 @@ def _with_small_leaves(tree: _Binary) -> _Binary:
     left, right = (np.concatenate([arm, np.full(2 * len(large), -1)]) for arm in (tree.left, tree.right))
     left[large] = len(tree.count) + 2 * np.arange(len(large))
     right[large] = left[large] + 1
-    return _Binary(tree.low[box], tree.high[box], start, count, left, right)
+    return Binary(tree.low[box], tree.high[box], start, count, left, right)
 
 
-def _shares(tree: _Binary) -> Ints:
-    """Return (WIDTH + 1, M): how many of so many boxes a node's left child takes; 0 if one box for all costs less.
-
-    From the bottom up: what a node holds costs, in so many boxes, the least that its children's cost in a part of them
-    each; in one box the node's surface and what it costs in all boxes of a node.
-    """
-    count, left, right = tree.count, tree.left, tree.right
-    extent = (tree.high - tree.low).astype(np.float64)
-    area = extent[:, 0] * extent[:, 1] + extent[:, 1] * extent[:, 2] + extent[:, 2] * extent[:, 0]
-    cost = np.tile(area, (WIDTH + 1, 1))
-    share = np.zeros((WIDTH + 1, len(area)), np.int64)
-    levels = [np.zeros(1, np.int64)]
-    while len(levels[-1]):
-        nodes = levels[-1][count[levels[-1]] > HALF]
-        levels.append(np.concatenate([left[nodes], right[nodes]]))
-    for level in reversed(levels):
-        nodes = level[count[level] > HALF]
-        one, other = cost[:, left[nodes]], cost[:, right[nodes]]
-        own, parts = cost[:, nodes], share[:, nodes]
-        for boxes in range(2, WIDTH + 1):
-            least = one[1] + other[boxes - 1]
-            part = np.ones(len(nodes), np.int64)
-            for k in range(2, boxes):
-                both = one[k] + other[boxes - k]
-                np.copyto(part, k, where=both < least)
-                np.minimum(least, both, out=least)
-            own[boxes], parts[boxes] = least, part
-        own[1] += own[WIDTH]
-        whole = own[1] < own
-        cost[:, nodes] = np.where(whole, own[1], own)
-        share[:, nodes] = np.where(whole, 0, parts)
-    return share
-
-
-def _gathered(share: Ints, tree: _Binary) -> list[Ints]:
-    """Return for each level the nodes whose boxes each wide node has (n, WIDTH), -1 where there are fewer."""
-    levels = []
-    nodes = np.zeros(1, np.int64)
-    while len(nodes):
-        children = np.full((len(nodes), WIDTH), -1)
-        boxes = np.zeros((len(nodes), WIDTH), np.int64)
-        children[:, 0], boxes[:, 0] = nodes, WIDTH
-        while len((opened := np.nonzero(share[boxes, children]))[0]):
-            node, whole = children[opened], boxes[opened]
-            part = share[whole, node]
-            beside = opened[0], opened[1] + part
-            children[opened], boxes[opened] = tree.left[node], part
-            children[beside], boxes[beside] = tree.right[node], whole - part
-        levels.append(children)
-        nodes = children[(children >= 0) & (tree.count[children] > HALF)]
-    return levels
-
-
-def _nodes(tree: _Binary, children: Ints) -> Words:
+def _nodes(tree: Binary, children: Ints) -> Words:
     """Return the records of nodes with these children (n, WIDTH), whose own records follow in this order."""
     there = children >= 0
     sides = np.empty((len(children), 2, 3, WIDTH), np.float32)
@@ -181,17 +141,27 @@ def _nodes(tree: _Binary, children: Ints) -> Words:
     return nodes
 
 
-def _blocks(bvh: Bvh, corners: NDArray[np.floating], start: Ints, count: Ints) -> Words:
-    """Return the triangles of leaves, four at a time."""
+def _block_items(bvh: Bvh, start: Ints, count: Ints) -> Ints:
+    """Return the numbers (n, 4) of the triangles of leaves, -1 where there is none."""
     place = start[:, None] + np.arange(HALF)
     there = np.arange(HALF) < count[:, None]
-    item = np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
-    places = np.asarray(corners, np.float64)
-    normals = normals_of(places)
-    # A row for each triangle, and the last one, which is that of -1, for one that is not there.
-    held = np.zeros((len(places) + 1, LEVEL + 1), np.uint32)
-    floats = held[:-1].view(np.float32)
-    floats[:, :NUMBERS] = np.reshape(corners, (-1, 9))
-    floats[:, NORMALS:LEVEL], floats[:, LEVEL] = normals, levels_of(places, normals)
-    held[:-1, NUMBERS], held[-1, NUMBERS] = np.arange(len(places)), 0xFFFFFFFF
-    return held[item].transpose(0, 2, 1)
+    return np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
+
+
+def _words(rows: NDArray[np.floating], levels: NDArray[np.floating]) -> Words:
+    """Return what a block says of each triangle, (N + 1, 14); the last one is not there."""
+    held = rows.reshape(-1, 3, 4)
+    words = np.zeros((len(held) + 1, LEVEL + 1), np.uint32)
+    floats = words[:-1].view(np.float32)
+    for corner in range(3):
+        copy_columns(floats[:, 3 * corner : 3 * corner + 3], held[:, corner, :3])
+    copy_columns(floats[:, NORMALS:LEVEL], held[:, :, 3])
+    floats[:, LEVEL] = levels
+    words[:-1, NUMBERS], words[-1, NUMBERS] = np.arange(len(held)), 0xFFFFFFFF
+    return words
+
+
+def _put_blocks(table: Words, places: Ints, items: Ints, words: Words) -> None:
+    """Write the records at `places` of blocks of the triangles `items` (n, 4), a cache's content at a time."""
+    for part in parts(len(places)):
+        table[places[part], : LEVEL + 1] = words.take(items[part], axis=0, mode="wrap").transpose(0, 2, 1)

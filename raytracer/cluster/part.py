@@ -68,7 +68,7 @@ class Part:
     def __init__(self, data: PartData) -> None:
         self.data, integrator = data, data.integrator
         corners = data.layout.triangles[:, :3].reshape(-1, 3, 3)
-        structure = build(integrator.structure, corners, integrator.precision)
+        structure = build(integrator.structure, corners, integrator.precision, backend=data.backend)
         layout = dataclasses.replace(data.layout, structure=structure)
         tracer = Tracer(layout, data.background, data.ambient, integrator.bounces, data.backend)
         tracer.surfaces.black = data.black

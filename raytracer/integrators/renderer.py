@@ -103,7 +103,7 @@ class Renderer:
     def _laid_out(self, before: Any) -> Layout:
         """Return the tables of the scene, with the cubes for secondary rays, some of them those of `before`."""
         chosen = self.integrator
-        layout = Layout.of(self.scene, chosen.structure, chosen.precision, chosen.grid, self._moving)
+        layout = Layout.of(self.scene, chosen.structure, chosen.precision, chosen.grid, self._moving, self.backend)
         if not has_cubes(chosen):
             return layout
         if self._moving:

@@ -20,7 +20,7 @@ import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import COUNT_BITS, Bvh
 from raytracer.accel.forest import Forest
-from raytracer.accel.planes import copy_columns
+from raytracer.accel.planes import constant, copy_columns
 from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest, Walk, farther, is_ray
 from raytracer.scene.layout import Change
 from shpy import SH_BREAK, SH_DO, SH_IF, SH_UNTIL, SH_WHILE
@@ -38,13 +38,11 @@ class BvhIntersector(Walk):
 
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
-        levels = Triangles.levels_in(triangles)
-        if bvh.low.dtype == np.float32:
-            triangles = np.asarray(triangles, np.float32)  # half the memory, and a table need not keep it twice
-        self.triangles = Triangles(triangles, levels=levels)
-        leaves = np.reshape(triangles, (-1, 3, 4))[bvh.items].reshape(-1, 4)
+        self.triangles = Triangles.of(triangles, bvh.low.dtype)
+        rows, levels = self.triangles.given
+        leaves = constant(rows.reshape(-1, 12).take(bvh.items, axis=0)).reshape(-1, 4)
         self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
-        self.leaves = Triangles(leaves, "leaves", self.items, levels[bvh.items])
+        self.leaves = Triangles(leaves, "leaves", self.items, constant(levels[bvh.items]))
         self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes")
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
@@ -139,7 +137,7 @@ def box_rows(low: Any, high: Any) -> Any:
     rows = np.zeros((len(low), 2, 4), low.dtype)
     copy_columns(rows[:, 0], low)
     copy_columns(rows[:, 1], high)
-    return rows.reshape(-1, 4)
+    return constant(rows).reshape(-1, 4)
 
 
 class BoxTest:

@@ -74,7 +74,7 @@ class GridIntersector(Walk):
 
     def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
         self.bound = bound
-        self.triangles = Triangles(triangles)
+        self.triangles = Triangles.of(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
         self.outside = sh.Param(sh.Attrib1i, grid.outside, name="outside")

@@ -63,7 +63,7 @@ class LayeredIntersector(Walk):
             self.poses = sh.Table(cube.poses, sh.Attrib4f, "poses")
             self.cubes = sh.Param(sh.Attrib1i, len(cube.cubes), name="cubes")
         self.bound, self.test, self.conservative = bound, cube.hit, cube.conservative
-        self.triangles = Triangles(triangles)
+        self.triangles = Triangles.of(triangles)
         records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
         self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets")

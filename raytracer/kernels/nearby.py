@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, highest
-from raytracer.accel.wide import HALF, NORMALS, NUMBERS, TAGS
+from raytracer.accel.families import HALF
+from raytracer.accel.wide import NORMALS, NUMBERS, TAGS
 from raytracer.kernels.triangle import product
 from raytracer.kernels.wide_walk import WideIntersector, keys_of
 from shpy import SH_IF

@@ -23,15 +23,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from copy import copy
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
-from raytracer.accel.planes import levels_of, normals_of
+from raytracer.accel.planes import constant, levels_of, normals_of, parts
 from shpy import SH_IF
 
 REACH = 2.0**-10
@@ -151,7 +152,7 @@ class Triangles:
     """Triangles as tables: `rows` (see `triangle_rows`), and `levels`, how far each one's plane is from 0.
 
     `numbers` is the table of the numbers by which they are known, if not their places. `levels` are computed from
-    `rows` if they are not given.
+    `rows` if they are not given. `given` are the arrays of which the tables were made.
     """
 
     def __init__(
@@ -161,17 +162,35 @@ class Triangles:
         numbers: Any = None,
         levels: NDArray[np.float64] | None = None,
     ) -> None:
+        self.given = rows, self.levels_in(rows) if levels is None else levels
         self.rows = sh.Table(rows, sh.Attrib4f, name)
-        self.levels = sh.Table(self.levels_in(rows) if levels is None else levels, sh.Attrib1f, f"levels_of_{name}")
+        self.levels = sh.Table(self.given[1], sh.Attrib1f, f"levels_of_{name}")
         self.numbers = numbers
+
+    @classmethod
+    def of(cls, triangles: NDArray[Any] | Triangles, dtype: DTypeLike = np.float64) -> Triangles:
+        """Return tables of `triangles` (see `triangle_rows`) for kernels that work in `dtype`, or the tables given.
+
+        Walks through the same triangles share them.
+        """
+        if isinstance(triangles, Triangles):
+            return triangles
+        levels = cls.levels_in(triangles)
+        if dtype == np.float32 and triangles.dtype != np.float32:
+            triangles = constant(triangles.astype(np.float32))  # half the memory
+        return cls(triangles, levels=constant(levels))
 
     @staticmethod
     def levels_in(rows: NDArray[Any]) -> NDArray[np.float64]:
         """Return how far the planes of the triangles in `rows` are from 0."""
-        parts = np.asarray(rows, dtype=np.float64).reshape(-1, 3, 4)
-        corners = parts[..., :3]
-        # Rows that were rounded to another precision hold the corners exactly, which were so before, but not normals.
-        return levels_of(corners, parts[..., 3] if rows.dtype == np.float64 else normals_of(corners))
+        levels = np.empty(len(rows) // 3)
+        for part in parts(len(levels)):
+            held = rows.reshape(-1, 3, 4)[part].astype(np.float64, copy=False)
+            corners = held[..., :3]
+            # Rows that were rounded to another precision hold the corners exactly, which were so before, but not
+            # normals.
+            levels[part] = levels_of(corners, held[..., 3] if rows.dtype == np.float64 else normals_of(corners))
+        return levels
 
     def renew(self, rows: NDArray[Any], levels: NDArray[np.float64], first: int) -> None:
         """Replace the triangles from the place `first` on; `levels` are those in `rows`."""
@@ -222,7 +241,14 @@ class Walk(ABC):
     """The walk that finds a ray's hit among `triangles`, at points that pass the filter `accept`."""
 
     triangles: Triangles
+    bound: AheadBound | None = None
     accept: Accept | None = None
+
+    def bounded(self, bound: AheadBound | None) -> Self:
+        """Return the walk through the same tables with another bound of rays that may start from a triangle."""
+        found = copy(self)
+        found.bound = bound
+        return found
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""

@@ -94,7 +94,7 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     wide = backend in TOGETHER and isinstance(structure, Bvh) and structure.low.dtype == np.float32
     if scattered and wide and len(structure.items) >= MANY and layout.forest is None:
         assert isinstance(structure, Bvh)
-        return SplitWalk(exact, AloneWalk(WideIntersector(structure, layout.triangles, bound)))
+        return SplitWalk(exact, AloneWalk(WideIntersector(structure, exact.triangles, bound, backend)))
     return exact
 
 

@@ -15,12 +15,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, lower
 from raytracer.accel.bvh import Bvh
-from raytracer.accel.wide import FIRST, HALF, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, WIDTH, widen
+from raytracer.accel.families import HALF, WIDTH
+from raytracer.accel.wide import FIRST, LEAF, LEVEL, NORMALS, NUMBERS, ROWS, TAGS, widen
 from raytracer.kernels.bvh_walk import MARGIN
 from raytracer.kernels.triangle import (
     AheadBound,
@@ -39,11 +39,11 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
 
 NONE = 0xFFFFFFFF
 """The key of a box that is not met: it comes after all others."""
-LEVELS, RECORDS = 8, 1024
-"""Levels of nodes for which a stack has room, and records of a table, at least.
+LEVELS = 8
+"""Levels of nodes for which a stack has room, at least.
 
-Both are in the text: a stack costs its length, and to look whether an index is in range costs 8 % of a walk. All small
-meshes share a kernel. Larger ones do with as many levels, rounded to a multiple of 4, and records, to a power of 2.
+The number is in the text, for a stack costs its length. All small meshes share a kernel. Larger ones do with as many
+levels, rounded to a multiple of 4, and records, to a power of 2 (see `WideBvh.last`).
 """
 LEAST = 2.0**-126
 """Farther than 0 by more than a tag adds to a key."""
@@ -53,17 +53,15 @@ class WideIntersector(Walk):
     """The table of the wide form of a hierarchy over `triangles` (see `triangle_rows`), and the walk.
 
     It works at f32, on ranges that begin at 0 or beyond. `bound` is for rays that may start from a triangle.
+    The wide form is made on `backend`.
     """
 
-    def __init__(self, bvh: Bvh, triangles: NDArray[Any], bound: AheadBound | None = None) -> None:
+    def __init__(self, bvh: Bvh, triangles: Any, bound: AheadBound | None = None, backend: str = "numpy") -> None:
         self.bound = bound
-        wide = widen(bvh, np.reshape(triangles, (-1, 3, 4))[..., :3])
-        self.triangles = Triangles(triangles)
-        self.last = max(RECORDS, 1 << (len(wide.records) - 1).bit_length()) - 1
-        # So many that a child's number is in range without a look.
-        spare = np.zeros((self.last + WIDTH - len(wide.records), ROWS, HALF), np.uint32)
-        records = np.concatenate([wide.records, spare]).reshape(-1, HALF)
-        self.records = sh.Table(records, sh.Attrib4u, "records")
+        self.triangles = Triangles.of(triangles, np.float32)
+        wide = widen(bvh, *self.triangles.given, backend)
+        self.last = wide.last
+        self.records = sh.Table(wide.table.reshape(-1, HALF), sh.Attrib4u, "records")
         self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 

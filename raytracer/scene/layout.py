@@ -90,6 +90,7 @@ class Layout:
         precision: str = "f32",
         across: int | None = None,
         moving: Sequence[int] = (),
+        backend: str = "numpy",
     ) -> Layout:
         """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`.
 
@@ -104,11 +105,11 @@ class Layout:
         object_of = np.repeat(places, sizes).astype(np.int32)
         ranges = [_range(object_of, number) for number in moving]
         dtype = np.dtype(WORKING.get(precision, np.float32))
-        forest = Forest(corners, ranges, dtype, accel) if moving else None
+        forest = Forest(corners, ranges, dtype, accel, backend) if moving else None
         found = cls(
             origin=origin,
             scale=scale,
-            structure=build(accel, corners, precision, across) if forest is None else forest.bvh,
+            structure=build(accel, corners, precision, across, backend) if forest is None else forest.bvh,
             dtype=dtype,
             triangles=triangle_rows(corners),
             normals=_normals(meshes),

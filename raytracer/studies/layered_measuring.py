@@ -248,7 +248,7 @@ class Bench:
         if case.accel != "ldc":
             corners = np.concatenate([mesh.corners for mesh in scene.meshes])
             started = self.clock()
-            found: Any = build(case.accel, corners)
+            found: Any = build(case.accel, corners, backend=self.backend)
         else:
             started = self.clock()
             found = LayeredCube.of(scene, case.resolution, **options)

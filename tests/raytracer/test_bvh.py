@@ -24,6 +24,7 @@ ODD = {
     "tiny": random_triangles(50, 0.1, 4) * 1e-30,
     "huge": random_triangles(50, 0.1, 4) * 1e30,
     "far away": random_triangles(50, 0.1, 4) + 1e6,
+    "far apart": np.repeat(np.outer(2.0 ** np.linspace(-80, 60, 500), [1, 0, 0])[:, None], 3, axis=1),
     "one far larger": np.concatenate([random_triangles(50, 0.01, 5), floor(1e6).corners]),
 }
 BUILDERS = (build_bvh, build_ploc)

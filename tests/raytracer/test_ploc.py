@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from effort import calls
 from test_bvh import cost, random_triangles
+from test_wide import widened
 
-import raytracer.accel.ploc as ploc
+import raytracer.accel.target as target
 from raytracer import Intersector, Mesh, Scene, render
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.ploc import build_ploc, morton_order
-from raytracer.accel.wide import widen
 from raytracer.meshes.shapes import knot, sphere
 
 
@@ -53,7 +53,7 @@ def test_rays_visit_hardly_more_nodes_than_from_the_top_down(corners):
 def test_levels_are_few_whatever_the_triangles(corners):
     bvh = build_ploc(corners)
     assert depth_of(bvh) < 4 * np.log2(len(corners))
-    assert widen(bvh, corners).depth <= depth_of(bvh)  # levels that the walk has a stack for
+    assert widened(bvh, corners).depth <= depth_of(bvh)  # levels that the walk has a stack for
 
 
 def test_equal_boxes_are_joined_in_pairs():
@@ -63,19 +63,30 @@ def test_equal_boxes_are_joined_in_pairs():
     assert depth_of(bvh) == 10
 
 
-@pytest.mark.parametrize("chunk", [64, 1024])
-def test_the_tree_does_not_depend_on_the_chunks(chunk, monkeypatch):
-    corners = np.concatenate([random_triangles(3000, 0.05, 8), np.full((200, 3, 3), 0.5)])
-    whole = build_ploc(corners)
-    monkeypatch.setattr(ploc, "CHUNK", chunk)
-    parts = build_ploc(corners)
+ON_BACKENDS = {
+    "soup and equal ones": np.concatenate([random_triangles(3000, 0.05, 8), np.full((200, 3, 3), 0.5)]),
+    "one point": np.full((300, 3, 3), 7.0),
+    "one": random_triangles(1, 1, 1),
+    "far apart": points(2.0 ** np.linspace(-80, 60, 500)),
+}
+
+
+@pytest.mark.parametrize("corners", ON_BACKENDS.values(), ids=ON_BACKENDS)
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_trees_are_the_same_on_every_backend(backend, corners, monkeypatch):
+    monkeypatch.setattr(target, "MANY", 0)
+    wanted, found = (build_ploc(corners, backend=name) for name in ("numpy", backend))
     for table in ("low", "high", "links", "items"):
-        np.testing.assert_array_equal(getattr(whole, table), getattr(parts, table))
+        np.testing.assert_array_equal(getattr(wanted, table), getattr(found, table))
+    wide = [widened(wanted, corners, name) for name in ("numpy", backend)]
+    np.testing.assert_array_equal(*(one.table for one in wide))
+    assert wide[0].depth == wide[1].depth
 
 
 def test_a_hierarchy_is_built_in_rounds():
     """Ten times the triangles take more chunks, but no loop over nodes."""
     few, many = (knot(segments=segments, sides=50).corners for segments in (70, 700))
+    build_ploc(few)  # records its kernels
     assert calls(lambda: build_ploc(many)) < 3 * calls(lambda: build_ploc(few))
 
 

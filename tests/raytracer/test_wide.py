@@ -6,8 +6,16 @@ from test_bvh import MESHES
 
 import raytracer.accel.bvh as bvh_module
 from raytracer.accel.bvh import COUNT_BITS, build_bvh
+from raytracer.accel.families import HALF, WIDTH
 from raytracer.accel.ploc import build_ploc
-from raytracer.accel.wide import FIRST, HALF, LEAF, NUMBERS, TAGS, WIDTH, widen
+from raytracer.accel.space import triangle_rows
+from raytracer.accel.wide import FIRST, LEAF, NUMBERS, TAGS, widen
+from raytracer.kernels.triangle import Triangles
+
+
+def widened(bvh, corners, backend="numpy"):
+    """Return the wide form of a hierarchy over triangles with these corners."""
+    return widen(bvh, *Triangles.of(triangle_rows(corners.astype(np.float64)), np.float32).given, backend)
 
 
 def boxes_of(wide):
@@ -43,7 +51,7 @@ def held_by(record, is_block):
 def test_everything_is_there_once_and_in_its_box(name):
     corners = MESHES[name].astype(np.float32)
     for build in (build_bvh, build_ploc):
-        everything_is_there_once_and_in_its_box(widen(build(corners), corners), corners)
+        everything_is_there_once_and_in_its_box(widened(build(corners), corners), corners)
 
 
 def everything_is_there_once_and_in_its_box(wide, corners):
@@ -69,12 +77,12 @@ def test_a_leaf_of_five_to_seven_triangles_becomes_two_blocks(monkeypatch, numbe
     bvh = build_bvh(corners)
     links = bvh.links[0, :, 0]
     assert ((-1 - links[links < 0]) % (1 << COUNT_BITS)).max() > HALF
-    everything_is_there_once_and_in_its_box(widen(bvh, corners), corners)
+    everything_is_there_once_and_in_its_box(widened(bvh, corners), corners)
 
 
 def test_nodes_and_blocks_are_full():
     corners = MESHES["ball"]
-    wide = widen(build_bvh(corners), corners)
+    wide = widened(build_bvh(corners), corners)
     boxes = list(boxes_of(wide))
     blocks = [child for *_, child, is_block in boxes if is_block]
     assert len(boxes) > 0.7 * WIDTH * (len(wide.records) - len(blocks))
@@ -113,6 +121,6 @@ def least_surface(bvh, node, boxes):
 def test_the_nodes_have_the_least_surface():
     corners = np.random.default_rng(5).random((90, 1, 3)) + np.random.default_rng(6).random((90, 3, 3)) / 10
     bvh = build_bvh(corners)
-    wide = widen(bvh, corners.astype(np.float32))
+    wide = widened(bvh, corners)
     found = sum(surface(low, high) for *_, low, high, _, is_block in boxes_of(wide) if not is_block)
     assert found == pytest.approx(least_surface(bvh, 0, WIDTH))

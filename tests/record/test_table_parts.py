@@ -37,6 +37,30 @@ def test_parts_are_read_as_a_new_table_would_be(backend, type_, count):
             assert np.array_equal(kernel(every), held), (start, stop)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("dtype", [np.float32, np.int32])
+def test_a_read_only_array_is_taken_as_it_is_until_a_part_is_replaced(backend, dtype):
+    given = np.arange(70_000, dtype=dtype)
+    given.flags.writeable = False
+    table = sh.Table(given, sh.Attrib1f if dtype == np.float32 else sh.Attrib1i, name="held")
+    kernel, every = reader(table).compile(backend), np.arange(len(given), dtype=np.int32)
+    assert np.shares_memory(table._array, given)
+    assert np.array_equal(kernel(every), given)
+    for start in (5, 6):
+        table.update([-1, -2], start=start)
+    assert kernel(every)[4:9].tolist() == [4, -1, -1, -2, 8]
+    assert given[4:9].tolist() == [4, 5, 6, 7, 8]
+
+
+def test_a_read_only_view_is_copied():
+    given = np.arange(8, dtype=np.float32)
+    view = given.reshape(2, 4)
+    view.flags.writeable = False
+    table = sh.Table(view, sh.Attrib4f, name="held")
+    given[0] = 9
+    assert table[0].x == 0
+
+
 def test_a_part_of_a_table_of_two_axes_is_rows():
     held = np.zeros((5, 3), np.float32)
     table = sh.Table(held, sh.Attrib1f, name="held")

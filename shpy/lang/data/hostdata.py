@@ -29,8 +29,8 @@ _SPOKEN = {
 def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
     """Return `data` as an array for `base`: floats keep the width they have, ints and bools get theirs.
 
-    Raises ShpyTypeError naming `what` for complex numbers, objects, floats for ints, bools for numbers, ragged lists,
-    and integers out of range.
+    The array may share the memory of `data`. Raises ShpyTypeError naming `what` for complex numbers, objects, floats
+    for ints, bools for numbers, ragged lists, and integers out of range.
     """
     if is_lazy(data):
         raise ShpyTypeError(
@@ -58,7 +58,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
         raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=_cure(kind, base))
     if base in FLOATS:
         return array if kind == "f" and array.dtype.itemsize <= 8 else in_range(array, np.dtype(np.float64), what)
-    if base is not Base.B and array.size:
+    if base is not Base.B and array.size and array.dtype != DTYPES[base]:
         limits = np.iinfo(DTYPES[base])
         low, high = array.min(), array.max()
         if low < limits.min or high > limits.max:
@@ -68,7 +68,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
                 loc=here(),
                 cure="np.clip(x, low, high), or floats",
             )
-    return array.astype(DTYPES[base])
+    return array.astype(DTYPES[base], copy=False)
 
 
 def _cure(kind: str, base: Base) -> str:

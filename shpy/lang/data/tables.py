@@ -54,6 +54,7 @@ class Table:
     `table[i]`, `table[row, col]`, `table[k, j, i]` in the order of numpy's axes, or `table[v]` with an integer vector.
     The type may be a matrix, from an array (*shape, N, N), or a struct, from a dict of fields or a structured array.
     A symbolic index out of range reads the nearest element on each axis; a constant one raises ShpyIndexError.
+    The table has a copy of the array; one that is read-only and no view of another is taken as it is.
     Raises ShpyTypeError for arrays that are empty, of another rank, or whose numbers do not fit the type.
     """
 
@@ -97,7 +98,7 @@ class Table:
 
     def _checked(self, array: Any) -> NDArray[Any]:
         data = self._fitting(array)
-        return data.copy() if np.may_share_memory(data, array) else data
+        return data.copy() if np.may_share_memory(data, array) and not is_constant(data) else data
 
     def _fitting(self, array: Any) -> NDArray[Any]:
         """Return an array for the element type; it may share the memory of the one that is given."""
@@ -168,6 +169,11 @@ class Table:
         for data in held.values():
             data.settle()  # one of them may share the memory of `_array`
         converted = [self._working(part, key) for key in held]  # before anything changes: it may refuse a number
+        if is_constant(self._array):
+            whole = self._array.copy()
+            whole[start : start + len(part)] = part
+            self._replace(whole)
+            return
         if not any(np.may_share_memory(data.array, self._array) for data in held.values()):
             self._array[start : start + len(part)] = part
         self._version += 1
@@ -276,6 +282,13 @@ class Table:
 
     def __len__(self) -> int:
         return int(self.shape[0])
+
+
+def is_constant(array: NDArray[Any]) -> bool:
+    """Return whether an array owns its memory and is read-only, and so is every array of which it is a view."""
+    while not array.flags.writeable and isinstance(array.base, np.ndarray):
+        array = array.base
+    return not array.flags.writeable and array.flags.owndata
 
 
 def element_class(type_: Any) -> type[Value]:

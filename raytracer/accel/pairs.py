@@ -1,0 +1,140 @@
+"""Kernels that find which neighbours on a curve make small boxes together, and that join them.
+
+Stage: accelerate. Boxes are six arrays (N,) of float32: three lower sides, and three upper ones with the opposite sign.
+So the box around two has the lower of each two numbers. All backends give the same bits.
+
+>>> sides = [np.float32([0, 1, 5, 6])] * 3 + [np.float32([-1, -2, -6, -7])] * 3
+>>> partners(sides, "numpy").tolist()
+[1, 0, 3, 2]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.accel.bounds import lower
+from raytracer.accel.planes import constant
+
+Sides = Sequence[NDArray[np.float32]]
+Side = sh.Table[sh.Attrib1f]
+Numbers = sh.Table[sh.Attrib1i]
+
+REACH = 8
+"""Neighbours on either side among which a box looks for its partner."""
+THIN = 2.0**-60
+"""Extent, in times of the scene's, below which a box is flat: of smaller ones a product may vanish on a GPU."""
+TURNED = 4
+"""Bit of a join's axis: the second box lies lower along it."""
+
+
+def partners(sides: Sides, backend: str) -> NDArray[np.int32]:
+    """Return for each of N boxes the place of the neighbour with which it makes the smallest box; its own if N = 1.
+
+    Of pairs of the same surface those count that are closer, then those that begin at an even place, then the first.
+    All boxes agree on this order, so two find each other at least; and of equal boxes all do.
+    """
+    return np.asarray(_compiled("partner", backend)(*_tables(sides), shape=len(sides[0])))
+
+
+def joined(
+    sides: Sides, partner: NDArray[np.int32], places: NDArray[np.integer], backend: str
+) -> tuple[Sides, NDArray[np.int32]]:
+    """Return the boxes around those at `places` and their partners, and the axis along which these lie apart.
+
+    A box that is its own partner stays as it is. The axis is that along which the middles are farthest apart; `TURNED`
+    is added where the partner is the lower one.
+    """
+    given = np.asarray(places, np.int32)
+    *found, axis = _compiled("join", backend)(given, sh.Table(partner, sh.Attrib1i), *_tables(sides))
+    return found, axis
+
+
+def _tables(sides: Sides) -> list[Any]:
+    return [sh.Table(constant(side), sh.Attrib1f) for side in sides]
+
+
+@cache
+def _compiled(name: str, backend: str) -> Any:
+    return {"partner": _partner, "join": _join}[name]().compile(backend)
+
+
+def _partner() -> Any:
+    @sh.program
+    def partner(x: Side, y: Side, z: Side, past_x: Side, past_y: Side, past_z: Side) -> sh.Attrib1i:
+        sides = x, y, z, past_x, past_y, past_z
+        place = sh.grid_index(1)
+        (total,) = x.shape
+        own = [side[place] for side in sides]
+        least = sh.Attrib1f(np.inf)
+        found = sh.Attrib1i(place)
+        for apart in range(1, REACH + 1):
+            before = _surface(own, [side[place - apart] for side in sides])
+            after = _surface(own, [side[place + apart] for side in sides])
+            nearer = (place >= apart) & (before < least)
+            least = sh.cond(nearer, before, least)
+            found = sh.cond(nearer, place - apart, found)
+            nearer = after < least
+            if apart == 1:
+                nearer = nearer | ((after == least) & (place % 2 == 0))
+            nearer = nearer & (place + apart < total)
+            least = sh.cond(nearer, after, least)
+            found = sh.cond(nearer, place + apart, found)
+        return found
+
+    return partner
+
+
+def _surface(one: Sequence[Any], other: Sequence[Any]) -> Any:
+    """Return half the surface of the box around two."""
+    low = list(map(lower, one, other))
+    extents = [low[axis] + low[axis + 3] for axis in range(3)]  # negative all three
+    x, y, z = (sh.cond(extent > -THIN, 0.0, extent) for extent in extents)
+    return x * (y + z) + y * z
+
+
+class Join(NamedTuple):
+    """A box, and the axis along which the two that it holds are apart."""
+
+    x: sh.Attrib1f
+    y: sh.Attrib1f
+    z: sh.Attrib1f
+    past_x: sh.Attrib1f
+    past_y: sh.Attrib1f
+    past_z: sh.Attrib1f
+    axis: sh.Attrib1i
+
+
+def _join() -> Any:
+    @sh.program
+    def join(
+        place: sh.Attrib1i,
+        partner: Numbers,
+        x: Side,
+        y: Side,
+        z: Side,
+        past_x: Side,
+        past_y: Side,
+        past_z: Side,
+    ) -> Join:
+        sides = x, y, z, past_x, past_y, past_z
+        other = partner[place]
+        one, two = [side[place] for side in sides], [side[other] for side in sides]
+        # Twice the way from middle to middle.
+        way = [(two[axis] - two[axis + 3]) - (one[axis] - one[axis + 3]) for axis in range(3)]
+        farthest = sh.Attrib1i(0)
+        along = way[0]
+        for axis in (1, 2):
+            farther = abs(along) < abs(way[axis])
+            farthest = sh.cond(farther, axis, farthest)
+            along = sh.cond(farther, way[axis], along)
+        turned = sh.cond(along < 0, TURNED, 0)
+        box = list(map(lower, one, two))
+        return Join(box[0], box[1], box[2], box[3], box[4], box[5], farthest + turned)
+
+    return join

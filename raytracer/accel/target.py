@@ -1,0 +1,17 @@
+"""On which backend the kernels run that build a hierarchy. Their results are the same on each.
+
+Stage: accelerate.
+
+>>> target_for(1000, "opencl"), target_for(10**6, "opencl")
+('numpy', 'opencl')
+"""
+
+from __future__ import annotations
+
+MANY = 1 << 16
+"""Triangles from which on a backend that compiles the kernels takes less time than numpy."""
+
+
+def target_for(triangles: int, backend: str) -> str:
+    """Return the backend for a hierarchy over so many triangles, of which rays are traced on `backend`."""
+    return backend if triangles >= MANY else "numpy"
