@@ -290,7 +290,8 @@ class _Vectorizer(CallBuilder):
             states.append(self.state)
         if not any(ended):
             self.state = states[0] | states[1]
-            needed = self.state & (note.after | self.kept(here))
+            left: set[int] = self.scope.kept if note.exits else set()  # what lanes need that left on one of the sides
+            needed = self.state & (note.after | self.kept(here) | left)
             sides = [self.with_spread(side, needed - state) for side, state in zip(sides, states, strict=True)]
         else:
             self.state = states[0] if ended[1] else states[1]

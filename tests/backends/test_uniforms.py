@@ -458,20 +458,3 @@ def test_a_range_is_for_numbers(type_):
     value = {sh.Matrix2f: np.eye(2), Lens: lens_value(1), sh.Attrib1b: True}[type_]
     with pytest.raises(sh.ShpyTypeError, match="a range or step is for numbers"):
         sh.Param(type_, value, range=(0, 1))
-
-
-@everywhere
-@pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge])
-def test_a_comparison_with_nan_is_false_and_its_opposite_true(options, compare):
-    low, high = sh.Param(sh.Attrib1f, float("nan"), name="low"), sh.Param(sh.Attrib1f, 2.5, name="high")
-
-    @sh.program
-    def chosen(x: sh.Attrib1f) -> sh.Attrib1f:
-        y = sh.Attrib1f(x)
-        with sh.SH_IF(compare(low, high)):
-            pass
-        with sh.SH_ELSE():
-            y[:] = 3 * x
-        return y
-
-    assert chosen.compile(**options)(np.ones(3)).tolist() == [3, 3, 3]
