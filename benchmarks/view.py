@@ -101,7 +101,7 @@ EXAMPLES: Final = {
 @contextmanager
 def shown(example: Example, text: str, program: str) -> Iterator[tuple[View, Browsed]]:
     """Serve the text of an example, with empty caches, and yield its view and its page once OpenCL draws it."""
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name, "examples")
         shutil.copytree(FOLDER, folder)
         path = folder / f"{example.file}.py"

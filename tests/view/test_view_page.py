@@ -1,10 +1,8 @@
 """The page of `shpy view` in a browser: saving, errors, controls, pixels, traces, comparisons, chains."""
 
-import json
-
 import pytest
+import views
 from views import chromium, viewed
-from websockets.sync.client import connect
 
 GOOD = """
 import shpy as sh
@@ -54,11 +52,8 @@ def view(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def as_at_first(view):
-    """Undo what the test before has set: pages share the state of the view."""
-    undone = {"params": dict.fromkeys(("gain", "tint", "negative")), "backend": "numpy", "math": "strict"}
-    changes = {**undone, "playing": True, "steps": 1}
-    with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
-        line.send(json.dumps({"do": "set", "changes": changes}))
+    """Undo what the test before has set."""
+    views.as_at_first(view, "gain", "tint", "negative")
 
 
 @pytest.fixture
