@@ -1,7 +1,7 @@
-"""Leave out what only elements that run together need, for a target that runs each element by itself.
+"""Remove selects that a branch has decided, for a target that runs each element by itself.
 
-Stage: improve, last. What holds for any element that runs together holds for this one, so a value that is chosen by
-the same condition inside the branch is known:
+Stage: improve, last. There `any_lane` of a condition is the condition itself. So inside a branch on `any_lane`, a
+select by the same condition takes its first value:
 
     %3 = any_lane %2                        ->   %3 = any_lane %2
     if %3 { $y = cond %2, %5, %4 }          ->   if %3 { $y = %5 }
