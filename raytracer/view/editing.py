@@ -40,14 +40,14 @@ _RANGES: Final = {
 _BOUNDED: Final = ("reflectivity", "transmission")
 _SAID: Final = {
     "shininess": "the exponent of the highlight",
-    "transmission": "the share that is clear, as glass",
-    "ior": "the refractive index of what is clear",
+    "transmission": "the share that lets light through, as glass does",
+    "ior": "the refractive index",
     "absorption": "light that is lost inside, per unit of length",
 }
 
 
 class Edits:
-    """The changes to a scene, which has as many meshes and lights at all times."""
+    """The changes to a scene, whose numbers of meshes and lights stay the same."""
 
     def __init__(self, scene: Scene) -> None:
         self.labels: list[str] = []
@@ -93,7 +93,7 @@ class Edits:
         return refused
 
     def _maker(self, name: str) -> Callable[[], Any] | None:
-        """Return the function that makes what a name belongs to, and raises where a value is none for it."""
+        """Return the function that makes the material or light of a name, and raises for values that it refuses."""
         kind, _, rest = name.partition(".")
         label, _, _ = rest.rpartition(".")
         if kind == "material" and label in self._materials:

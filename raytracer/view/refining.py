@@ -29,9 +29,9 @@ _ANSWER: Final = 0.06
 _PIECE: Final = 0.1
 """Seconds that a piece of a later picture is to take; more, where a call of a few rays takes nearly as long."""
 _SMALLEST: Final = 48
-"""Pixels along the longer side of a coarse picture, at least."""
+"""Pixels along the longer side of a coarse picture: the least number."""
 _AT_ONCE: Final = 16
-"""Samples that path tracing adds to a pixel at once, at most."""
+"""Samples that path tracing adds to a pixel at once: the largest number."""
 
 
 @dataclass
@@ -109,12 +109,12 @@ class Refinement:
 
     @property
     def finished(self) -> bool:
-        """All pixels have all samples."""
+        """True once all pixels have all samples."""
         last, samples = self.last, self._renderer.integrator.samples
         return last is not None and not last.coarse and (last.samples, last.share) == (samples, 1.0)
 
     def expose(self, stops: float) -> None:
-        """Show the picture that there is brighter by 2 to another power."""
+        """Show the picture with another exposure, without tracing a ray."""
         self.stops = stops
         self._develop(0, len(self.shown))
 
@@ -201,7 +201,7 @@ class Refinement:
 
 @contextmanager
 def _plain(renderer: Renderer) -> Iterator[None]:
-    """Have no ray mirrored; with path tracing, light is scattered once, as nothing but lamps would be seen else."""
+    """Trace no mirrored rays meanwhile; path tracing scatters light once, as otherwise only lamps would be seen."""
     bounces = renderer.params.get("bounces")
     if bounces is None:
         yield

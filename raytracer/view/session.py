@@ -34,7 +34,7 @@ from raytracer.view.renderers import Drawer, Form, Renderers
 _REST: Final = 0.15
 """Seconds without a change until a coarse picture is refined: a piece that is under way delays the next answer."""
 _LONGEST: Final = 0.25
-"""Seconds by which time goes on from frame to frame at most: a long computation is no leap."""
+"""Seconds that the time advances from frame to frame at most: after a long computation the scene does not jump."""
 _STEP: Final = 1 / 24
 """Seconds of a single step."""
 _EXPOSURE: Final = {
@@ -200,7 +200,7 @@ class Session:
         return True
 
     def _is_resting(self, refinement: Refinement) -> bool:
-        """Return whether it is too early to refine; the session is woken when it is not."""
+        """Return whether it is too early to refine; if so, start a timer that wakes the session."""
         left = self._moved + _REST - time.monotonic()
         if left <= 0 or refinement.finished:
             return False
@@ -220,7 +220,7 @@ class Session:
         self._changed = True
 
     def _frame(self, refinement: Refinement, piece: Piece | None) -> tuple[dict[str, Any], NDArray[np.uint8]]:
-        """Return the header and the pixels of a frame; without a piece, of one for which no ray was traced."""
+        """Return the header and the pixels of a frame; `piece` is None where no ray was traced for it."""
         drawer, last = self._drawer, refinement.last
         assert drawer is not None  # there is a refinement
         assert last is not None  # and a picture

@@ -80,9 +80,10 @@ def scatter_chunks(
 
 
 def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[Any, Any, Any, Shape]:
-    """Return an array and what says something of each element as Dask arrays, the element's type, and the shape.
+    """Return an array and `other`, its mask or index, as Dask arrays, the type of an element, and the shape.
 
-    `kinds` are those of numpy that `other` may have. Raises ShpyTypeError for others, and for shapes that do not fit.
+    `kinds` are the kinds of numpy's dtypes that `other` may have. Raises ShpyTypeError for others, and for shapes
+    that do not fit.
     """
     import dask.array as da
 
