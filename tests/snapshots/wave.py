@@ -12,9 +12,8 @@ def sin_strict(x):
     far = t2 >= 16777216.0
     f = near_f
     k = near_k.astype(np.float32)
-    any_far = far.any()
     t3 = k
-    if any_far:
+    if far.any():
         above = t2 >= 1125899900000000.0
         digit = select(above, np.float64(1.2841276625374931e-08), 0.3183098854497075)
         digit_2 = select(above, np.float64(8.076898927812296e-18), 7.340831623126043e-10)

@@ -238,6 +238,7 @@ def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_pat
 
 def test_control_c_ends_the_view_of_a_scene_with_one_word():
     with viewed("boxes", command=("raytracer", "view")) as found:
+        assert get(found, "/")[0] == 200
         assert found.end() == (130, "raytracer: stopped\n")
 
 
