@@ -17,13 +17,14 @@ import numpy as np
 from benchmarks import peers, rays
 from benchmarks.studies import Table, backend, rounds_of, spread
 from raytracer import Intersector, Mesh
-from raytracer.accel.choice import HIERARCHIES, build
+from raytracer.accel.choice import build
 from raytracer.accel.space import to_kernel, triangle_rows
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.triangle import Triangles
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.shapes import knot
 
+BUILDERS = ("bvh:sah", "bvh:ploc")
 HEAD = ("builder", "triangles", "tree s", "with tables s", "tree ratio", "coherent rays ratio", "incoherent rays ratio")
 
 
@@ -48,14 +49,12 @@ def builders(quick: bool) -> Table:
 
 def _rows(mesh: Mesh, found: list[str], turns: int, size: int) -> list[list[str]]:
     corners, *_ = to_kernel(mesh.corners, "f32")
-    makers: dict[str, Callable[[], Any]] = {
-        name: partial(build, name, corners, backend=backend()) for name in HIERARCHIES
-    }
-    whole = [partial(_with_tables, name, mesh.corners) for name in HIERARCHIES]
+    makers: dict[str, Callable[[], Any]] = {name: partial(build, name, corners, backend=backend()) for name in BUILDERS}
+    whole = [partial(_with_tables, name, mesh.corners) for name in BUILDERS]
     makers |= {name: maker(mesh) for name, maker in _PEERS.items() if name in found}
     trees = np.array(rounds_of(list(makers.values()), turns, time.process_time))
     tables = np.array(rounds_of(whole, turns, time.process_time))
-    shoot = [Intersector(mesh, name, backend()) for name in HIERARCHIES]
+    shoot = [Intersector(mesh, name, backend()) for name in BUILDERS]
     walks = []
     for given in (rays.primary_rays(mesh, size), rays.secondary_rays(mesh, size // 2)):
         taken = np.array(rounds_of([partial(one.intersect, *given) for one in shoot], 2 * turns, time.process_time))

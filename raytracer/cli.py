@@ -183,7 +183,7 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--accel",
         type=_accel,
-        help="how rays find triangles: bvh, bvh:ploc (built faster), grid, brute, or ldc:1024 (bvh; grid if staged)",
+        help="how rays find triangles: bvh, bvh:sah, bvh:ploc, grid, brute, or ldc:1024 (bvh; grid if staged)",
     )
     command.add_argument(
         "--tracer",

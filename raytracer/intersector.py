@@ -85,9 +85,9 @@ class Closest(NamedTuple):
 class Intersector:
     """Finds hits with the triangles of a mesh, or of all meshes of a scene one after the other.
 
-    `accel` is "bvh", "bvh:ploc" (built faster, for large meshes and few rays), "grid" or "brute", which differ in time
-    alone; `backend` one of `sh.backends()`, None for the default; `precision` "f32", "f64" or "f16". Raises SceneError
-    for what is neither mesh nor scene, and for another accelerator.
+    `accel` is "bvh", "bvh:sah", "bvh:ploc", "grid" or "brute" (see `Whitted`), which differ in time alone;
+    `backend` one of `sh.backends()`, None for the default; `precision` "f32", "f64" or "f16". Raises SceneError for
+    what is neither mesh nor scene, and for another accelerator.
 
     `accel` may also be a `LayeredCube` of the mesh, or "ldc", "ldc:resolution" or "ldc:resolution:hit", which make one:
     `intersect` and `occluded` are then as exact as the cube is; `count` and `all_hits` raise SceneError.

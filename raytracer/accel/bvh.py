@@ -99,10 +99,11 @@ class Level:
     axis: Ints
 
 
-def cut_apart(lows: Floats, highs: Floats, most: int) -> tuple[list[Level], Ints]:
+def cut_apart(lows: Floats, highs: Floats, most: int, deepest: float = np.inf) -> tuple[list[Level], Ints]:
     """Cut boxes (N, 3) apart, a level of nodes at a time; return the levels and the order of the boxes in them.
 
-    A leaf holds at most `most` boxes.
+    A leaf holds at most `most` boxes. Nodes of the level `deepest` and below are halved as they stand, which bounds the
+    number of levels.
     """
     order = np.arange(len(lows))
     levels = []
@@ -115,7 +116,8 @@ def cut_apart(lows: Floats, highs: Floats, most: int) -> tuple[list[Level], Ints
         is_pair = (count[open_] == 2) & (most == 1)
         for which, cuts in ((is_pair, _pair_cuts), (~is_pair, _best_cuts)):
             nodes = open_[which]
-            axis[which], left[which] = cuts(lows, highs, order, start[nodes], count[nodes], most)
+            halves = len(levels) > deepest
+            axis[which], left[which] = cuts(lows, highs, order, start[nodes], count[nodes], most, halves)
         cut = left > 0
         parents, left = open_[cut], left[cut]
         level.axis[parents] = axis[cut]
@@ -125,7 +127,9 @@ def cut_apart(lows: Floats, highs: Floats, most: int) -> tuple[list[Level], Ints
     return levels, order
 
 
-def _pair_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int) -> tuple[Ints, Ints]:
+def _pair_cuts(
+    lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int, halves: bool
+) -> tuple[Ints, Ints]:
     """Part the two boxes of each node as `_best_cuts` does: all cuts between them cost the same."""
     pair = order[np.stack([start, start + 1])]
     one, other = lows[pair] + highs[pair]
@@ -136,8 +140,10 @@ def _pair_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Int
     return axis, np.ones(len(start), np.int64)
 
 
-def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int) -> tuple[Ints, Ints]:
-    """Cut each node where that is cheapest, and put its part of `order` in two.
+def _best_cuts(
+    lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int, halves: bool
+) -> tuple[Ints, Ints]:
+    """Cut each node where that is cheapest, or with `halves` in the middle, and put its part of `order` in two.
 
     Gives the axis of each cut, and how many boxes come before it: 0 where the node had better be a leaf.
     """
@@ -152,7 +158,7 @@ def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Int
     area = half_area((np.maximum.reduceat(high, begins) - np.minimum.reduceat(low, begins)).T)
     cut = (cost + DESCENT * area < area * count) | (count > most)
     # Boxes that no border parts are halved as they stand.
-    before = np.where(np.isfinite(cost)[node], bins[axis[node], np.arange(len(node))] <= border[node],
+    before = np.where((np.isfinite(cost) & (not halves))[node], bins[axis[node], np.arange(len(node))] <= border[node],
                       within < (count // 2)[node])  # fmt: skip
     before &= cut[node]
     left = np.add.reduceat(before, begins, dtype=np.int64)

@@ -30,8 +30,11 @@ PROGRESS = 8
 """A round that joins fewer than one cluster in this many joins all pairs of neighbours, which bounds the rounds."""
 LEAST = 2.0**-100
 """Coordinates below this part of the scene's size are 0, for differences of smaller ones may vanish on a GPU."""
-CLUSTER = 16
-"""Triangles of a cluster, on average, from which on nodes are cut from the top down."""
+CLUSTER = 6
+"""Triangles of a cluster, on average, from which on nodes are cut from the top down. With 16 the time to build is the
+same, and incoherent rays take 1.10 times as long as through `bvh` on the Stanford bunny, not 1.06 times."""
+LEVELS = 2
+"""Levels of the nodes above clusters, in those of a balanced tree, after which nodes are halved."""
 
 
 def build_ploc(corners: NDArray[np.floating], dtype: DTypeLike = np.float32, backend: str = "numpy") -> Bvh:
@@ -148,7 +151,7 @@ def _joined(sides: Sides, backend: str) -> _Joined:
 def _cut_above(tree: _Joined, sides: Sides, clusters: Ints) -> None:
     """Make the nodes above clusters with these boxes from the top down; see `bvh.cut_apart`."""
     boxes = np.stack(sides, axis=1)
-    levels, order = cut_apart(boxes[:, :3], -boxes[:, 3:], 1)
+    levels, order = cut_apart(boxes[:, :3], -boxes[:, 3:], 1, LEVELS * np.log2(len(clusters)))
     below = np.zeros(0, np.int64)
     for level in reversed(levels):
         nodes, inner = clusters[order[level.start]], level.child >= 0

@@ -68,7 +68,7 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
         (lambda: Whitted(samples=2), "samples is a square number from 1 to 64, not 2"),
         (
             lambda: Whitted(accel="octree"),
-            "the accelerator is one of 'bvh', 'bvh:ploc', 'grid', 'brute', 'ldc:1024', not 'octree'",
+            "the accelerator is one of 'bvh', 'bvh:sah', 'bvh:ploc', 'grid', 'brute', 'ldc:1024', not 'octree'",
         ),
         (lambda: Staged(accel="bvh:ploc"), 'accel="grid" or "brute", not "bvh:ploc"'),
         (lambda: Whitted(secondary=box()), "secondary is a LayeredCube, not Mesh"),

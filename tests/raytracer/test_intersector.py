@@ -168,7 +168,9 @@ def test_rays_that_cannot_be(origins, directions, more, words):
 
 
 def test_arguments_that_cannot_be():
-    with pytest.raises(SceneError, match="one of 'bvh', 'bvh:ploc', 'grid', 'brute', 'ldc:1024', not 'octree'"):
+    with pytest.raises(
+        SceneError, match="one of 'bvh', 'bvh:sah', 'bvh:ploc', 'grid', 'brute', 'ldc:1024', not 'octree'"
+    ):
         Intersector(box(), accel="octree")
     with pytest.raises(SceneError, match="Mesh or a Scene, not ndarray"):
         Intersector(np.zeros((3, 3)))

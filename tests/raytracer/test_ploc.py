@@ -8,7 +8,9 @@ from test_wide import widened
 
 import raytracer.accel.target as target
 from raytracer import Intersector, Mesh, Scene, render
+from raytracer.accel import choice
 from raytracer.accel.bvh import build_bvh
+from raytracer.accel.choice import build
 from raytracer.accel.ploc import build_ploc, morton_order
 from raytracer.meshes.shapes import knot, sphere
 
@@ -98,7 +100,7 @@ def test_hits_are_those_of_the_other_tree(backend):
     for leaving in (False, True):
         one, other = (
             Intersector(mesh, accel=accel, backend=backend).intersect(eye, ray, leaving=leaving)
-            for accel in ("bvh", "bvh:ploc")
+            for accel in ("bvh:sah", "bvh:ploc")
         )
         for mine, theirs in zip(one, other, strict=True):
             np.testing.assert_array_equal(mine, theirs)
@@ -109,7 +111,16 @@ def test_hits_are_those_of_the_other_tree(backend):
 def test_pictures_are_those_of_the_other_tree(integrator):
     scene = Scene.builtin("spheres")
     one, other = (
-        render(scene, size=(24, 16), integrator=integrator, accel=accel, samples=1) for accel in ("bvh", "bvh:ploc")
+        render(scene, size=(24, 16), integrator=integrator, accel=accel, samples=1) for accel in ("bvh:sah", "bvh:ploc")
     )
     np.testing.assert_array_equal(one.pixels, other.pixels)
     np.testing.assert_array_equal(one.object_id, other.object_id)
+
+
+def test_the_default_builder_depends_on_the_number_of_triangles(monkeypatch):
+    corners = random_triangles(40, 0.1, 2)
+    trees = {name: build(name, corners).items.tolist() for name in ("bvh:sah", "bvh:ploc")}
+    assert trees["bvh:sah"] != trees["bvh:ploc"]
+    for least, name in ((40, "bvh:ploc"), (41, "bvh:sah")):
+        monkeypatch.setattr(choice, "LARGE", least)
+        assert build("bvh", corners).items.tolist() == trees[name]
