@@ -139,7 +139,7 @@ def find_scene(name: str, **framing: Any) -> Scene:
 
 
 def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
-    """Return the camera with the options that are given."""
+    """Return the camera with the options that are given: of a calibrated one, without its fixed directions."""
     given: dict[str, Any] = {"position": options.camera, "target": options.target, "up": options.up, "fov": options.fov}
     given = {name: value for name, value in given.items() if value is not None}
     if not given:
@@ -147,7 +147,7 @@ def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
     if camera.projection != "perspective" and options.fov is not None:
         raise SceneError(f"--fov is for a perspective camera, and this scene has an {camera.projection} one")
     try:
-        return dataclasses.replace(camera, **given)
+        return dataclasses.replace(camera, **given, intrinsics=None)
     except SceneError as error:
         sight = {"camera": camera.position, "target": camera.target, "up": camera.up}
         sight |= {

@@ -124,8 +124,7 @@ class PathTracer:
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
         """Update the tables after changes; return False where a kernel must be made anew."""
         renew_walk(self.intersector, layout, changes)
-        self.surfaces.renew(layout, changes)
-        return self.emitters.renew(layout)
+        return self.surfaces.renew(layout, changes) and self.emitters.renew(layout)
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
         """Take the materials and lights of `Layout.painted`, and a scene's background.

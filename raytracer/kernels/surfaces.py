@@ -114,13 +114,14 @@ class SurfaceTables:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
 
-    def renew(self, layout: Layout, changes: Sequence[Change]) -> None:
-        """Update the normals, colours and uv coordinates that changed."""
+    def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
+        """Update the normals, colours and uv coordinates that changed; return whether the kernel suits the colours."""
         for name in ("normals", "colors", "uvs"):
             table, rows = getattr(self, name), getattr(layout, name)
             for first, past, _, stale in changes:
                 if table is not None and name in stale:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
+        return self.suit(layout) if any("colors" in change.stale for change in changes) else True
 
     def suit(self, layout: Layout) -> bool:
         """Return whether the kernel suits the materials of another layout, alike as `Layout.painted` says."""

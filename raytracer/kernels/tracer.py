@@ -104,10 +104,9 @@ class Tracer:
         self.loops = self.reflects or self.lights.count > 0
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
-        """Update the tables after changes; return True: the kernel stays."""
+        """Update the tables after changes; return False where a kernel must be made anew."""
         renew_walk(self.intersector, layout, changes)
-        self.surfaces.renew(layout, changes)
-        return True
+        return self.surfaces.renew(layout, changes)
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
         """Take the materials and lights of `Layout.painted`, and a scene's background and ambient.

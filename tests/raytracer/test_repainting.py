@@ -75,9 +75,10 @@ def refused(*_, **__):
 def test_other_numbers_of_materials_are_shown_and_nothing_is_compiled_or_built(way, backend, monkeypatch):
     options = WAYS[way] | {"backend": backend}
     made = scene(glass=way != "staged")
+    pictures = expected(way)  # first, as it compiles kernels for numpy
     renderer = Renderer(made, **options)
     before, compiled = renderer.render(SIZE), set(kernel._executables)
-    for other, wanted in zip(steps(made), expected(way), strict=True):
+    for other, wanted in zip(steps(made), pictures, strict=True):
         with monkeypatch.context() as patch:
             patch.setattr(Renderer, "_prepare", refused)
             patch.setattr(sh.Program, "compile", refused)
@@ -120,6 +121,23 @@ def test_numbers_that_ask_for_other_code_build_anew():
         same(renderer.render(SIZE), Renderer(made, backend="numpy").render(SIZE))
     renderer.show(plain())
     assert renderer.builds == builds + 1, "and without the last one"
+
+
+@pytest.mark.parametrize("way", ["whitted", "path"])
+def test_black_at_the_vertices_of_an_object_that_moves_builds_anew(way):
+    cube = box((1, 1, 1))
+    white = np.ones((len(cube.vertices), 3))
+
+    def coloured(colors, height):
+        mesh = Mesh(cube.vertices, cube.faces, colors=colors).moved((0, height, 0))
+        return dataclasses.replace(plain(), meshes=[named("box", mesh, shininess=400.0), *plain().meshes[1:]])
+
+    renderer = Renderer(coloured(white, 0), backend="numpy", **WAYS[way])
+    for colors, height, builds in [(white, 0.1, 2), (white, 0.2, 2), (white * (1, 0, 1), 0.3, 3)]:
+        made = coloured(colors, height)
+        renderer.show(made)
+        same(renderer.render(SIZE), Renderer(made, backend="numpy", **WAYS[way]).render(SIZE))
+        assert renderer.builds == builds
 
 
 def test_a_lamp_more_is_another_number_of_lights():

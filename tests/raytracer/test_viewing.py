@@ -1,5 +1,7 @@
 """Test the framing of meshes, and the options of the command line for the camera."""
 
+import argparse
+
 import numpy as np
 import pytest
 from PIL import Image as pillow
@@ -131,6 +133,21 @@ def test_the_camera_of_a_built_in_scene(quad):
     image = rendered("--camera", "0,12,0.1", scene="boxes")
     moved = Scene(scene.meshes, scene.lights, Camera((0, 12, 0.1), scene.camera.target, fov=scene.camera.fov))
     assert np.array_equal(image.object_id, render(moved, (20, 20), backend="numpy").object_id)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "field"),
+    [("camera", (0, 1, -3), "position"), ("target", (5, 0, 1), "target"), ("up", (1, 0, 0), "up"), ("fov", 90, "fov")],
+)
+def test_the_options_of_the_camera_count_where_a_calibrated_one_is_given(option, value, field):
+    calibrated = Camera.from_intrinsics([[40, 0, 10], [0, 40, 12], [0, 0, 1]], np.eye(4), (32, 24))
+    options = argparse.Namespace(**{"camera": None, "target": None, "up": None, "fov": None} | {option: value})
+    names = ("position", "target", "up", "fov")
+    wanted = Camera(**{name: getattr(calibrated, name) for name in names} | {field: value}).view(32, 24)
+    for found, expected in zip(viewing._turned(calibrated, options).view(32, 24), wanted, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    unset = argparse.Namespace(camera=None, target=None, up=None, fov=None)
+    assert viewing._turned(calibrated, unset) is calibrated
 
 
 def test_up_turns_the_picture(quad):
