@@ -17,10 +17,10 @@ from shpy.ir.exact import FUNCTIONS
 from shpy.ir.nodes import If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
-from shpy.passes.alone import run_alone
 from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
+from shpy.passes.decided import remove_decided_selects
 from shpy.passes.exits import make_exits_explicit, may_be_stopped
 from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
@@ -124,8 +124,8 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     optimised = optimise(ending.module)
-    made = remove_unused_functions(optimised if target.vector else remove_dead(run_alone(optimised)))
-    return Prepared(made, ending.status, ending.loops, ending.flagged, shared)
+    made = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
+    return Prepared(remove_unused_functions(made), ending.status, ending.loops, ending.flagged, shared)
 
 
 def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:

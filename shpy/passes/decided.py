@@ -13,12 +13,12 @@ from shpy.ir.nodes import Function, If, Let, Module
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
 
-def run_alone(module: Module) -> Module:
+def remove_decided_selects(module: Module) -> Module:
     """Return the module for a target on which no element runs together with another."""
-    return each_function(module, lambda f, functions: _Alone(f, functions).run())
+    return each_function(module, lambda f, functions: _Decided(f, functions).run())
 
 
-class _Alone(Rewriter):
+class _Decided(Rewriter):
     """`holding` are the conditions of the branches around a statement."""
 
     def __init__(self, function: Function, functions: Functions) -> None:
