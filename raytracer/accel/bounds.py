@@ -8,10 +8,25 @@ from __future__ import annotations
 from functools import reduce
 from typing import Any
 
+import numpy as np
+
 import shpy as sh
 
 FAR = 3.0e38
 """Farther than anything: as good as infinity, but `FAR * 0` is 0."""
+
+
+def far(kind: Any = sh.Attrib1u) -> Any:
+    """Return FAR in a kernel of any precision, as a vector where `kind` is Attrib3u; at f16 it is infinite."""
+    return rounded(FAR, kind)
+
+
+def rounded(number: float, kind: Any = sh.Attrib1u) -> Any:
+    """Return a number in a kernel of any precision, where f16 refuses a literal that it does not hold.
+
+    Its bits, a constant of `kind`, are those of f32. The kernel converts them to its precision, as it does data.
+    """
+    return sh.float_from_bits(kind(int(np.float32(number).view(np.uint32))))
 
 
 def lower(a: Any, b: Any) -> Any:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
-from raytracer.accel.bounds import FAR
+from raytracer.accel.bounds import far
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
 from raytracer.kernels.walk import meet
@@ -45,14 +45,14 @@ class GlassTracer(Tracer):
         share = sh.Color3f(1, 1, 1)
         waiting = sh.Array(Waiting, WAITING)
         count = sh.Attrib1i(0)
-        limit = sh.Attrib1f(FAR)
+        limit = sh.Attrib1f(far())
         lightcol = sh.Color3f(0, 0, 0)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
         with SH_DO():
             with SH_IF(~through):
-                limit[:] = FAR
+                limit[:] = far()
                 lightcol[:] = 0
                 self.aim(path, surface, ray, eye, limit, lightcol)
             hit = meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer.accel.bounds import FAR
+from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
 from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest, Walk, farther, is_ray
 from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF
@@ -53,8 +53,8 @@ class CellWalk:
         t0 = (self.low - eye) * self.inverse
         t1 = (box.high - eye) * self.inverse
         between = (eye >= self.low) & (eye <= box.high)
-        enter = sh.cond(self.moving, sh.min(t0, t1), sh.cond(between, sh.Attrib3f(-FAR), sh.Attrib3f(FAR)))
-        leave = sh.cond(self.moving, sh.max(t0, t1), FAR)
+        enter = sh.cond(self.moving, sh.min(t0, t1), sh.cond(between, -far(sh.Attrib3u), far(sh.Attrib3u)))
+        leave = sh.cond(self.moving, sh.max(t0, t1), far())
         t_exit = sh.max(near, enter.x, enter.y, enter.z)
         self.far = sh.min(leave.x, leave.y, leave.z)
         inter = eye + t_exit * ray
@@ -64,7 +64,7 @@ class CellWalk:
     def advance(self) -> None:
         """Go on to the next cell, or to several at once where they meet."""
         corner = self.low + sh.Vector3f(self.voxel + self.ahead) * self.size
-        crossing = sh.cond(self.moving, (corner - self.eye) * self.inverse, FAR)
+        crossing = sh.cond(self.moving, (corner - self.eye) * self.inverse, far())
         self.t[:] = sh.min(crossing.x, crossing.y, crossing.z)
         self.voxel += sh.cond(crossing <= self.t, self.step, 0)
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import shpy as sh
-from raytracer.accel.bounds import FAR, higher, highest
+from raytracer.accel.bounds import far, higher, highest
 from raytracer.kernels.triangle import REACH, Walk
 from shpy import SH_IF
 
@@ -73,7 +73,7 @@ class GivenRay:
         along = abs(ray.x) + abs(ray.y) + abs(ray.z)
         size = highest(abs(ray.x), abs(ray.y), abs(ray.z))
         right = (along <= 3 * LONGEST) & (size >= SHORTEST) & (size <= LONGEST)
-        right = right & (abs(eye.x) + abs(eye.y) + abs(eye.z) <= FAR) & ~sh.isnan(near) & ~sh.isnan(limit)
+        right = right & (abs(eye.x) + abs(eye.y) + abs(eye.z) <= far()) & ~sh.isnan(near) & ~sh.isnan(limit)
         self.wrong = ~right
         held = sh.bits_from_float(sh.cond(right, size, 1.0)) & sh.Attrib1u(_EXPONENT)
         shrink = sh.float_from_bits(sh.Attrib1u(_QUARTER) - held)
@@ -81,11 +81,11 @@ class GivenRay:
         self.ray = ray * shrink
         self.pace = scale / shrink
         self.near = self.inside(near)
-        self.limit = sh.cond(right, self.inside(limit), -FAR)
+        self.limit = sh.cond(right, self.inside(limit), -far())
 
     def inside(self, t: Any) -> Any:
         """Convert a distance of the user's to the kernel's coordinates."""
-        return t if self.pace is None else sh.clamp(t * self.pace, -FAR, FAR)
+        return t if self.pace is None else sh.clamp(t * self.pace, -far(), far())
 
     def outside(self, t: Any, number: Any) -> Any:
         """Convert a distance of the kernel's to the user's coordinates; infinite where the triangle's number is -1."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import shpy as sh
-from raytracer.accel.bounds import FAR
+from raytracer.accel.bounds import far
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridIntersector, is_over
 from raytracer.kernels.tracer import PathState, Pixel, Tracer
@@ -200,7 +200,7 @@ def generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
         ray, eye = rays(row, column)
         path, _, pixel = tracer.begin()
         light = Light(path.scolor, path.rn, path.r, path.shadows, sh.Color3f(0, 0, 0))
-        return Generated(Ray(eye, ray, sh.Attrib1f(FAR), path.tracing), light, pixel, sh.Attrib1i(ACTIVE))
+        return Generated(Ray(eye, ray, far(), path.tracing), light, pixel, sh.Attrib1i(ACTIVE))
 
     return generate
 
@@ -289,7 +289,7 @@ def shading(tracer: Tracer) -> Any:
             state[:] = FINISHED
         with SH_ELSE():
             state[:] = ACTIVE
-            ray.limit[:] = FAR
+            ray.limit[:] = far()
             light.lightcol[:] = 0
             tracer.aim(path, surface, ray.direction, ray.eye, ray.limit, light.lightcol)
         return shaded(ray, light, point, pixel, state)

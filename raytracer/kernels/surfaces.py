@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import shpy as sh
-from raytracer.accel.bounds import FAR, highest
+from raytracer.accel.bounds import far, highest
 from raytracer.accel.space import Rows
 from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
@@ -373,10 +373,10 @@ class LightList:
         first = 2 * n if self.count > 1 else 0
         place, color = self.table[first], self.table[first + 1]
         toward = sh.Vector3f(place.xyz)
-        distance = sh.Attrib1f(FAR)
+        distance = sh.Attrib1f(far())
         if self.points:
             toward -= place.w * surface.inter
-            distance[:] = sh.cond(place.w > 0, sh.length(toward), FAR)
+            distance[:] = sh.cond(place.w > 0, sh.length(toward), far())
         ray[:] = sh.normalize(toward)
         eye[:] = surface.inter
         limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)

@@ -18,7 +18,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 import shpy as sh
-from raytracer.accel.bounds import FAR
+from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
 from raytracer.kernels.triangle import RayHit
@@ -125,7 +125,7 @@ class Tracer:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""
         path, surface, pixel = self.begin()
         with SH_DO() if self.loops else nullcontext():
-            limit = sh.Attrib1f(FAR)
+            limit = sh.Attrib1f(far())
             lightcol = sh.Color3f(0, 0, 0)
             self.aim(path, surface, ray, eye, limit, lightcol)
             hit = meet(self.intersector, lambda: pixel.rays == 0, ray, eye, limit, ~path.tracing)

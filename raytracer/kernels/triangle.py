@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 import shpy as sh
-from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
+from raytracer.accel.bounds import far, higher, highest, lower, lowest, rounded
 from raytracer.accel.planes import constant, levels_of, normals_of, parts
 from shpy import SH_IF
 
@@ -230,7 +230,7 @@ class PlaneView:
         Both errors grow as 1 / slope: roundings of `error_at(t)`, and of the corners' largest coordinate `large`.
         A mean stays between its corners, however, so the plane must also be known better than that.
         """
-        return PLANE * self.error_at(t) < large * lower(abs(self.slope) * EDGE_ON, 1.0)
+        return PLANE * self.error_at(t) < large * lower(abs(self.slope) * rounded(EDGE_ON), 1.0)
 
     def error_at(self, t: Any) -> Any:
         """Return the distance, in roundings, by which the ray's point at `t` may seem to be off the plane."""
@@ -343,12 +343,12 @@ def same_side(a: Any, b: Any, c: Any) -> Any:
 def is_ray(ray: Any, eye: Any) -> Any:
     """Return True for a direction and a place: finite numbers, and a direction that is not zero."""
     along = abs(ray.x) + abs(ray.y) + abs(ray.z)
-    return (along > 0) & (along + (abs(eye.x) + abs(eye.y) + abs(eye.z)) <= FAR)
+    return (along > 0) & (along + (abs(eye.x) + abs(eye.y) + abs(eye.z)) <= far())
 
 
 def inverse_of(ray: Any) -> Any:
     """Return 1 / ray by component, FAR where a component is too small for that: 0 times it is 0."""
-    return sh.clamp(1 / ray, -FAR, FAR)
+    return sh.clamp(1 / ray, -far(sh.Attrib3u), far(sh.Attrib3u))
 
 
 def farther(distance: Any) -> Any:

@@ -9,16 +9,18 @@ Stage: improve, first of all. Takes a recorded module, gives one in which every 
                                                     %a = convert %b : d
 
 A conversion between bases that have become one (f to d at f64) is dropped. Constants of floats are rounded to their
-base, and so are the initial values of params.
+base, and so are the initial values of params. A finite constant that would round to infinity is an error.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
-from shpy.ir.constants import from_array, to_array
+from shpy.errors import ShpyTypeError
+from shpy.ir.constants import decode, from_array, to_array
 from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
 from shpy.ir.types import Base, Type
 from shpy.passes.rewriter import Rewriter, each_function
@@ -29,7 +31,10 @@ _BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}
 
 
 def set_precision(module: Module, precision: Precision = "f32") -> Module:
-    """Return the module at this precision of the working float; KeyError for a precision that does not exist."""
+    """Return the module at this precision of the working float; KeyError for a precision that does not exist.
+
+    Raises ShpyTypeError, at the line of the constant, for one that this precision does not hold.
+    """
     working = _BASES[precision]
     changed = each_function(module, lambda f, functions: _Working(f, functions, Base.F, working).run())
     return retype_ports(changed, Base.F, working)
@@ -89,7 +94,7 @@ class _Working(Rebase):
         value = self.retyped(let.value)
         if let.op == "const" and value.type.is_float:
             assert isinstance(let.attr, tuple)
-            self.emit(Let(value, "const", (), rounded(value.type, let.attr)))
+            self.emit(Let(value, "const", (), _held(value, let.attr)))
         elif let.op == "convert" and _typed(self.old_types[let.args[0]], self.old, self.new) is value.type:
             self.replace(value, let.args[0])
         elif let.op == "float_from_bits" and value.type.base is not Base.F:
@@ -98,3 +103,17 @@ class _Working(Rebase):
             self.emit(Let(value, "convert", (bits.id,)))
         else:
             self.emit(let if value is let.value else Let(value, let.op, let.args, let.attr))
+
+
+def _held(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the constant as its type holds it; an error where that makes infinity of a number."""
+    held = rounded(value.type, attr)
+    for number, kept in zip(decode(value.type, attr), decode(value.type, held), strict=True):
+        if math.isinf(kept) and math.isfinite(number):
+            precision, wider = {Base.H: ("f16", "f32"), Base.F: ("f32", "f64")}[value.type.base]
+            raise ShpyTypeError(
+                f"{number} is out of the range of f at precision {precision}",
+                loc=value.loc,
+                cure=f"float('inf') if infinity is meant, or precision=\"{wider}\"",
+            )
+    return held

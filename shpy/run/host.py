@@ -33,7 +33,8 @@ _COMPILE_OPTIONS = ("backend", "device", "precision", "math", "lanes", "loop_lim
 def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, NDArray[Any]]:
     """Return the value of each Param and dependent uniform for a kernel of this precision and mode."""
     dtypes = dtypes_at(precision)
-    return {name: np.asarray(p.at(precision, math), dtypes[p.base]) for name, p in params.items()}
+    with np.errstate(over="ignore"):  # as data are rounded
+        return {name: np.asarray(p.at(precision, math), dtypes[p.base]) for name, p in params.items()}
 
 
 def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Numbers from the host at the edge of what a type holds, or of another kind: kept, or an error with a cure."""
 
+import linecache
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,32 @@ def test_a_number_that_no_float_holds_is_an_error(form):
     with pytest.raises(sh.ShpyTypeError, match=r"x holds 1e\+300, out of the range of floats of 32 bits"):
         same.compile(precision="f16")(form([1e300]))
     assert np.asarray(same.compile(precision="f16")(form([70000.0]))).item() == np.inf  # as f16 rounds its results
+
+
+@pytest.mark.parametrize("number", [65520.0, -70000.0, np.float32(3e38)])
+def test_a_constant_that_f16_does_not_hold_is_an_error_at_its_line(number):
+    @sh.program
+    def scaled(v: sh.Attrib3f) -> sh.Attrib3f:
+        return v * sh.Attrib3f(1, number, 2)
+
+    assert np.isfinite(scaled([1.0, 1.0, 1.0])).all()
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        scaled.compile("numpy", precision="f16")
+    assert caught.value.message == f"{float(number)} is out of the range of f at precision f16"
+    assert caught.value.cure == "float('inf') if infinity is meant, or precision=\"f32\""
+    line = linecache.getline(caught.value.loc.file, caught.value.loc.line)
+    assert line == "        return v * sh.Attrib3f(1, number, 2)\n"
+
+
+def test_f16_takes_constants_that_it_holds_and_infinity():
+    sky = sh.Param(sh.Attrib1f, 70000.0)
+
+    @sh.program
+    def ends(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f, sh.Attrib1f]:
+        bits = sh.float_from_bits(sh.Attrib1u(0x7F000000))  # a conversion rounds, as data do
+        return x + float("inf"), x + 65519.0, x + sky, x + bits
+
+    assert [float(y) for y in ends.compile("numpy", precision="f16")(0.0)] == [np.inf, 65504, np.inf, np.inf]
 
 
 def test_infinities_and_what_rounds_down_are_kept():
