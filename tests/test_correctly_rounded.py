@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import correctly_rounded
 import mpmath as mp
 import numpy as np
@@ -100,3 +104,39 @@ def test_without_gcc_the_cure_is_told(monkeypatch, tmp_path):
         correctly_rounded.OracleError, match="there is no gcc: it needs gcc and MPFR; on Debian: apt-get install"
     ):
         correctly_rounded._build(tmp_path / "oracle.so")
+
+
+OF_TWO = {"pow": mp.power, "atan2": mp.atan2, "hypot": mp.hypot}
+
+
+@pytest.mark.parametrize("name", correctly_rounded.PAIRS)
+def test_the_oracle_of_pairs_gives_what_mpmath_gives(name):
+    rng = np.random.default_rng(3)
+    a, b = (rng.uniform(0.5, 2, (2, 500)) * 2.0 ** rng.integers(-12, 12, (2, 500))).astype(np.float32)
+    if name == "pow":
+        # Squares of numbers of 13 bits are the middle of two numbers, and these small powers are denormal.
+        a[:100], b[:100] = np.arange(4097, 4297, 2), 2
+        a[100:200], b[100:200] = np.linspace(2, 3, 100), -np.linspace(88, 93, 100)
+    if name == "hypot":
+        a[0], b[0] = 14784729, 7946000  # their hypotenuse is 16784729
+    with mp.workprec(300):
+        wanted = [nearest(OF_TWO[name](mp.mpf(float(x)), mp.mpf(float(y)))) for x, y in zip(a, b, strict=True)]
+    assert correctly_rounded.rounded_pairs(name, a, b).tolist() == wanted
+
+
+def exhaustive(*options: str) -> tuple[int, list[list[str]]]:
+    """Return the exit status of scripts/exhaustive on numpy, and the cells of its table."""
+    script = Path(__file__).parents[1] / "scripts" / "exhaustive"
+    command = [sys.executable, script, *options, "--backend", "numpy"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    rows = [line.strip("| ").split(" | ") for line in run.stdout.splitlines() if line.startswith("| `")]
+    return run.returncode, rows
+
+
+def test_random_pairs_are_counted_and_those_that_are_misrounded():
+    status, rows = exhaustive("pairs", "--pairs", "20000")
+    assert status == 0
+    assert [row[:3] for row in rows] == [[f"`{name}`", "20,000", "0"] for name in correctly_rounded.PAIRS]
+    status, rows = exhaustive("pow", "--pairs", "20000", "--math", "portable")
+    assert status == 1
+    assert 10 < int(rows[0][2]) < 2_000

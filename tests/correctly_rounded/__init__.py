@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FUNCTIONS", "OracleError", "hard", "rounded"]
+__all__ = ["FUNCTIONS", "PAIRS", "OracleError", "everything", "hard", "rounded", "rounded_pairs"]
 
 Floats = NDArray[np.float32]
 
@@ -28,7 +28,9 @@ FUNCTIONS: Final = (
     "exp", "exp2", "log", "log2", "log10", "sin", "cos", "tan", "asin", "acos", "atan",
     "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "rsqrt",
 )  # fmt: skip
-"""The functions of the oracle."""
+"""The oracle's functions of one argument."""
+PAIRS: Final = ("pow", "atan2", "hypot")
+"""Its functions of two arguments."""
 CHUNK: Final = 1 << 22
 """The largest number of elements of a call."""
 _HERE: Final = Path(__file__).parent
@@ -52,6 +54,16 @@ def rounded(name: str, x: Floats) -> Floats:
     return result
 
 
+def rounded_pairs(name: str, a: Floats, b: Floats) -> Floats:
+    """Return the exact values of a function of two arguments, rounded half to even."""
+    a, b = (np.ascontiguousarray(v, np.float32) for v in (a, b))
+    if a.shape != b.shape:
+        raise ValueError(f"{name}: the arguments have the shapes {a.shape} and {b.shape}, which have to be equal")
+    result = np.empty_like(a)
+    _known(name, _library().correctly_rounded_pairs(name.encode(), a.size, _at(a), _at(b), _at(result)))
+    return result
+
+
 def hard(name: str, x: Floats, margin: float) -> Floats:
     """Return those x whose exact value is within the margin, relative to it, of a midpoint between two binary32."""
     x = np.ascontiguousarray(x, np.float32)
@@ -70,7 +82,7 @@ def everything(first: int = 0, last: int = 1 << 32, stride: int = 1) -> Any:
 
 def _known(name: str, count: int) -> int:
     if count < 0:
-        raise OracleError(f"there is no function {name}: it is one of {', '.join(FUNCTIONS)}")
+        raise OracleError(f"there is no function {name}: it is one of {', '.join(FUNCTIONS + PAIRS)}")
     return count
 
 
@@ -88,8 +100,10 @@ def _library() -> Any:
     if not path.exists():
         _build(path)
     library = ctypes.CDLL(str(path))
-    library.correctly_rounded.restype = library.hard.restype = ctypes.c_long
+    for function in (library.correctly_rounded, library.correctly_rounded_pairs, library.hard):
+        function.restype = ctypes.c_long
     library.correctly_rounded.argtypes = [ctypes.c_char_p, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p]
+    library.correctly_rounded_pairs.argtypes = [*library.correctly_rounded.argtypes, ctypes.c_void_p]
     library.hard.argtypes = [*library.correctly_rounded.argtypes[:3], ctypes.c_double, ctypes.c_long, ctypes.c_void_p]
     return library
 

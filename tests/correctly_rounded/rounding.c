@@ -2,7 +2,7 @@
 
    A binary64 value y whose error is below 64 units in the last place is enough wherever y (1 - 2^-46) and y (1 + 2^-46)
    round to the same binary32. glibc's functions are closer than that by a factor of ten. Of all 2^32 inputs some
-   hundreds stay, for which MPFR computes the correctly rounded value. */
+   hundreds stay, and of pairs one in 2^21, for which MPFR computes the correctly rounded value. */
 #include <math.h>
 #include <mpfr.h>
 #include <string.h>
@@ -29,6 +29,18 @@ typedef struct {
 #define ROW(name) {#name, near_##name, mpfr_##name},
 static const Function TABLE[] = {FUNCTIONS(ROW){"rsqrt", near_rsqrt, mpfr_rec_sqrt}};
 
+/* A function of two arguments. */
+typedef struct {
+    const char *name;
+    void (*near)(long, const double *, const double *, double *);
+    int (*exactly)(mpfr_t, const mpfr_t, const mpfr_t, mpfr_rnd_t);
+} OfTwo;
+
+#define PAIRS(F) F(pow) F(atan2) F(hypot)
+#define DECLARE_PAIR(name) void near_##name(long n, const double *a, const double *b, double *y);
+PAIRS(DECLARE_PAIR)
+static const OfTwo OF_TWO[] = {PAIRS(ROW)};
+
 static const Function *found(const char *name) {
     for (unsigned k = 0; k < sizeof TABLE / sizeof *TABLE; k++)
         if (!strcmp(TABLE[k].name, name)) return &TABLE[k];
@@ -41,15 +53,29 @@ static void as_binary32(void) {
     mpfr_set_emax(128);
 }
 
+/* The binary32 of a y of 24 bits that MPFR rounded: a denormal where it is one. */
+static float as_float(mpfr_t y, int inexact) {
+    inexact = mpfr_check_range(y, inexact, MPFR_RNDN);
+    mpfr_subnormalize(y, inexact, MPFR_RNDN);
+    return mpfr_get_flt(y, MPFR_RNDN);
+}
+
 static float exactly(const Function *f, float x) {
     mpfr_t given, y;
     mpfr_inits2(24, given, y, (mpfr_ptr)0);
     mpfr_set_flt(given, x, MPFR_RNDN);
-    int inexact = f->exactly(y, given, MPFR_RNDN);
-    inexact = mpfr_check_range(y, inexact, MPFR_RNDN);
-    mpfr_subnormalize(y, inexact, MPFR_RNDN);
-    float rounded = mpfr_get_flt(y, MPFR_RNDN);
+    float rounded = as_float(y, f->exactly(y, given, MPFR_RNDN));
     mpfr_clears(given, y, (mpfr_ptr)0);
+    return rounded;
+}
+
+static float exactly_of_two(const OfTwo *f, float a, float b) {
+    mpfr_t first, second, y;
+    mpfr_inits2(24, first, second, y, (mpfr_ptr)0);
+    mpfr_set_flt(first, a, MPFR_RNDN);
+    mpfr_set_flt(second, b, MPFR_RNDN);
+    float rounded = as_float(y, f->exactly(y, first, second, MPFR_RNDN));
+    mpfr_clears(first, second, y, (mpfr_ptr)0);
     return rounded;
 }
 
@@ -82,6 +108,28 @@ long correctly_rounded(const char *name, long n, const float *x, float *result) 
                 low[i] = exactly(f, x[first + i]);
                 undecided++;
             }
+    }
+    return undecided;
+}
+
+/* Write the correctly rounded values of pairs. Return how many MPFR computed; -1 for an unknown function. */
+long correctly_rounded_pairs(const char *name, long n, const float *a, const float *b, float *result) {
+    const OfTwo *f = 0;
+    long undecided = 0;
+    for (unsigned k = 0; k < sizeof OF_TWO / sizeof *OF_TWO; k++)
+        if (!strcmp(OF_TWO[k].name, name)) f = &OF_TWO[k];
+    if (!f) return -1;
+    as_binary32();
+    for (long first = 0; first < n; first += BLOCK) {
+        double left[BLOCK], right[BLOCK], y[BLOCK];
+        long count = n - first < BLOCK ? n - first : BLOCK;
+        for (long i = 0; i < count; i++) left[i] = a[first + i], right[i] = b[first + i];
+        f->near(count, left, right, y);
+        for (long i = 0; i < count; i++) {
+            float low = (float)(y[i] * (1 - 0x1p-46)), high = (float)(y[i] * (1 + 0x1p-46));
+            if (differ(low, high)) low = exactly_of_two(f, a[first + i], b[first + i]), undecided++;
+            result[first + i] = low;
+        }
     }
     return undecided;
 }

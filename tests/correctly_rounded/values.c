@@ -12,3 +12,10 @@
 EACH(exp) EACH(exp2) EACH(log) EACH(log2) EACH(log10)
 EACH(sin) EACH(cos) EACH(tan) EACH(asin) EACH(acos) EACH(atan)
 EACH(sinh) EACH(cosh) EACH(tanh) EACH(asinh) EACH(acosh) EACH(atanh)
+
+#define PAIR(name)                                                            \
+    void near_##name(long n, const double *a, const double *b, double *y) {   \
+        for (long i = 0; i < n; i++) y[i] = name(a[i], b[i]);                  \
+    }
+
+PAIR(pow) PAIR(atan2) PAIR(hypot)

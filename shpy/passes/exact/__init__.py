@@ -4,7 +4,7 @@ Stage: improve. For devices that have binary64. `FUNCTIONS["exp"]` is a formula 
 like the operation's. Its result is a binary64, or a binary32 where the formula has rounded once itself, because its
 edge cases are cheaper to select afterwards. `rounded` adds what is common to all: the one rounding, and `EXCEPTIONS`.
 
-The relative error of a formula is near 2**-47. So only inputs whose exact value lies that close to the middle between
+The relative error of a formula is below 2**-46. So only inputs whose exact value lies that close to the middle between
 two binary32 numbers can be misrounded: none to six of all inputs of a function. `EXCEPTIONS` lists them; those of odd
 and even functions for positive inputs only. Most formulas have none, for their coefficients were chosen so.
 
