@@ -52,10 +52,19 @@ class LayeredIntersector(Walk):
     """The tables of a cube over `triangles` (see `triangle_rows`), and the walk through them.
 
     `bound` is for rays that may start from a triangle. The cubes of objects that move are walked one after the other,
-    with the ray as it is seen from each; planes and triangles are tested where they are in the scene.
+    with the ray as it is seen from each; planes and triangles are tested where they are in the scene. With `notes` a
+    hit keeps the number of its sample, -1 for a triangle without samples.
     """
 
-    def __init__(self, cube: LayeredCube | PlacedCubes, triangles: Any, bound: AheadBound | None = None) -> None:
+    def __init__(
+        self,
+        cube: LayeredCube | PlacedCubes,
+        triangles: Any,
+        bound: AheadBound | None = None,
+        *,
+        notes: bool = False,
+    ) -> None:
+        self.notes = notes
         self.poses: Any = None
         if isinstance(cube, LayeredCube):
             cube.check_triangles(triangles)
@@ -123,6 +132,8 @@ class LayeredIntersector(Walk):
             with SH_FOR(0, self.left_out) as k:
                 SH_BREAK(any_hit & (hit.id >= 0))
                 test(self.triangles, numbers[k], near, hit)
+                if self.notes:
+                    hit.sample[:] = sh.cond(hit.id == numbers[k], -1, hit.sample)
 
     def walk(self, image: ImageRay, test: Any, any_hit: Any) -> None:
         """Go through the blocks of an image."""
@@ -160,10 +171,26 @@ class LayeredIntersector(Walk):
                 SH_BREAK((item < end) & (self.depth(item) <= far))
                 texels.advance()
             with SH_WHILE(lambda: (item < end) & (self.depth(item) <= far)):
-                test(image, texels, self.samples[item])
+                self.try_sample(test, image, texels, item)
                 item += 1
             texels.advance()
             SH_UNTIL((texels.t > image.end()) | (any_hit & (hit.id >= 0)))
+
+    def try_sample(self, test: Any, image: ImageRay, texels: Cells, item: Any) -> None:
+        """Try a sample; note it where it is hit, or where the ray comes to a hit of its triangle in this texel.
+
+        The exact test finds a triangle by its first sample on the way, and the hit may lie texels ahead.
+        """
+        sample: Any = self.samples[item]
+        hit = image.way.hit
+        if not self.notes:
+            test(image, texels, sample)
+            return
+        reach = sh.Attrib1f(hit.l)
+        test(image, texels, sample)
+        is_own = hit.id == sh.Attrib1i(sample.w if self.test == "plane" else sample.y)
+        is_here = (hit.l < reach) | (texels.t <= hit.l - image.way.begin)
+        hit.sample[:] = sh.cond(is_own & is_here, item, hit.sample)
 
     def skip(self, item: Any, end: Any, near: Any) -> None:
         """Go on to the first of a texel's samples at the depth `near` or beyond, by bisection."""
@@ -359,12 +386,7 @@ class DepthTest:
         rows = self.triangles[number]
         axis = raster.largest_axis(sh.Vector3f(*(row.w for row in rows)))
         point = self.way.eye + t * self.way.ray
-        (ax, ay, _), (bx, by, _), (cx, cy, _) = (raster.turned(row.xyz - point, axis) for row in rows)
-        weights = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
-        side = sh.cond(weights[0] + weights[1] + weights[2] < 0, -1.0, 1.0)
-        a, b, c = (higher(side * weight, 0.0) for weight in weights)
-        whole = a + b + c
-        return b, c, sh.cond(whole > 0, whole, 1.0)
+        return raster.weights_at([raster.turned(row.xyz - point, axis)[:2] for row in rows])
 
 
 class PlaneTest(DepthTest):

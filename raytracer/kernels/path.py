@@ -19,10 +19,11 @@ import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
 from raytracer.kernels.bsdf import Bsdf, largest
+from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
-from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER, meet, renew_walk, scene_walk
@@ -95,7 +96,7 @@ class PathTracer:
                 )
         self.intersector = scene_walk(layout, backend, scattered=True)
         self.together = backend in TOGETHER
-        self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.surfaces = surface_tables(layout, self.intersector.triangles, backend)
         self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.bsdf = Bsdf(self.surfaces.highlights)

@@ -7,8 +7,9 @@ reads the first row. No number of a scene is a constant of its kernel, so that s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
 from raytracer.scene.layout import Change, Layout, is_programmed
+from shpy import SH_ELSE, SH_IF
 
 ROUNDINGS = 7
 """The largest distance of a triangle's point from its plane, in roundings of its coordinates: 2 as the weights may not
@@ -85,6 +87,16 @@ class MaterialKinds(NamedTuple):
         )
 
 
+class Sampled(Protocol):
+    """Surfaces that are shaded already, at the samples of a layered depth cube."""
+
+    def at(self, sample: Any) -> tuple[Any, Any]:
+        """Return the normal on the front of the surface, and the colour."""
+
+    def renew(self) -> None:
+        """Shade the samples anew."""
+
+
 class SurfaceTables:
     """Normals, colours and materials of a scene's triangles."""
 
@@ -113,6 +125,7 @@ class SurfaceTables:
         if self.glows:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
+        self.sampled: Sampled | None = None  # of the samples of a layered depth cube
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
         """Update the normals, colours and uv coordinates that changed; return whether the kernel suits the colours."""
@@ -121,6 +134,8 @@ class SurfaceTables:
             for first, past, _, stale in changes:
                 if table is not None and name in stale:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
+        if self.sampled is not None:
+            self.sampled.renew()
         return self.suit(layout) if any("colors" in change.stale for change in changes) else True
 
     def suit(self, layout: Layout) -> bool:
@@ -139,6 +154,8 @@ class SurfaceTables:
             self.glass.update(layout.glass)
         if self.glows:
             self.emissions.update(self.glow)
+        if self.sampled is not None:
+            self.sampled.renew()
 
     @cached_property
     def scale(self) -> Any:
@@ -162,13 +179,8 @@ class SurfaceTables:
         surface.face[:] = facing
         surface.normal[:] = facing
         surface.inter[:] = point + bound * facing
-        if self.normals is not None:
-            normals = rows_of(self.normals, hit)
-            normal = side * sh.normalize(barylerp(hit, *(n.xyz for n in normals)))
-            surface.normal[:] = sh.cond(sh.dot(normal, facing) < 0, -normal, normal)
-            surface.inter -= barylerp(
-                hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True))
-            )
+        with nullcontext() if hit.sample is None else SH_IF(hit.sample < 0):
+            self.bend(hit, surface, point, places, side, facing)
         if self.clear:
             row = self.glass[2 * self.material_at(hit)]
             surface.beyond[:] = point - bound * facing
@@ -177,9 +189,47 @@ class SurfaceTables:
             surface.ior[:] = row.y
         if self.glows:
             emission[:] = self.glow_at(hit).rgb
+        if hit.sample is None:
+            return self.look(hit, surface, point, side, emission)
+        reflectivity = sh.Attrib1f()
+        with SH_IF(hit.sample < 0):
+            reflectivity[:] = self.look(hit, surface, point, side, emission)
+        with SH_ELSE():
+            reflectivity[:] = self.recall(hit, surface, side)
+        return reflectivity
+
+    def bend(self, hit: RayHit, surface: Interaction, point: Any, places: Any, side: Any, facing: Any) -> None:
+        """Set the surface's normal to the interpolated one, if there are normals at the corners."""
+        if self.normals is None:
+            return
+        normals = rows_of(self.normals, hit)
+        normal = side * sh.normalize(barylerp(hit, *(n.xyz for n in normals)))
+        surface.normal[:] = sh.cond(sh.dot(normal, facing) < 0, -normal, normal)
+        surface.inter -= barylerp(hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True)))
+
+    def look(self, hit: RayHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
+        """Set the surface's colour and coefficients to those of its triangle; return its reflectivity."""
         if not self.appearance:
             return self.paint(hit, surface, self.material_at(hit))
         return self.describe(hit, surface, point, side, emission)
+
+    def recall(self, hit: RayHit, surface: Interaction, side: Any) -> Any:
+        """Set the surface's normal and colour to those of its sample, the rest to the numbers of its material.
+
+        Return the material's reflectivity.
+        """
+        assert self.sampled is not None
+        number = self.material_at(hit)
+        normal, color = self.sampled.at(hit.sample)
+        normal = side * normal
+        surface.normal[:] = sh.cond(sh.dot(normal, surface.face) < 0, -normal, normal)
+        surface.color[:] = color
+        surface.coefficients[:] = self.materials[2 * number + 1].xyz
+        reflectivity = self.materials[2 * number].a
+        if self.appearance.shades:
+            surface.reflectivity[:] = reflectivity
+            surface.shade[:] = self.appearance.shade_of(number)
+        return reflectivity
 
     def behind(self, hit: RayHit, ray: Any, eye: Any) -> Any:
         """Return the point that was hit, moved off the surface to the side that the ray comes out on."""

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
-from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables
+from raytracer.kernels.deferred import surface_tables
+from raytracer.kernels.surfaces import Interaction, LightList
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout
@@ -77,7 +78,7 @@ class Tracer:
         self.background = sh.Param(sh.Color3f, tuple(map(float, background)), name="background")
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
-        self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        self.surfaces = surface_tables(layout, self.intersector.triangles, backend)
         self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, self.surfaces)
         appearance = self.surfaces.appearance

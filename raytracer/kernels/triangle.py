@@ -65,8 +65,11 @@ class RayHit:
     """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
 
     `kernels.queries` has other ways to keep hits. A walk asks each of them how far it has to go (`l`) and for its hit
-    (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter.
+    (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter. `sample`
+    is the number of the sample of a layered depth cube that is shaded, -1 for none; None where none ever is.
     """
+
+    sample: Any = None
 
     def __init__(self, limit: Any, accept: Accept | None = None) -> None:
         l = sh.Attrib1f(limit)  # noqa: E741 - the paper's name

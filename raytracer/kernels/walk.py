@@ -87,7 +87,8 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
     bound = AheadBound(layout.roundoff)
     if layout.secondary is not None:
-        secondary = LayeredIntersector(layout.secondary, layout.triangles, bound)
+        notes = layout.secondary.shading == "deferred"
+        secondary = LayeredIntersector(layout.secondary, layout.triangles, bound, notes=notes)
         secondary.triangles = exact.triangles  # one table for both
         return SplitWalk(exact, secondary)
     structure = layout.structure
@@ -115,6 +116,8 @@ def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, 
     if not isinstance(walk, SplitWalk):
         return walk(ray, eye, 0.0, limit, any_hit)
     hit = RayHit(limit, walk.accept)
+    if isinstance(walk.secondary, LayeredIntersector) and walk.secondary.notes:
+        hit.sample = sh.Attrib1i(-1)
     with SH_IF(is_eye()):
         walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
     with SH_ELSE():

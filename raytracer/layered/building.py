@@ -8,7 +8,7 @@ order of depth and, at equal depths, of the triangle's number. Memory grows with
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,8 @@ class Samples:
     """Samples by texel and depth: those of texel k at `offsets[k] : offsets[k + 1]`, for the texels of three images.
 
     `depths` (n,), `triangles` (n,) and `slopes` (n, 2) are those of the samples (see `raster.Sample`), `ranges`
-    and `slices`, each (3 B B, 2), those of the blocks (see `raster.Block`), B blocks along a side.
+    and `slices`, each (3 B B, 2), those of the blocks (see `raster.Block`), B blocks along a side. `weights` (n, 2) are
+    those of corners 1 and 2 of a sample's triangle, at the sample; None where nothing is shaded from samples.
     """
 
     offsets: NDArray[np.int32]
@@ -40,6 +41,7 @@ class Samples:
     slopes: NDArray[np.float32]
     ranges: NDArray[np.float32]
     slices: NDArray[np.uint32]
+    weights: NDArray[np.float32] | None = None
 
 
 class Scanlines:
@@ -83,13 +85,19 @@ class Scanlines:
         tables = map(_table, (starts, self.spans.triangle, self.spans.row, self.spans.first))
         return self.run(raster.samples_of_spans(), number, *tables) if number.size else None
 
+    def weights(self, samples: Samples) -> NDArray[np.float32]:
+        """Return where samples lie in their triangles."""
+        texel = np.repeat(np.arange(len(samples.offsets) - 1, dtype=np.int32), np.diff(samples.offsets))
+        return np.asarray(self.run(raster.weights_of_samples(), texel, samples.triangles))
+
 
 def build_samples(
-    triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str, builder: str
+    triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str, builder: str, shaded: bool
 ) -> Samples:
     """Return the samples of triangles (see `triangle_rows`) in the raster of a `frame` (see `raster`).
 
-    `builder` is one of BUILDERS. Raises SceneError if there are more samples than memory holds.
+    `builder` is one of BUILDERS; `shaded` asks for weights. Raises SceneError if there are more samples than memory
+    holds.
     """
     if not len(triangles):
         return nothing(*(int(frame[raster.COUNTS, k]) for k in (0, 2)))
@@ -100,7 +108,8 @@ def build_samples(
     offsets, depths, _, _ = found
     coarse = raster.coarse_blocks().compile(backend, loop_limit=None)
     blocks = coarse(lines.frame, _table(offsets), _table(depths), shape=(3 * lines.blocks**2,))
-    return Samples(*(np.asarray(part) for part in (*found, *blocks)))
+    samples = Samples(*(np.asarray(part) for part in (*found, *blocks)))
+    return replace(samples, weights=lines.weights(samples)) if shaded else samples
 
 
 def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
@@ -142,7 +151,7 @@ def nothing(resolution: int, blocks: int) -> Samples:
     ranges = np.tile(np.array([FAR, -FAR], np.float32), (3 * blocks**2, 1))
     offsets, slopes = np.zeros(3 * resolution**2 + 1, np.int32), np.zeros((0, 2), np.float32)
     slices = np.zeros((3 * blocks**2, 2), np.uint32)
-    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges, slices)
+    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges, slices, slopes)
 
 
 def check_count(count: int, what: str) -> None:

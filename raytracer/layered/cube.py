@@ -27,6 +27,7 @@ from raytracer.layered.building import BUILDERS, Samples, build_samples
 from raytracer.meshes import Mesh
 
 HITS = ("sample", "plane", "triangle")
+SHADINGS = ("exact", "deferred")
 MAX_RESOLUTION = 8192
 """Texels along a side, so that an index counts the texels of three images."""
 _RESOLUTION, _BLOCK = 1024, 16
@@ -66,6 +67,9 @@ class LayeredCube:
 
     Triangles without area have no samples; the exact test, elsewhere, may meet one of them by rounding.
 
+    With `shading="deferred"` a hit in a picture has the colour and the normal of its sample, as in the paper. They are
+    interpolated and textured once, at the samples, of which each keeps them in 8 bytes.
+
     `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles that they are of, `frame` (8, 4) the
     raster (see `layered.raster`); `build_seconds` is how long they took, compilation included.
 
@@ -80,6 +84,7 @@ class LayeredCube:
     hit: str
     conservative: bool
     tolerance: float | None
+    shading: str
     build_seconds: float
 
     @classmethod
@@ -94,20 +99,24 @@ class LayeredCube:
         tolerance: float | None = None,
         conservative: bool | None = None,
         builder: str = "sort",
+        shading: str = "exact",
     ) -> LayeredCube:
         """Return the cube of a mesh, or of all meshes of a scene, built on a backend.
 
         `resolution`, `block`, `hit`, `tolerance` and `conservative` are described with the class. `tolerance` None
         is half the sum of a texel's sides; `conservative` None is True for "triangle", False for the others.
         `builder` is how samples are put into order, with the same result: "sort", by collective operations, or "peel",
-        by drawing layer after layer with OpenGL, for backend "glsl".
+        by drawing layer after layer with OpenGL, for backend "glsl". `shading` is "exact", from the triangle that was
+        hit, or "deferred", from the sample.
 
-        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit` or
-        `builder`, and for more samples than memory holds; sh.BackendUnavailable for a missing backend.
+        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit`, `builder`
+        or `shading`, and for more samples than memory holds; sh.BackendUnavailable for a missing backend.
         """
         backend = backend or sh.default_backend()
         _check(mesh_or_scene, resolution, block, hit, tolerance)
         _check_builder(builder, backend)
+        if shading not in SHADINGS:
+            raise SceneError(f"shading is one of {', '.join(map(repr, SHADINGS))}, not {shading!r}")
         started = time.perf_counter()
         meshes: Any = (mesh_or_scene,) if isinstance(mesh_or_scene, Mesh) else mesh_or_scene.meshes
         corners, _, scale = to_kernel(np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in meshes)]), "f32")
@@ -115,13 +124,12 @@ class LayeredCube:
         inside, outside = _apart(corners)
         some = corners[inside]
         frame = _frame(some, resolution, block, None if tolerance is None else tolerance * scale, hit)
-        images = build_samples(triangle_rows(some), frame, conservative, backend, builder)
+        images = build_samples(triangle_rows(some), frame, conservative, backend, builder, shading == "deferred")
         if len(outside):
             images = replace(images, triangles=inside[images.triangles])
         _limit(frame, images)
-        return cls(
-            images, triangle_rows(corners), outside, frame, hit, conservative, tolerance, time.perf_counter() - started
-        )
+        seconds = time.perf_counter() - started
+        return cls(images, triangle_rows(corners), outside, frame, hit, conservative, tolerance, shading, seconds)
 
     @property
     def resolution(self) -> int:
@@ -147,7 +155,8 @@ class LayeredCube:
     @property
     def nbytes(self) -> int:
         """The bytes of the tables through which rays walk, without the triangles, which every accelerator has."""
-        return self.images.offsets.nbytes + self.blocks.nbytes + self.records.nbytes
+        shades = 8 * self.samples if self.shading == "deferred" else 0
+        return self.images.offsets.nbytes + self.blocks.nbytes + self.records.nbytes + shades
 
     @property
     def records(self) -> NDArray[np.uint32]:
@@ -156,6 +165,12 @@ class LayeredCube:
         if self.hit == "plane":
             parts.insert(1, self.images.slopes.view(np.uint32))
         return np.concatenate(parts, axis=1)
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """The weights of corners 1 and 2 of the samples' triangles (n, 2), where samples are shaded."""
+        assert self.images.weights is not None
+        return self.images.weights
 
     @property
     def blocks(self) -> NDArray[np.uint32]:
@@ -172,7 +187,7 @@ class LayeredCube:
         """The options that decide a cube, besides its triangles."""
         return {
             "resolution": self.resolution, "block": self.block, "hit": self.hit,
-            "tolerance": self.tolerance, "conservative": self.conservative,
+            "tolerance": self.tolerance, "conservative": self.conservative, "shading": self.shading,
         }  # fmt: skip
 
     def check_triangles(self, triangles: NDArray[Any]) -> None:
@@ -190,14 +205,14 @@ class LayeredCube:
 
 
 def is_layered(accel: str) -> bool:
-    """Return whether the name of an accelerator is "ldc", "ldc:resolution" or "ldc:resolution:hit".
+    """Return whether the name of an accelerator is "ldc", "ldc:resolution", or this with ":hit" or ":hit:shading".
 
     Raises SceneError for a name that begins like these and goes on otherwise.
     """
     name, *more = str(accel).split(":")
     if name != "ldc":
         return False
-    if len(more) > 2 or (more and not (more[0].isascii() and more[0].isdigit())):
+    if len(more) > 3 or (more and not (more[0].isascii() and more[0].isdigit())):
         raise SceneError(f'a layered depth cube is "ldc", "ldc:1024" or "ldc:1024:triangle", not {accel!r}')
     return True
 
@@ -206,7 +221,8 @@ def cube_of(accel: str, mesh_or_scene: Mesh | HasMeshes, backend: str | None) ->
     """Return the cube that an accelerator's name stands for; see `is_layered`."""
     _, *more = accel.split(":")
     resolution = int(more[0]) if more else _RESOLUTION
-    return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=more[1] if more[1:] else "plane")
+    hit, shading = (*more[1:], *("plane", "exact")[len(more[1:]) :])
+    return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=hit, shading=shading)
 
 
 def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance: Any) -> None:

@@ -134,6 +134,16 @@ class PlacedCubes:
         return np.concatenate(parts)
 
     @property
+    def shading(self) -> str:
+        """The origin of the colour and the normal of a hit: "exact" or "deferred"."""
+        return self.cubes[0].shading
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """The weights of corners 1 and 2 of the samples' triangles, where samples are shaded."""
+        return np.concatenate([cube.weights for cube in self.cubes])
+
+    @property
     def outside(self) -> NDArray[np.int32]:
         """The numbers of the triangles that have no samples."""
         return np.concatenate([n[cube.outside] for cube, n in zip(self.cubes, self.numbers, strict=True)])

@@ -249,6 +249,37 @@ def samples_of_texels() -> Any:
 
 
 @cache
+def weights_of_samples() -> Any:
+    """Record the program that gives where samples lie in their triangles: the weights of corners 1 and 2.
+
+    The centre of a texel that a triangle only touches is moved into the triangle.
+    """
+
+    @sh.program
+    def weights_of_samples(
+        triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
+    ) -> sh.TexCoord2f:
+        seen = Projected(triangles, frame, triangle)
+        resolution = sh.Attrib1i(frame[COUNTS].x)
+        column, row = texel % resolution, texel // resolution - seen.axis * resolution
+        middle = sh.Attrib2f(sh.Attrib1f(column) + 0.5, sh.Attrib1f(row) + 0.5)
+        b, c, whole = weights_at([(x - middle.x, y - middle.y) for x, y, _ in seen.corners])
+        return sh.TexCoord2f(b / whole, c / whole)
+
+    return weights_of_samples
+
+
+def weights_at(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any, Any]:
+    """Return the weights of corners 1 and 2, and of all, at the origin of two axes moved into a triangle."""
+    (ax, ay), (bx, by), (cx, cy) = corners
+    weights = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    side = sh.cond(weights[0] + weights[1] + weights[2] < 0, -1.0, 1.0)
+    a, b, c = (higher(side * weight, 0.0) for weight in weights)
+    whole = a + b + c
+    return b, c, sh.cond(whole > 0, whole, 1.0)
+
+
+@cache
 def coarse_blocks() -> Any:
     """Record the program that gives the coarse level of each block of texels, over all layers."""
 

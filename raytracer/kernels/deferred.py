@@ -1,0 +1,129 @@
+"""The colours and normals of the samples of layered depth cubes, for deferred shading as in the paper.
+
+Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.2. Each
+sample is shaded once by the program that shades hits, from the front of its triangle. Its colour takes three times 10
+bits, clamped to [0, 1], its normal two times 16, on the octahedron (Meyer et al. 2010). Where surfaces change, samples
+are shaded anew.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.errors import SceneError
+from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.triangle import RayHit, Triangles
+from raytracer.layered.cube import LayeredCube
+from raytracer.layered.placed import PlacedCubes
+from raytracer.scene.layout import Layout
+
+KEPT = frozenset({"color", "normal", "normal_map", "cutout"})
+"""The fields that textures and programs may decide: those that samples keep, and cutouts, which the walk applies."""
+PASSING = ("view", "distance", "outside")
+"""The fields of a hit that programs may not read, as they differ from ray to ray."""
+_COLOR, _NORMAL = 1023, 65534
+"""The largest numbers of a channel of colour and of a coordinate of a normal, which is even, so that axes are exact."""
+
+
+class Shade(NamedTuple):
+    """A sample's colour and normal, packed."""
+
+    color: sh.Attrib1u
+    normal: sh.Attrib1u
+
+
+class SampledSurfaces:
+    """The colours and normals of the samples of `cube`, shaded on `backend` by the programs of `surfaces`.
+
+    Raises SceneError for textures and programs that decide more than colours and normals, or that read what differs
+    from ray to ray.
+    """
+
+    def __init__(self, surfaces: SurfaceTables, cube: LayeredCube | PlacedCubes, backend: str) -> None:
+        _check(surfaces)
+        self._inputs = cube.records[:, -1].view(np.int32), cube.weights
+        self._kernel = _program(surfaces).compile(backend, loop_limit=None)
+        self._table = sh.Table(self._made(), sh.Attrib2u, "shades")
+
+    def renew(self) -> None:
+        """Shade the samples anew."""
+        self._table.update(self._made())
+
+    def at(self, sample: Any) -> tuple[Any, Any]:
+        """Return the normal on the front of the surface, and the colour."""
+        row = self._table[sample]
+        return unpacked_normal(row.y), unpacked_color(row.x)
+
+    def _made(self) -> NDArray[np.uint32]:
+        if not len(self._inputs[0]):
+            return np.zeros((1, 2), np.uint32)
+        return np.stack([np.asarray(part) for part in self._kernel(*self._inputs)], axis=1)
+
+
+def surface_tables(layout: Layout, triangles: Triangles, backend: str) -> SurfaceTables:
+    """Return the surfaces of a layout, with those of the samples of its cube if these are shaded."""
+    surfaces = SurfaceTables(layout, triangles)
+    cube = layout.secondary
+    if cube is not None and cube.shading == "deferred":
+        surfaces.sampled = SampledSurfaces(surfaces, cube, backend)
+    return surfaces
+
+
+def _check(surfaces: SurfaceTables) -> None:
+    appearance = surfaces.appearance
+    for names, does in ((appearance.gives - KEPT, "decides"), (appearance.reads & set(PASSING), "reads")):
+        if names:
+            raise SceneError(
+                f'shading="deferred" keeps the colours and normals of samples, and a texture or program {does} '
+                f'{", ".join(sorted(names))}: make the cube with shading="exact"'
+            )
+
+
+def _program(surfaces: SurfaceTables) -> Any:
+    @sh.program
+    def shade_samples(triangle: sh.Attrib1i, weights: sh.Attrib2f) -> Shade:
+        hit = RayHit(1.0)
+        hit.id[:] = triangle
+        hit.uv[:] = weights
+        corner, *_ = rows = surfaces.triangles[hit.id]
+        front = sh.Vector3f(*(row.w for row in rows))
+        surface = Interaction(bool(surfaces.appearance.shades), surfaces.clear)
+        surfaces.arrive(hit, -front, corner.xyz + front, surface, sh.Color3f(0, 0, 0))
+        return Shade(packed_color(surface.color), packed_normal(surface.normal))
+
+    return shade_samples
+
+
+def packed_color(color: Any) -> Any:
+    """Return a colour as 10 bits for each channel, clamped to [0, 1]."""
+    red, green, blue = (sh.Attrib1u(sh.floor(sh.clamp(part, 0, 1) * _COLOR + 0.5)) for part in color)
+    return red | green << 10 | blue << 20
+
+
+def unpacked_color(word: Any) -> Any:
+    """Return the colour of `packed_color`."""
+    return sh.Color3f(*(sh.Attrib1f(word >> shift & _COLOR) / _COLOR for shift in (0, 10, 20)))
+
+
+def packed_normal(normal: Any) -> Any:
+    """Return a unit vector as 16 bits for each coordinate of its place on the octahedron."""
+    x, y, z = normal
+    whole = abs(x) + abs(y) + abs(z)
+    x, y = x / whole, y / whole
+    folded = sh.cond(x < 0, abs(y) - 1, 1 - abs(y)), sh.cond(y < 0, abs(x) - 1, 1 - abs(x))
+    places = (sh.cond(z < 0, other, own) for own, other in zip((x, y), folded, strict=True))
+    across, down = (sh.Attrib1u(sh.floor((0.5 * place + 0.5) * _NORMAL + 0.5)) for place in places)
+    return across | down << 16
+
+
+def unpacked_normal(word: Any) -> Any:
+    """Return the unit vector of `packed_normal`."""
+    x, y = (2 * (sh.Attrib1f(word >> shift & 0xFFFF) / _NORMAL) - 1 for shift in (0, 16))
+    z = 1 - abs(x) - abs(y)
+    behind = sh.max(-z, 0)
+    x, y = (part + sh.cond(part < 0, behind, -behind) for part in (x, y))
+    return sh.normalize(sh.Normal3f(x, y, z))
