@@ -1,6 +1,7 @@
 """Layered depth cubes beside the BVH and the grid: what they take to build, and incoherent rays through them.
 
     print(STUDIES["layered"](mesh, quick=False).markdown())
+    print(STUDIES["deferred"](mesh, quick=False).markdown())       # pictures shaded from samples, or from triangles
 
 The rays are those of `rays.secondary_rays`. Ours go through an `Intersector`, from arrays of the host to results; only
 the hit test "triangle" finds the exact hits. Mitsuba has the rays as arrays of its own already. The number of wrong
@@ -11,20 +12,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks import peers, rays
-from benchmarks.studies import Table, backend, in_turns, rate
-from raytracer import Intersector, LayeredCube, Mesh
+from benchmarks.studies import Table, backend, in_turns, rate, rounds_of, spread
+from raytracer import Camera, Image, Intersector, LayeredCube, Material, Mesh, PointLight, Renderer, Scene, Texture
 from raytracer.accel.choice import build
-from raytracer.meshes.shapes import knot
+from raytracer.layered.cube import SHADINGS
+from raytracer.meshes.shapes import box, floor, knot
 
 HEAD = (
     *("accelerator", "triangles", "build s", "build CPU by BVH's"),
     *("MiB", "million rays/s", "wrong hits", "other triangles"),
+)
+DEFERRED = (
+    *("mesh, hits", "texels", "exact", "deferred", "between"),
+    *("ms", "deferred / exact", "MiB", "MiB, deferred"),
 )
 BUILDS = 5
 WRONG = 1e-3
@@ -104,4 +111,48 @@ def _wrong(found: np.ndarray, exact: np.ndarray, mesh: Mesh) -> float:
         return float(np.mean((found != exact) & ~(np.abs(found - exact) <= WRONG * side)))
 
 
-STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {"layered": layered}
+def deferred(mesh: Mesh, quick: bool) -> Table:
+    """Pictures shaded from the samples of cubes beside pictures shaded from triangles, and both beside the BVH's."""
+    resolutions, size, rounds = ((16,), (32, 32), 2) if quick else ((256, 1024), (320, 256), 7)
+    rows = []
+    for name, scene in {"plain": _mirrored(mesh, plain=True), "smooth, textured": _mirrored(mesh, plain=False)}.items():
+        exact = Renderer(scene, backend=backend(), bounces=1).render(size)
+        for hit, resolution in [(hit, n) for hit in ("plane", "triangle") for n in resolutions]:
+            cubes = [LayeredCube.of(scene, resolution, backend=backend(), hit=hit, shading=s) for s in SHADINGS]
+            renderers = [Renderer(scene, backend=backend(), bounces=1, secondary=cube) for cube in cubes]
+            pictures = [renderer.render(size) for renderer in renderers]
+            times = np.array(rounds_of([partial(one.render, size) for one in renderers], rounds, time.process_time))
+            off = [f"{_difference(picture, exact):.2f}" for picture in pictures]
+            seconds = [f"{1e3 * float(np.median(times[0])):.0f}", spread(times[1] / times[0], 2)]
+            sizes = [f"{cube.nbytes / 2**20:.1f}" for cube in cubes]
+            between = f"{_difference(*pictures):.2f}"
+            rows.append([f'{name}, "{hit}"', str(resolution), *off, between, *seconds, *sizes])
+    note = (
+        f"{mesh.name} of {len(mesh):,} triangles on a mirror and before one, {size[0]} x {size[1]} pixels, one bounce, "
+        f"on {backend()}. RMSE in steps of 8 bits beside the picture of the BVH, and of deferred beside exact shading. "
+        f"CPU time of all threads with exact shading, and its ratio: median (quartiles) of {rounds} rounds in turns."
+    )
+    return Table("deferred", note, DEFERRED, rows)
+
+
+def _mirrored(mesh: Mesh, plain: bool) -> Scene:
+    """Return the mesh over a floor and before a wall that mirror, with one light."""
+    low, high = mesh.corners.min(axis=(0, 1)), mesh.corners.max(axis=(0, 1))
+    middle, side = (low + high) / 2, float((high - low).max())
+    uv = mesh.vertices[:, :2] / side
+    squares = Texture(np.kron(np.indices((8, 8)).sum(axis=0) % 2, np.ones((4, 4)))[..., None] * np.ones(3) * 0.7 + 0.2)
+    material = Material((0.8, 0.5, 0.3)) if plain else Material(squares, specular=0.3)
+    made = replace(mesh, normals=None, colors=None, uv=uv, material=material)
+    mirror = Material((0.2, 0.2, 0.2), reflectivity=0.8)
+    ground = floor(3 * side, mirror).moved((middle[0], low[1], middle[2]))
+    wall = box((3 * side, 3 * side, 0.01 * side), mirror).moved((middle[0], middle[1], low[2] - 0.2 * side))
+    light = PointLight(tuple((middle + side * np.array([1, 3, 2])).tolist()), (0.9, 0.9, 0.9))
+    return Scene((made if plain else made.smoothed(), ground, wall), (light,), Camera.framing(low, high))
+
+
+def _difference(one: Image, other: Image) -> float:
+    """Return the root of the mean squared difference of two pictures in steps of 8 bits."""
+    return 255 * float(np.sqrt(np.mean((one.pixels - other.pixels) ** 2)))
+
+
+STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {"layered": layered, "deferred": deferred}
