@@ -9,7 +9,7 @@ from __future__ import annotations
 import pickle
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -23,10 +23,14 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves
 from shpy.lang.values.types import TYPES
-from shpy.passes.placing import ORIGIN, WHOLE, place_blocks
+from shpy.passes.pipeline import optimise
+from shpy.passes.placing import ORIGIN, PERIOD, WHOLE, place_blocks
+from shpy.passes.reach import Reach, reach
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 
+_ENDLESS = 1 << 30
+"""The modulus of indices that do not wrap around: larger than any."""
 _KEPT = 16
 """Jobs that a thread keeps."""
 
@@ -67,18 +71,24 @@ def piece(block: tuple[Any, ...], k: int) -> Any:
 class Grid:
     """The place of a block in the whole grid, as Params of the programs that ask for it."""
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.shape = shape
+    def __init__(self, shape: tuple[int, ...], wraps: Sequence[bool] = ()) -> None:
+        self.shape, self.wraps = shape, any(wraps)
         self.uniforms: dict[str, Any] = {}
         """Empty for a rank that no `sh.grid_index` has."""
         kind = TYPES.get(f"Attrib{len(shape)}i")
         if kind is not None:
             self.uniforms[ORIGIN] = Param(kind, _vector((0,) * len(shape)), ORIGIN)
             self.uniforms[WHOLE] = Param(kind, _vector(shape), WHOLE)
+        if kind is not None and self.wraps:
+            period = tuple(n if wrap else _ENDLESS for n, wrap in zip(shape, wraps, strict=True))
+            self.uniforms[PERIOD] = Param(kind, _vector(period), PERIOD)
 
     def placed(self, recorded: Recorded, cut: Collection[str]) -> Recorded:
         """Return a program for blocks, or the same one if it does not ask for its place."""
-        module = place_blocks(recorded.module, cut, len(self.shape)) if self.uniforms else recorded.module
+        module, rank = recorded.module, len(self.shape)
+        if self.uniforms:
+            distance = reach_of(recorded, cut, rank).distance if self.wraps else None
+            module = place_blocks(module, cut, rank, distance)
         if module is recorded.module:
             return recorded
         return replace(recorded, module=module, params={**recorded.params, **self.uniforms})
@@ -133,18 +143,21 @@ class Blockwise(Job):
 
 
 class Stencil(Job):
-    """A chain, several times, over blocks with a halo; `cut` has the layout of each stream that is cut, by name."""
+    """A chain, several times, over blocks with a halo; `cut` has the layout of each stream that is cut, by name.
+
+    `wraps` says along which axes reads wrap around.
+    """
 
     def __init__(
         self, chain: Chain, steps: int, shape: tuple[int, ...], cut: Mapping[str, Layout], whole: Mapping[str, Any],
-        outputs: Mapping[str, Layout],
+        outputs: Mapping[str, Layout], wraps: Sequence[bool],
     ) -> None:  # fmt: skip
         self.chain, self.steps, self.shape = chain, steps, shape
-        self.cut, self.whole, self.outputs = cut, whole, outputs
+        self.cut, self.whole, self.outputs, self.wraps = cut, whole, outputs, wraps
 
     @cached_property
     def _ready(self) -> tuple[Grid, Chain]:
-        grid = Grid(self.shape)
+        grid = Grid(self.shape, self.wraps)
         local = {*self.cut, *self.outputs}
         return grid, repeat(_placed(self.chain, grid, local), self.steps)
 
@@ -171,6 +184,12 @@ def _placed(node: Chain | Member, grid: Grid, local: set[str]) -> Any:
         return node.with_members(tuple(_placed(member, grid, local) for member in node.members))
     tables = cut_tables(node.recorded, local)
     return replace(node, kernel=again(node.kernel, grid.placed(node.recorded, tables)))
+
+
+def reach_of(recorded: Recorded, cut: Collection[str], rank: int) -> Reach:
+    """Return how far an element reads the tables `cut`."""
+    # Optimised: an index that is stored component by component is one expression then.
+    return reach(optimise(recorded.module, fixed=False), cut, rank)
 
 
 def cut_tables(recorded: Recorded, local: Collection[str]) -> frozenset[str]:

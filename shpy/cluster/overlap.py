@@ -16,14 +16,13 @@ from shpy.chains.chain import Chain, Repeat, Sequence, sequence
 from shpy.chains.member import RUN_ARGUMENTS, Member, element_layout, is_gathered
 from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, has_lazy, unified
 from shpy.cluster.graphs import over_blocks
-from shpy.cluster.jobs import Stencil, cut_tables
+from shpy.cluster.jobs import Stencil, cut_tables, reach_of
 from shpy.errors import ShpyTypeError
 from shpy.ir.traverse import grid_rank
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout
-from shpy.passes.pipeline import optimise
-from shpy.passes.reach import reach
+from shpy.passes.reach import Reach
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import Shape
@@ -35,8 +34,9 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
     `streams` are those of `Chain.run`: Dask arrays (*S, N) of one shape S, which are cut into blocks; arrays that are
     written or read by element, cut as these; and what each worker is sent whole, numbers, Params and Tables. A kernel
     reads a Dask array at `sh.grid_index` plus constants: the halo is the largest of these times `steps`. The index and
-    `sh.grid_shape` are those of the whole array, and reads beyond it give its border in every step, so the bits are
-    those of one run for any chunks. More steps exchange less often, and compute a wider halo twice.
+    `sh.grid_shape` are those of the whole array. Reads beyond it give its border in every step, or its other end where
+    the index is `% sh.grid_shape`, so the bits are those of one run for any chunks. More steps exchange less often, and
+    compute a wider halo twice.
 
     Raises ShpyTypeError, before anything runs, for shapes and chunks that do not fit, a `sh.loop`, whose end depends on
     all elements, and an index that has no known distance from the element; ShpyError without Dask.
@@ -55,11 +55,13 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
     made, chunks = unified(cuts, shape)
     if not all(shape):
         return {name: streams[name] for name in outputs if name in streams}
-    depth = [steps * n for n in _reach(whole, {*layouts, *outputs}, len(shape))]
+    distance, wraps, clamps = _reach(whole, {*layouts, *outputs}, len(shape))
+    depth = [steps * n for n in distance]
+    _check_borders(whole, shape, depth, wraps, clamps)
     wide = [_widened(sizes, n) for sizes, n in zip(chunks, depth, strict=True)]
-    arrays = [_extended(array, wide, depth) for array in made]
-    job = Stencil(whole, steps, shape, layouts, constant, outputs)
-    places = [_places(sizes, n) for sizes, n in zip(wide, depth, strict=True)]
+    arrays = [_extended(array, wide, depth, wraps) for array in made]
+    job = Stencil(whole, steps, shape, layouts, constant, outputs, wraps)
+    places = [_places(sizes, n, wrap) for sizes, n, wrap in zip(wide, depth, wraps, strict=True)]
     group = Group("dict", tuple(outputs), tuple(outputs.values()))
     tails = [cut.array.ndim > len(cut.shape) for cut in cuts]
     result: dict[str, Any] = over_blocks(job, arrays, tails, places, tuple(wide), group, precision)
@@ -144,14 +146,34 @@ def _common(cuts: list[Cut], chain: Chain) -> Shape:
     return shape
 
 
-def _reach(node: Any, cut: set[str], rank: int) -> list[int]:
+def _reach(node: Any, cut: set[str], rank: int) -> Reach:
     """Return how far one execution of a part of a chain reaches on each axis."""
     if isinstance(node, Member):
-        # Optimised: an index that is stored component by component is one expression then.
-        return list(reach(optimise(node.recorded.module, fixed=False), cut_tables(node.recorded, cut), rank))
-    inner = [_reach(member, cut, rank) for member in node.members]
+        return reach_of(node.recorded, cut_tables(node.recorded, cut), rank)
+    distances, wraps, clamps = zip(*(_reach(member, cut, rank) for member in node.members), strict=True)
     times = node.times if isinstance(node, Repeat) else 1
-    return [times * sum(each) for each in zip(*inner, strict=True)]
+    return Reach(
+        tuple(times * sum(each) for each in zip(*distances, strict=True)),
+        tuple(map(any, zip(*wraps, strict=True))),
+        tuple(map(any, zip(*clamps, strict=True))),
+    )
+
+
+def _check_borders(chain: Chain, shape: Shape, depth: list[int], wraps: Any, clamps: Any) -> None:
+    """Raise ShpyTypeError for reads that wrap around and clamp along one axis, and for those farther than the axis."""
+    for axis, n in enumerate(shape):
+        if wraps[axis] and clamps[axis]:
+            raise ShpyTypeError(
+                f"{chain} reads across the border of axis {axis} both modulo its length and clamped",
+                loc=here(),
+                cure="% sh.grid_shape(n) in all indices, or in none",
+            )
+        if wraps[axis] and depth[axis] > n:
+            raise ShpyTypeError(
+                f"all steps read {depth[axis]} elements along axis {axis}, which has {n}, and wrap around",
+                loc=here(),
+                cure="fewer steps, several times",
+            )
 
 
 def _widened(sizes: tuple[int, ...], depth: int) -> tuple[int, ...]:
@@ -167,20 +189,21 @@ def _widened(sizes: tuple[int, ...], depth: int) -> tuple[int, ...]:
     return tuple(made)
 
 
-def _extended(array: Any, chunks: list[tuple[int, ...]], depth: list[int]) -> Any:
-    """Return an array whose blocks have halos, except at the border of the array."""
+def _extended(array: Any, chunks: list[tuple[int, ...]], depth: list[int], wraps: Any) -> Any:
+    """Return an array whose blocks have halos: the other end of the array at a border that wraps around, else none."""
     rank = len(chunks)
     cut = array.rechunk(dict(enumerate(chunks)))
-    halo = {axis: n if len(chunks[axis]) > 1 else 0 for axis, n in enumerate(depth)} | {
+    halo = {axis: n if len(chunks[axis]) > 1 or wraps[axis] else 0 for axis, n in enumerate(depth)} | {
         axis: 0 for axis in range(rank, array.ndim)
     }
     if not any(halo.values()):
         return cut
-    return dask_array().overlap.overlap(cut, depth=halo, boundary="none", allow_rechunk=False)
+    border = {axis: "periodic" if axis < rank and wraps[axis] else "none" for axis in halo}
+    return dask_array().overlap.overlap(cut, depth=halo, boundary=border, allow_rechunk=False)
 
 
-def _places(sizes: tuple[int, ...], depth: int) -> list[tuple[int, int, int]]:
+def _places(sizes: tuple[int, ...], depth: int, wrap: bool) -> list[tuple[int, int, int]]:
     """Return where each block with its halo begins, and the part of it that is the block's own."""
     starts = np.cumsum((0, *sizes)).tolist()
-    before = [min(depth, start) for start in starts[:-1]]
+    before = [depth if wrap else min(depth, start) for start in starts[:-1]]
     return [(start - b, b, b + n) for start, b, n in zip(starts[:-1], before, sizes, strict=True)]

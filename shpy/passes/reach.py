@@ -5,7 +5,9 @@ the grid's extent on an axis, moved by between two numbers; or as a number betwe
 
     %1: i2 = grid_index
     %3: i2 = add %1, %2         (%2 is the constant -1, 2)
-    %4: f = table u[%3]         reach(module, {"u"}) == (1, 2)
+    %4: f = table u[%3]         reach(module, {"u"}, 2) == Reach((1, 2), (False, False), (True, True))
+
+An index modulo the grid's extent wraps around: its distance is that from before.
 
 Functions are followed for each call. Variables hold the join of what is stored into them.
 """
@@ -14,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
@@ -28,12 +30,23 @@ _ROUNDS: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """`of` ("index", "extent" or "number") on an axis, plus something from `low` to `high`."""
+    """`of` ("index", "wrapped", "extent" or "number") on an axis, plus something from `low` to `high`.
+
+    "wrapped" is an index modulo the extent.
+    """
 
     of: str
     axis: int
     low: int
     high: int
+
+
+class Reach(NamedTuple):
+    """The largest distance between an element and its reads on each axis; whether reads there wrap around, or clamp."""
+
+    distance: tuple[int, ...]
+    wraps: tuple[bool, ...]
+    clamps: tuple[bool, ...]
 
 
 _Parts = tuple[_Part | None, ...]
@@ -56,14 +69,14 @@ class _Slots:
         return None if variable in self.opaque else self.held.get(variable)
 
 
-def reach(module: Module, cut: Collection[str], rank: int) -> tuple[int, ...]:
-    """Return the largest distance on each axis between an element and its reads of the tables `cut`.
+def reach(module: Module, cut: Collection[str], rank: int) -> Reach:
+    """Return the distances between an element and its reads of the tables `cut`.
 
     Raises ShpyTypeError, at the line of the read, for an index whose distance from the element is not bounded.
     """
     finder = _Finder(module, cut, rank)
     finder.function(module.entry, [_unknown(i.type) for i in module.entry.inputs])
-    return tuple(finder.found)
+    return Reach(tuple(finder.found), tuple(finder.wraps), tuple(finder.clamps))
 
 
 class _Finder:
@@ -71,6 +84,7 @@ class _Finder:
         self.functions = {f.name: f for f in module.functions}
         self.cut = cut
         self.found = [0] * rank
+        self.wraps, self.clamps = [False] * rank, [False] * rank
 
     def function(self, function: Function, given: Sequence[_Parts]) -> list[_Parts]:
         """Follow the values of a function; return the parts of its outputs."""
@@ -132,7 +146,7 @@ class _Finder:
 
     def _read(self, s: Let, index: _Parts) -> None:
         for axis, part in enumerate(index):
-            if part is None or part.of != "index" or part.axis != axis:
+            if part is None or part.of not in ("index", "wrapped") or part.axis != axis:
                 raise ShpyTypeError(
                     f"{s.attr} is read at an index whose distance from sh.grid_index has no known bound, so no halo is "
                     "wide enough",
@@ -140,7 +154,10 @@ class _Finder:
                     cure=f"{s.attr}[i + (0, 1)] with i = sh.grid_index({len(self.found)}) and constants, or the whole "
                     "array as a sh.Table",
                 )
-            self.found[axis] = max(self.found[axis], -part.low, part.high)
+            distance = max(-part.low, part.high)
+            self.found[axis] = max(self.found[axis], distance)
+            self.wraps[axis] |= part.of == "wrapped"
+            self.clamps[axis] |= part.of == "index" and distance > 0
 
 
 def _unknown(type: Type) -> _Parts:
@@ -161,11 +178,20 @@ def _sum(a: _Part | None, b: _Part | None) -> _Part | None:
     if a is None or b is None or "number" not in (a.of, b.of):
         return None
     base = b if a.of == "number" else a
+    if base.of == "wrapped":
+        return None
     return _Part(base.of, base.axis, a.low + b.low, a.high + b.high)
 
 
 def _minus(a: _Part | None) -> _Part | None:
     return None if a is None or a.of != "number" else _Part("number", 0, -a.high, -a.low)
+
+
+def _modulo(a: _Part | None, b: _Part | None) -> _Part | None:
+    """Return a modulo b: an index modulo the extent of its axis wraps around."""
+    if a is None or b is None or (a.of, b.of, a.axis) != ("index", "extent", b.axis) or (b.low, b.high) != (0, 0):
+        return None
+    return _Part("wrapped", a.axis, a.low, a.high)
 
 
 def _least(a: _Part | None, b: _Part | None) -> _Part | None:
@@ -193,6 +219,7 @@ def _greatest(a: _Part | None, b: _Part | None) -> _Part | None:
 _OPERATIONS: dict[str, Callable[[Any, list[_Parts]], _Parts]] = {
     "add": lambda s, args: tuple(map(_sum, *args)),
     "sub": lambda s, args: tuple(_sum(a, _minus(b)) for a, b in zip(*args, strict=True)),
+    "floormod": lambda s, args: tuple(map(_modulo, *args)),
     "neg": lambda s, args: tuple(map(_minus, args[0])),
     "min": lambda s, args: tuple(map(_least, *args)),
     "max": lambda s, args: tuple(map(_greatest, *args)),

@@ -79,6 +79,28 @@ def stored(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
 
 
 @sh.program
+def torus(u: sh.Table[sh.Attrib1f, 2], f: sh.Attrib1f) -> dict:
+    """A stencil that is periodic along both axes, whose result depends on the place as well."""
+    i, n = sh.grid_index(2), sh.grid_shape(2)
+    around = u[(i + (0, 1)) % n] + u[(i - (0, 1)) % n] + u[(i + (2, 0)) % u.shape] + u[(i - (1, 0)) % n]
+    return {"u": 0.25 * around + 0.01 * f * i.x - 0.02 * i.y}
+
+
+@sh.program
+def tube(u: sh.Table[sh.Attrib1f, 2]) -> dict:
+    """A stencil that is periodic along one axis and clamped along the other."""
+    i = sh.grid_index(2)
+    column = (i.y - 2) % sh.grid_shape(2).y
+    return {"u": 0.5 * u[i.x, column] + 0.4 * u[i + (1, 0)] + 0.1 * u[i - (3, 0)]}
+
+
+@sh.program
+def mixed(u: sh.Table[sh.Attrib1f, 1]) -> sh.Attrib1f:
+    i = sh.grid_index(1)
+    return u[(i + 1) % sh.grid_shape(1)] + u[i - 1]
+
+
+@sh.program
 def far(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
     return u[sh.grid_index(2).yx]
 
@@ -159,6 +181,26 @@ def test_stencils_have_the_bits_of_one_run(name, chunks):
     found = sh.map_overlap(sh.repeat(kernel, 2), found)
     for stream in "uv":
         assert found[stream].compute().tobytes() == wanted[stream].numpy().tobytes()
+
+
+@every
+@pytest.mark.parametrize("chunks", [(10, 10), (40, 31), (7, 31), (3, 4)])
+@pytest.mark.parametrize("step", [torus, tube], ids=["torus", "tube"])
+def test_borders_that_wrap_around_have_the_bits_of_one_run(name, chunks, step):
+    kernel = step.compile(name)
+    given = {"u": U, "f": V} if step is torus else {"u": U}
+    wanted = sh.repeat(kernel, 6).run(**given).streams["u"].numpy()
+    lazy = given | {"u": cut(U, *chunks)}
+    found = sh.map_overlap(kernel, lazy, steps=4)
+    found = sh.map_overlap(sh.repeat(kernel, 2), lazy | {"u": found["u"]})
+    assert found["u"].compute().tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 9])
+def test_arrays_that_are_hardly_longer_than_the_reach_wrap_around(n):
+    wanted = sh.repeat(torus, 1).run(u=U[:n, :n], f=V[:n, :n]).streams["u"].numpy()
+    found = sh.map_overlap(torus, {"u": cut(U[:n, :n], 1, 2), "f": V[:n, :n]})["u"]
+    assert found.compute().tobytes() == wanted.tobytes()
 
 
 @every
@@ -245,6 +287,16 @@ REFUSED = [
         lambda: sh.map_overlap(gray_scott, {"u": cut(U, 9, 9)}),
         "sequence(gray_scott) lacks v",
         "sh.map_overlap(chain, {'u': u, 'v': v})",
+    ),
+    (
+        lambda: sh.map_overlap(mixed, {"u": cut(K, 9)}),
+        "sequence(mixed) reads across the border of axis 0 both modulo its length and clamped",
+        "% sh.grid_shape(n) in all indices, or in none",
+    ),
+    (
+        lambda: sh.map_overlap(torus, {"u": cut(U, 9, 9), "f": V}, steps=21),
+        "all steps read 42 elements along axis 0, which has 40, and wrap around",
+        "fewer steps, several times",
     ),
     (lambda: sh.map_overlap(far, {"u": cut(U, 9, 9)}, steps=0), "steps=0 is no number of executions", "steps=8"),
 ]
