@@ -280,7 +280,7 @@ def shading(tracer: Tracer) -> Any:
 
     def shade(ray: Any, nearest: Any, light: Any, point: Any, pixel: Any, state: Any) -> Any:
         SH_DISCARD(state == FINISHED)
-        hit: Any = nearest
+        hit = RayHit.held_in(nearest)
         surface: Any = point
         finished = sh.Attrib1b(False)
         path = PathState(pixel.color, light.scolor, light.rn, light.r, light.shadows, ray.tracing, finished)
