@@ -41,7 +41,7 @@ from shpy.backends.emit.tree import (
 )
 from shpy.backends.tree_text import tree_text
 from shpy.ir.nodes import Loc
-from shpy.ir.types import Type
+from shpy.ir.types import Base, Type
 
 Line = tuple[str, Loc | None]
 """One line of text, and the line of the user's code that it comes from."""
@@ -99,8 +99,21 @@ class Speller:
         raise KeyError(type)
 
     def number(self, e: Literal) -> Spelled:
-        """Spell a number."""
-        raise KeyError(e)
+        """Spell a number, such as `3`, `4u` or `true`."""
+        value, base = e.value, e.type.base
+        if base is Base.B:
+            return "true" if value else "false", Level.ATOM
+        if base is Base.U:
+            return f"{value}u", Level.ATOM
+        if base is not Base.I:
+            return self.float_number(float(value), base)
+        if value == -(2**31):  # C reads the sign apart from the number, which is out of range
+            return "(-2147483647 - 1)", Level.ATOM
+        return str(value), Level.UNARY if value < 0 else Level.ATOM
+
+    def float_number(self, value: float, base: Base) -> Spelled:
+        """Spell a float of a base."""
+        raise KeyError(value)
 
     def construct(self, e: Construct) -> Spelled:
         """Spell a vector."""

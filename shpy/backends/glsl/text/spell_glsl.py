@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backends.emit.spell_c import Level, Speller, is_negative
-from shpy.backends.emit.tree import AnyType, Cast, Construct, Declare, Literal
+from shpy.backends.emit.tree import AnyType, Cast, Construct, Declare
 from shpy.backends.glsl.text.prologue import spelled
 from shpy.ir.types import Base, Type
 
@@ -37,20 +37,11 @@ class GlslSpeller(Speller):
         how = f"{passed} " if passed else ""
         return f"{precise}{how}{super().declaration(type, name)}"
 
-    def number(self, e: Literal) -> tuple[str, Level]:
-        """Spell `0.1`, `3`, `4u`, `true`; by their bits floats that drivers do not read, or flush."""
-        value, base = e.value, e.type.base
-        if base is Base.B:
-            return "true" if value else "false", Level.ATOM
-        if base is Base.U:
-            return f"{value}u", Level.ATOM
-        if base is Base.I and value == -(2**31):
-            return "(-2147483647 - 1)", Level.ATOM
+    def float_number(self, value: float, base: Base) -> tuple[str, Level]:
+        """Spell `0.1`; by their bits floats that drivers do not read, or flush."""
         level = Level.UNARY if is_negative(value) else Level.ATOM
-        if base is Base.I:
-            return str(value), level
         if base is Base.D and np.isfinite(value):
-            return f"{float(value)!r}lf", level
+            return f"{value!r}lf", level
         rounded = np.float32(value)
         if not np.isfinite(rounded) or 0 < abs(rounded) < np.finfo(np.float32).tiny:
             by_bits = f"uintBitsToFloat(0x{rounded.view(np.uint32):08x}u)"

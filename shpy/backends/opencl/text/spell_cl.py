@@ -22,18 +22,9 @@ class ClSpeller(Speller):
         """Spell a type, such as `float3`."""
         return spelled(type)
 
-    def number(self, e: Literal) -> tuple[str, Level]:
-        """Spell `0.1f`, `3`, `4u`, `true`; a double without a suffix."""
-        value, base = e.value, e.type.base
-        if base is Base.B:
-            return "true" if value else "false", Level.ATOM
-        if base is Base.U:
-            return f"{value}u", Level.ATOM
-        if base is Base.I:
-            text = "(-2147483647 - 1)" if value == -(2**31) else str(value)
-        else:
-            text = _float_text(float(value), base)
-        return text, Level.UNARY if is_negative(value) or value != value else Level.ATOM
+    def float_number(self, value: float, base: Base) -> tuple[str, Level]:
+        """Spell `0.1f`; a double without a suffix."""
+        return _float_text(value, base), Level.UNARY if is_negative(value) or value != value else Level.ATOM
 
     def construct(self, e: Construct) -> tuple[str, Level]:
         """Spell `(float3)(a, b)`."""
