@@ -178,7 +178,7 @@ class Frame:
         return eye, rays.ray, rays.near, rays.limit, origin.astype(np.float32), np.float32(self.scale)
 
     def _converted(self, rays: Rays) -> tuple[Floats, Floats, Floats, Floats]:
-        """Convert rays to the kernel's coordinates, for numbers that f32 does not hold before."""
+        """Convert rays to the kernel's coordinates on the host, in f64, for numbers that f32 holds only afterwards."""
         exponent = _exponents(rays.ray)
         with np.errstate(over="ignore"):  # a range's end that leaves f64 is clipped
             eye = (rays.eye - self.origin) * self.scale

@@ -373,7 +373,7 @@ def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
 
 
 def _tuple_class(name: str, names: tuple[str, ...]) -> Any:
-    """Return a class for parts of these names. Any text is a name in the IR; what Python cannot call so is numbered."""
+    """Return a class for parts of these names. The IR takes any text as a name; one that Python refuses is numbered."""
     make: Any = namedtuple
     return make(name if name.isidentifier() and not iskeyword(name) else "Parts", names, rename=True)
 

@@ -48,7 +48,7 @@ class Evolution:
         self._streams = dict(streams)
 
     def reset(self) -> None:
-        """Go back to the streams at first."""
+        """Restore the streams that the chain began with."""
         self._streams = dict(self._first)
 
     def step(self, moment: Moment) -> None:

@@ -38,7 +38,7 @@ _seen: Final = threading.Event()
 
 
 def keeps_denormals() -> bool:
-    """Return whether this thread's arithmetic has denormal numbers: one exact product, which raises no flag."""
+    """Return whether this thread's arithmetic keeps denormals: it computes an exact product, which raises no flag."""
     return bool(_DENORMAL * _HALF)
 
 
@@ -52,7 +52,7 @@ class ieee_arithmetic:
         self._before = None if _DENORMAL * _HALF else _set_default()
 
     def __exit__(self, *_: object) -> None:
-        """Restore the environment of before."""
+        """Restore the environment that the thread had before."""
         if self._before is not None:
             _library().fesetenv(self._before)
 

@@ -98,7 +98,7 @@ def filled(inputs: Mapping[str, Any], moment: Moment, *, given: Iterable[str] = 
 
 
 def values_of(inputs: Mapping[str, Any], moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of inputs: the streams of their names, and for other inputs what their name is filled with."""
+    """Return the value of each input: the stream of its name, or else the value that its name is filled with."""
     given = {name: streams[name] for name in inputs if name in streams}
     return given | filled(inputs, moment, given=given)
 

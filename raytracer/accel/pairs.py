@@ -99,7 +99,7 @@ def _surface(one: Sequence[Any], other: Sequence[Any]) -> Any:
 
 
 class Join(NamedTuple):
-    """A box, and the axis along which the two that it holds are apart."""
+    """A box around two boxes, and the axis along which these two are farthest apart."""
 
     x: sh.Attrib1f
     y: sh.Attrib1f

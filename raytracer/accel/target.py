@@ -1,4 +1,4 @@
-"""On which backend the kernels run that build a hierarchy. Their results are the same on each.
+"""The backend of the kernels that build a hierarchy. Their results are the same on each.
 
 Stage: accelerate.
 

@@ -77,8 +77,8 @@ def _last(count: int) -> int:
 def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], backend: str = "numpy") -> WideBvh:
     """Return the wide form of a hierarchy over triangles, whose numbers are rounded to f32.
 
-    `rows` (3N, 4) are as in `triangle_rows`, `levels` (N,) how far the triangles' planes are from 0. The backend on
-    which nodes are chosen makes no difference to them.
+    `rows` (3N, 4) are as in `triangle_rows`, `levels` (N,) how far the triangles' planes are from 0. The result is the
+    same for every backend on which nodes are chosen.
     """
     tree = _with_small_leaves(_binary(bvh))
     found = families(tree, target_for(len(bvh.items), backend))

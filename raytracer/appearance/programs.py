@@ -128,7 +128,7 @@ UNSHADED = ("transmission", "ior", "emission")
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """The names of what a program reads of its hit or surface, and of what a `surface` gives."""
+    """The names of the fields that a program reads of its hit or surface, and of those that a `surface` gives."""
 
     reads: frozenset[str]
     gives: frozenset[str] = frozenset()

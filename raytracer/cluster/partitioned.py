@@ -190,7 +190,7 @@ class _Run:
                 load[home] += 1
 
     def _sent_to(self, home: str, part: PartData) -> Any:
-        """Send a part to a worker; raise the error of a loss where that has died since its address was asked for."""
+        """Send a part to a worker; raise the error of a lost worker if it died after its address was looked up."""
         from distributed import CancelledError
 
         try:

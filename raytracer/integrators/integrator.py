@@ -88,7 +88,7 @@ class Whitted(Integrator):
 
     @property
     def is_plain(self) -> bool:
-        """Return True if nothing is said about how rays find triangles."""
+        """Return True if the user chose no accelerator, grid or secondary accelerator."""
         return (self.accel, self.grid, self.secondary) == (None, None, None)
 
 

@@ -40,7 +40,7 @@ class CellBox:
 class CellWalk:
     """The place of a ray: in cell `voxel` (x, y, z) from the distance `t` on; at `far` it has left the grid.
 
-    A ray that misses the grid begins with t >= far, and so does one that is NaN: it is nowhere.
+    A ray that misses the grid begins with t >= far, and so does one that holds NaN.
     """
 
     def __init__(self, box: CellBox, ray: Any, eye: Any, near: Any) -> None:

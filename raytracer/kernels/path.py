@@ -140,7 +140,7 @@ class PathTracer:
         return True
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
-        """Record the program of a band of the picture, from the mean of the samples before to the mean with the new."""
+        """Record the program of a band of the picture: it adds new samples to the mean of the samples before."""
 
         @sh.program
         def paths(mean: sh.Color3f) -> Pixel:

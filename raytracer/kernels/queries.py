@@ -27,7 +27,7 @@ _QUARTER = 252 << 23
 
 
 class NearestHit(NamedTuple):
-    """A ray's nearest hit, and whether it is no ray."""
+    """A ray's nearest hit, and whether the input is not a ray."""
 
     t: sh.Attrib1f
     triangle: sh.Attrib1i
@@ -199,7 +199,7 @@ def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
     """Record the program that lists the next `size` hits of a ray in [near, limit) after the hit (`after`, `number`).
 
     `after` is in the kernel's coordinates; -infinity and -1 come before the first hit. The outputs are hits in fours,
-    the last hit's distance in the kernel's coordinates, and whether it is no ray.
+    the last hit's distance in the kernel's coordinates, and whether the input is not a ray.
     """
     made: Any = NamedTuple  # whose fields depend on the size
     fours = [(f"hits_{k}", Four) for k in range(0, size, 4)]

@@ -160,7 +160,7 @@ class Tracer:
         limit: Any,
         lightcol: Any,
     ) -> Any:
-        """Take in what a ray has met, and make it the mirrored ray where all light is in; gives whether that is all."""
+        """Shade what a ray has met, and mirror the ray after the last light; return whether the path ended."""
         tracing, finished, rays = path.tracing, path.finished, pixel.rays
         rays += sh.cond(limit > 0, 1, 0)
         with SH_IF(tracing):

@@ -135,7 +135,7 @@ class _Device:
             last, now = now, last
 
     def draw(self, shape: Any, target: Any, count: int, numbering: bool) -> None:
-        """Draw all spans, and keep the least of what each texel is given."""
+        """Draw all spans; each texel keeps the least number drawn into it."""
         import moderngl
 
         target.use()

@@ -88,7 +88,7 @@ class Clip:
         self.seconds = max((float(track.times[-1]) for track in self.tracks), default=0.0) - self.start
 
     def pose(self, time: float) -> dict[int, dict[str, list[float]]]:
-        """Return what the moved nodes have at a time in seconds after `start`, by their numbers."""
+        """Return the animated properties of each node at a time in seconds after `start`, by node number."""
         found: dict[int, dict[str, list[float]]] = {}
         for track in self.tracks:
             found.setdefault(track.node, {})[track.path] = track.at(self.start + time)

@@ -147,7 +147,7 @@ class GltfMaterials:
         return alpha_of(mode, factor, cutoff, picture, self.notices)
 
     def _clear(self, found: MetallicRoughness, entry: dict[str, Any], used: dict[str, Any] | None) -> MetallicRoughness:
-        """Return a material with the share that is clear, and what is in the body behind it."""
+        """Return a material with its transmission, and the medium inside the body."""
         factor = float(_extension(entry, "transmission").get("transmissionFactor", 0))
         if factor <= 0:
             return found

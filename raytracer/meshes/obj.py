@@ -186,7 +186,7 @@ def _table(numbers: Rows, width: int) -> NDArray[np.float64]:
 
 
 def _rows(table: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Return the rows of corners (T, 3), zeros for a corner of place -1; None if all corners are."""
+    """Return the rows of corners (T, 3), zeros for a corner of place -1; None if every place is -1."""
     return table[places] if (places >= 0).any() else None
 
 

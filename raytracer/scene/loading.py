@@ -143,7 +143,7 @@ def _reason(error: Exception) -> str:
 
 
 def smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Give those without normals some: together, as materials may divide one smooth surface."""
+    """Compute normals for the meshes without them, together, because materials may divide one smooth surface."""
     bare = [mesh for mesh in meshes if mesh.normals is None]
     if not bare:
         return list(meshes)

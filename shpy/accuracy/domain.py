@@ -150,7 +150,7 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
 
 
 def _within(said: Any, values: Array) -> Array:
-    """Return the special values in the domain's range; an array or a function has none but its own."""
+    """Return which special values are in the domain's range, (n,) bools; an array or a function adds none."""
     if not isinstance(said, tuple):
         return np.zeros(len(values), np.bool_)
     if values.dtype == np.bool_:

@@ -167,7 +167,7 @@ def _is_unknown(x: Any) -> bool:
 
 
 def _within(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a primitive operation take and give unknown numbers; what depends on one is not compared or chosen by."""
+    """Extend a primitive operation to unknown numbers; numbers that depend on one are not compared or chosen by."""
     compares = OPS[name].gives in ("B", "b")
 
     def known(*args: Any) -> Any:

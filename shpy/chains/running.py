@@ -206,7 +206,7 @@ class Run:
             self.flush()
 
     def admits(self, share: Share) -> bool:
-        """Return whether enough elements are ready, or any where the loop is `open`; notes who is held back."""
+        """Return whether enough elements are ready, or any if the loop is `open`; record members that are held back."""
         self.flush()
         count, is_enough = share.count(self.place, self.current)
         if is_enough or (count and self.open):

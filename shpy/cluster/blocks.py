@@ -63,7 +63,7 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
 
 
 def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
-    """Return the chunks of all axes; `chunks` says those along which only `shape` has elements."""
+    """Return the chunks of all axes; `chunks` gives those of axes that only `shape` has."""
     asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
     open_axes = [not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)]
     if chunks is not None and not all(open_axes):

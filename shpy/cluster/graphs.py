@@ -1,6 +1,6 @@
 """Graphs: a job for each block, and from what it returns the Dask arrays of the outputs.
 
-Stage: cluster. Dask's blockwise makes the tasks; the job is one key of the graph, so that each worker is sent it once.
+Stage: cluster. Dask's blockwise makes the tasks; the job is one key of the graph, so each worker receives it once.
 """
 
 from __future__ import annotations

@@ -397,7 +397,7 @@ def _nested(loop: Step) -> Step:
 
 
 def _counted(step: Step) -> Step:
-    """Let the first step of each iteration count it."""
+    """Make the first step of each iteration count the iteration."""
 
     def run(frame: Frame) -> int | None:
         *around, last = frame[0].iterations

@@ -25,7 +25,7 @@ class _Pause:
         self.was_on = False
 
     def enter(self) -> None:
-        """Turn the collector off in the first block."""
+        """Turn the garbage collector off when the first block opens."""
         with self.lock:
             if not self.threads:
                 self.was_on = gc.isenabled()

@@ -26,7 +26,7 @@ from shpy.view.controls import Controls
 
 
 def _script() -> str:
-    """Return the one module of the widget: the page's elements and controls, and what is the widget's own."""
+    """Return the widget's one module: the page's elements and controls, then the widget's own code."""
     page, own = files("shpy.view") / "page", files("shpy.notebook")
     parts = [page / "elements.js", page / "controls.js", own / "widget.js"]
     text = "\n".join(re.sub(r"^import .*$", "", part.read_text(), flags=re.MULTILINE) for part in parts)

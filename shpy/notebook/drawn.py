@@ -1,6 +1,6 @@
 """The pictures of a widget: of a program of pixels, or of a chain that runs on.
 
-Stage: view. A frame is asked for by its moment: a chain goes on where the frame has another number than the last one.
+Stage: view. A request names a frame by its moment; a chain advances when the frame's number differs from the last.
 
     Pixels(program, (640, 360), {"backend": "opencl"}).draw(Moment((640, 360), time=1.5))
 """
@@ -55,7 +55,7 @@ class Running:
         self._last = -1
 
     def draw(self, moment: Moment) -> Any:
-        """Return the output of a frame: the next one runs the chain, the last one is drawn again."""
+        """Return the output of a frame: the next frame runs the chain, and the last one is drawn again."""
         if moment.frame < self._last:
             self._evolution.reset()
             self._last = -1

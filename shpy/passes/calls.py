@@ -1,7 +1,7 @@
 """Subroutines for many lanes: one copy of a function for each way in which it is called.
 
-Stage: improve. Part of `vectorize`. What a copy is made for is which arguments vary from lane to lane, and whether only
-some lanes are active; then it gets their mask as one more argument, unless it has no use for it:
+Stage: improve. Part of `vectorize`. A copy is made for the arguments that vary from lane to
+lane, and for whether all lanes are active. If not, it gets their mask as one more argument, unless it never reads it:
 
     %r = call tone(%n, %k)       ->      %r = call tone(%n, %k, %active)      # n varies, k and r do not
 

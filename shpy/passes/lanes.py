@@ -137,7 +137,7 @@ class LaneBuilder:
         return frozenset() if here.mask is None else here.kept | self.scope.kept
 
     def meet(self, facts: set[int], stored: frozenset[int], live: frozenset[int]) -> None:
-        """Go from here to a point where ways meet, at which `facts` vary."""
+        """Join the control flow at a point at which `facts` vary."""
         facts |= self.state & stored & live
         for variable in sorted(facts - self.state):
             self.spread(variable)

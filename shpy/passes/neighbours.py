@@ -142,7 +142,7 @@ class _Finder:
                     self.parts[value.id] = tuple(part for part in wrapped if part is not None)
 
     def is_neighbour(self, name: str, index: int) -> bool:
-        """Return whether the index is the element's own, but for what is uniform."""
+        """Return whether the index is the element's own up to uniform offsets, on every axis."""
         parts = self.parts.get(index, ())
         if len({part.modulus is None for part in parts}) != 1:
             return False

@@ -44,6 +44,6 @@ class LoopFacts:
     """... and where all lanes leave together."""
 
     def size(self) -> int:
-        """Grows whenever something was found out."""
+        """Count the facts: the analysis repeats until their number stops growing."""
         sets = (self.copied, self.head, self.step, self.exit)
         return self.varying + self.continues + self.jumps + sum(map(len, sets))

@@ -294,7 +294,7 @@ def _check_apart(given: Sequence[tuple[str, NDArray[Any]]]) -> None:
 
 
 def _overlaps_itself(array: NDArray[Any]) -> bool:
-    """Return whether two elements may share memory; no array does that slicing and transposing make of a whole one."""
+    """Return whether two elements may share memory: never in what slicing and transposing make of a whole array."""
     reach = array.itemsize
     for stride, extent in sorted((abs(s), n) for s, n in zip(array.strides, array.shape, strict=True) if n > 1):
         if stride < reach:

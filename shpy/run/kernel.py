@@ -91,7 +91,7 @@ class Kernel(Unchanging):
 
     @property
     def device(self) -> Device:
-        """The device that it runs on. What is known of it may have to be asked first: `notes`."""
+        """The device that it runs on. Its facts, which a probe may have to find first, are in `notes`."""
         return backend_named(self.backend).devices()[self.options.device or 0]
 
     @property

@@ -111,7 +111,7 @@ class Stream(StreamReductions, Shown):
 
     @classmethod
     def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
-        """Return a stream of a shape at a place, for a kernel that writes every element: they are not set."""
+        """Return a stream of a shape at a place whose elements are not set, for a kernel that writes all of them."""
         dtypes = dtypes_at(place.precision)
         memories = [
             place.space.allocate(math.prod(shape), leaf.type, np.dtype(dtypes[leaf.base]))

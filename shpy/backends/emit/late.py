@@ -298,7 +298,7 @@ class _LatePlanner(Planner):
 
 
 def _letters_of(const: Let) -> int:
-    """Return the letters of a number, of which a vector repeats one or lists several, nearly."""
+    """Estimate the letters of a constant: a number, or a vector that repeats one number or lists several."""
     type = const.value.type
     assert isinstance(const.attr, tuple)
     numbers = decode(type, const.attr[:1] if len(set(const.attr)) == 1 else const.attr)
@@ -307,7 +307,7 @@ def _letters_of(const: Let) -> int:
 
 
 def _digits(x: float, base: Base) -> int:
-    """Return the letters of a number, nearly."""
+    """Estimate the letters of a number."""
     if base not in (Base.F, Base.H):
         return len(repr(x))
     text = f"{x:.7g}"

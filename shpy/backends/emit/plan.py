@@ -413,7 +413,7 @@ class Planner:
 
 
 def _letters_of(const: Let) -> int:
-    """Return the letters of a number, or of a vector of numbers, nearly."""
+    """Estimate the letters of a constant: a number or a vector of numbers."""
     type = const.value.type
     assert isinstance(const.attr, tuple)
     numbers = decode(type, const.attr[:1] if len(set(const.attr)) == 1 else const.attr)
@@ -422,7 +422,7 @@ def _letters_of(const: Let) -> int:
 
 
 def _digits(x: float) -> int:
-    """Return the letters of a binary32, nearly."""
+    """Estimate the letters of a binary32."""
     text = f"{x:.8g}"
     return len(text) if x != x or "." in text or "e" in text else len(text) + 2
 

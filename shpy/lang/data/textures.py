@@ -134,7 +134,7 @@ class TextureArgument(Texture2D):
 
     @property
     def mode(self) -> Any:
-        """Filter and wrap as a uniform."""
+        """The filter and the wrap as a uniform."""
         return self._mode
 
 

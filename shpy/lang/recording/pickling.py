@@ -13,7 +13,7 @@ from shpy.lang.recording.location import here
 
 
 class Unchanging:
-    """A value that does not change, so that its copies are itself."""
+    """A value that does not change, so a copy of it is the value itself."""
 
     def __copy__(self) -> Self:
         return self

@@ -42,7 +42,7 @@ def _components(row: Op, *args: Any) -> Any:
 
 
 def _vectors(row: Op, *args: Any) -> Any:
-    """Record an operation on whole vectors of one type, beside which a row may take scalars."""
+    """Record an operation on whole vectors of one type; some operations take scalars beside them."""
     what = f"sh.{row.name}"
     operands = [operand(a, what) for a in args]
     whole = [o for o, letter in zip(operands, row.takes, strict=True) if letter != "S"]

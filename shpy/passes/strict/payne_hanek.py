@@ -71,7 +71,7 @@ def quarters(x: Term, digits: Sequence[float], columns: int) -> tuple[list[Term]
 
 
 def payne_hanek(x: Term) -> Term:
-    """[high, low, k]: the scalar x, of FAR or more in size, is some turns and k * pi / 2 + high + low."""
+    """Return [high, low, k]: x, of FAR or more in size, is k * pi / 2 + high + low plus a multiple of 2 * pi."""
     (a, b, c), k = quarters(x, constants(x, TWO_BY_PI_DIGITS), _COLUMNS)
     part, part_low = fast_two_sum(a, b)
     part_low = (part_low + c).named("low")

@@ -36,7 +36,7 @@ def program(entry: Function, params: tuple[Param, ...] = (), tables: tuple[Table
 
 
 def values(name: str, types: tuple[Type, ...], size: int) -> list[Array]:
-    """Return an array for each argument: all pairs of up to two scalars, else a random choice, then other numbers."""
+    """Return an array for each argument: special values, in all pairs or by random choice, then ordinary numbers."""
     rng = np.random.default_rng(size)
     pools = [SPECIAL[t.base] for t in types]
     if size == 1 and len(types) <= 2:

@@ -481,7 +481,7 @@ def _held(type: Type) -> Any:
 
 
 def _argument(values: Array, type: Type | None = None) -> Any:
-    """Numbers as one argument: a scalar, or a vector, which is as long as four where it has three."""
+    """Return numbers as one argument: a scalar or a vector; a vector of three is padded to four."""
     flat = np.atleast_1d(values)
     if type is not None and type.is_bool and type.size > 1:
         flat = -flat
