@@ -1,49 +1,50 @@
 """The exponential function by way of binary64.
 
-Stage: improve. e to the x is 2**k times e to the r with |r| at most half of ln 2, and that a polynomial.
+Stage: improve. e to the x is 4**k times e to the r with |r| at most ln 2. Both are squares: of 2**k, which is a normal
+binary32, and of e to the r / 2, a polynomial. Binary64 holds all results, also those that are too large for binary32.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import EXP, EXP2, LN2
+from shpy.passes.exact.coefficients import LN2, ROOT_OF_EXP, ROOT_OF_EXP2
 from shpy.passes.exact.parts import horner
 from shpy.passes.strict.parts import MAGIC
-from shpy.passes.terms import Term, replaced, where
+from shpy.passes.terms import Term, where
 
-_NEAR: Final = 126
-"""Up to this in size, an exponent of two is that of one binary32."""
+_EVEN_MAGIC: Final = 2 * MAGIC[Base.F]
+"""A sum with it is rounded to an even whole number, half of which its low bits hold."""
 
 
 def exp(x: Term) -> Term:
-    """E to the x."""
-    shifted = (x * 1.442695 + MAGIC[Base.F]).named("shifted")
-    k = (shifted - MAGIC[Base.F]).based(Base.D).named("k")
+    """E to the x: 0 or infinite where it is clamped."""
+    near = clamped(x, -105.0, 90.0).named("near")
+    shifted = (near * 1.442695 + _EVEN_MAGIC).named("shifted")
+    k = (shifted - _EVEN_MAGIC).based(Base.D).named("k")
     ln2, ln2_low = LN2
-    r = k.mul_add(-ln2_low, k.mul_add(-ln2, x.based(Base.D))).named("r")
-    return _scaled(x, horner(r, EXP), shifted, _NEAR * 0.693, (-105.0, 90.0))
+    r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
+    return _squared(horner(r, ROOT_OF_EXP), shifted)
 
 
 def exp2(x: Term) -> Term:
-    """2 to the x."""
-    shifted = (x + MAGIC[Base.F]).named("shifted")
-    r = (x - (shifted - MAGIC[Base.F])).based(Base.D).named("r")
-    return _scaled(x, horner(r, EXP2), shifted, _NEAR, (-152.0, 130.0))
+    """2 to the x: 0 or infinite where it is clamped."""
+    near = clamped(x, -152.0, 130.0).named("near")
+    shifted = (near + _EVEN_MAGIC).named("shifted")
+    r = (near - (shifted - _EVEN_MAGIC)).based(Base.D).named("r")
+    return _squared(horner(r, ROOT_OF_EXP2), shifted)
 
 
-def _scaled(x: Term, y: Term, shifted: Term, near: float, ends: tuple[float, float]) -> Term:
-    """Return y * 2**k for `shifted`, which is k + MAGIC; beyond the ends of x it is 0 or infinite."""
-    low, high = ends
-    result = (y * _power(shifted.op("bits_from_float"))).based(Base.F)
+def clamped(x: Term, low: float, high: float) -> Term:
+    """Return the number from low to high that is nearest to x; NaN stays."""
+    return where(x > high, high, where(x < low, low, x))
 
-    def far() -> list[Term]:
-        inside = times_power(y, shifted).based(Base.F)
-        return [where(x > high, math.inf, where(x < low, 0.0, inside))]
 
-    return replaced((abs(x) > near).named("far"), {"result": result}, far)[0]
+def _squared(y: Term, shifted: Term) -> Term:
+    """Return (y * 2**k) squared, for `shifted` of 2 k + _EVEN_MAGIC."""
+    root = (y * _power(shifted.op("bits_from_float"))).named("root")
+    return root * root
 
 
 def times_power(y: Term, shifted: Term) -> Term:

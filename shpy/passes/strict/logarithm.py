@@ -59,17 +59,16 @@ def parted(x: Term) -> Pair:
     """(f, k): x is 2**k * (1 + f), for positive finite x, denormal ones too."""
     if x.type.base is Base.D:
         return _parted_double(x)
-    tiny = (x < 2.0**-126).named("tiny")
-    mantissa, exponent = mantissa_and_exponent(where(tiny, x * 2.0**23, x))
-    k = exponent - where(tiny, x.constant(150), 127.0)
+    mantissa, k = mantissa_and_exponent(x)
     return (mantissa - 1).named("f"), k.named("k")
 
 
 def mantissa_and_exponent(x: Term) -> Pair:
-    """(m, e): x is 2**(e - 127) * m with m between the roots of 1/2 and 2, for a positive normal binary32."""
-    moved = (x.op("bits_from_float") + (0x3F800000 - _ROOT_HALF)).named("moved")
+    """(m, k): x is 2**k * m with m between the roots of 1/2 and 2, for a positive finite binary32, denormal too."""
+    tiny = (x < 2.0**-126).named("tiny")
+    moved = (where(tiny, x * 2.0**23, x).op("bits_from_float") + (0x3F800000 - _ROOT_HALF)).named("moved")
     mantissa = ((moved & 0x7FFFFF) + _ROOT_HALF).op("float_from_bits")
-    return mantissa, (moved >> 23).based(Base.F)
+    return mantissa, (moved >> 23).based(Base.F) - where(tiny, x.constant(150), 127.0)
 
 
 def _parted_double(x: Term) -> Pair:
