@@ -114,7 +114,7 @@ def _program(function: Callable[..., Any], others: int) -> sh.Program:
 
 def functions(mesh: Mesh, quick: bool) -> Table:
     """Return a row for each function: its greatest errors in strict and portable mode, and its cost in each mode."""
-    available = [b.name for b in sh.backends() if b.available and b.name != "glsl"]
+    available = [b.name for b in sh.backends() if b.available]
     stride, count = (65_521, 1 << 16) if quick else (1_021, 1 << 19)
     rows = []
     shares: dict[str, list[list[float]]] = {backend: [] for backend in available}

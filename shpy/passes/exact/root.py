@@ -23,9 +23,9 @@ def rsqrt(x: Term) -> Term:
 
 def _in_binary32(x: Term, near: Term) -> Term:
     """Return 1 - root near - rest near for x near = root + rest, whose numbers are all in the range of binary32."""
-    root = (x * near).named("root")
-    rest = x.mul_add(near, -root).named("rest")
-    return (-root).mul_add(near, 1.0) - rest * near
+    minus_root = (-(x * near)).named("minus_root")
+    rest = x.mul_add(near, minus_root)
+    return minus_root.mul_add(near, 1.0) - rest * near
 
 
 def _in_binary64(x: Term, near: Term) -> Term:
