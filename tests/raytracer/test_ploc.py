@@ -38,6 +38,15 @@ def test_morton_order_goes_through_octants_one_after_the_other():
     assert step.mean() < 0.15 * np.linalg.norm(np.diff(near, axis=0), axis=1).mean()
 
 
+def test_morton_order_is_that_of_interleaved_bits():
+    """For 2,000 points a key has 17 bits for each axis, of which the oracle interleaves the digits as text."""
+    near = np.random.default_rng(5).uniform(0, 2, (2000, 3)).astype(np.float32)
+    near[1000:] /= 2**8  # these differ in their last digits only
+    digits = [[f"{int(c):017b}" for c in place] for place in near * np.float32(2**16)]
+    keys = ["".join(z + y + x for x, y, z in zip(*place, strict=True)) for place in digits]
+    assert morton_order(near).tolist() == sorted(range(len(near)), key=keys.__getitem__)
+
+
 @pytest.mark.parametrize("corners", [sphere(rings=32, segments=64).corners, random_triangles(3000, 0.05, 7)])
 def test_rays_visit_hardly_more_nodes_than_from_the_top_down(corners):
     assert sum(cost(build_ploc(corners))) < 1.1 * sum(cost(build_bvh(corners)))
