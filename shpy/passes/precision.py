@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
-from shpy.errors import ShpyTypeError
+from shpy.errors import CompileError
 from shpy.ir.constants import decode, from_array, to_array
 from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
 from shpy.ir.types import Base, Type
@@ -33,7 +33,7 @@ _BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}
 def set_precision(module: Module, precision: Precision = "f32") -> Module:
     """Return the module at this precision of the working float; KeyError for a precision that does not exist.
 
-    Raises ShpyTypeError, at the line of the constant, for one that this precision does not hold.
+    Raises CompileError, at the line of the constant, for one that this precision does not hold.
     """
     working = _BASES[precision]
     changed = each_function(module, lambda f, functions: _Working(f, functions, Base.F, working).run())
@@ -111,7 +111,7 @@ def _held(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
     for number, kept in zip(decode(value.type, attr), decode(value.type, held), strict=True):
         if math.isinf(kept) and math.isfinite(number):
             precision, wider = {Base.H: ("f16", "f32"), Base.F: ("f32", "f64")}[value.type.base]
-            raise ShpyTypeError(
+            raise CompileError(
                 f"{number} is out of the range of f at precision {precision}",
                 loc=value.loc,
                 cure=f"float('inf') if infinity is meant, or precision=\"{wider}\"",

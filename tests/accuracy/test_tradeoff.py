@@ -186,3 +186,13 @@ def test_the_command_fails_where_nothing_is_close_enough(tmp_path, capsys):
     ]
     assert cli.main([*words, "--error", "0.001ulp", "--precision", "f16", "--domain", "x=2:3"]) == 1
     assert "no variant of near_one keeps ulp(0.001)" in capsys.readouterr().err
+
+
+def test_a_precision_that_does_not_hold_a_constant_is_skipped():
+    @sh.program
+    def enlarged(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * 70000.0
+
+    found = sh.accuracy.tradeoff(enlarged, NEAR_ONE, sh.accuracy.ulp(1), **{**FEW, "precision": ["f16", "f32"]})
+    assert {c.variant.precision for c in found.candidates} == {"f32"}
+    assert {reason for _, reason in found.skipped} == {"70000.0 is out of the range of f at precision f16"}

@@ -3,6 +3,7 @@
 import argparse
 import math
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -287,3 +288,14 @@ def test_a_request_gives_the_options_back():
     assert found.environment == Path("sky.png")
     assert found.camera == (1, 2, 3)
     assert math.isclose(found.background[0], 1)
+
+
+def test_a_view_tells_at_every_opening_what_is_ignored_in_a_file(tmp_path):
+    """Python itself shows the warning of a line once, and hides those that a filter ignores."""
+    (tmp_path / "t.mtl").write_text("newmtl paint\nmap_Kd gone.png\n")
+    path = tmp_path / "t.obj"
+    path.write_text("mtllib t.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        told = [opened(path, "--backend", "numpy").describe()["notices"] for _ in range(2)]
+    assert told == [["t.obj: ignored: pictures of meshes without uv coordinates (1)"]] * 2

@@ -74,7 +74,7 @@ def test_a_constant_that_f16_does_not_hold_is_an_error_at_its_line(number):
         return v * sh.Attrib3f(1, number, 2)
 
     assert np.isfinite(scaled([1.0, 1.0, 1.0])).all()
-    with pytest.raises(sh.ShpyTypeError) as caught:
+    with pytest.raises(sh.CompileError) as caught:
         scaled.compile("numpy", precision="f16")
     assert caught.value.message == f"{float(number)} is out of the range of f at precision f16"
     assert caught.value.cure == "float('inf') if infinity is meant, or precision=\"f32\""
