@@ -1,4 +1,4 @@
-"""Put small faults into backends, passes and kernels, and see whether the tests find them.
+"""Put small faults into backends, passes, kernels, accelerators and the view, and see whether the tests find them.
 
     python -m tests.mutation --seed 1                   # 60 faults; hours on two cores
     python -m tests.mutation --seed 1 --count 5 --fast  # only the fast tests of each part
@@ -51,6 +51,15 @@ PARTS = {
     "kernels": Part(
         ("raytracer/kernels", "raytracer/integrators", "shpy/library"),
         ("tests/raytracer/test_kernel_texts.py", "tests/raytracer/test_render.py", "tests/library"),
+    ),
+    "structures": Part(
+        ("raytracer/accel", "raytracer/view"),
+        (
+            "tests/raytracer/test_ploc.py",
+            "tests/raytracer/test_wide.py",
+            "tests/raytracer/test_moving.py",
+            "tests/raytracer/test_view_session.py",
+        ),
     ),
 }
 
@@ -197,7 +206,7 @@ def copied(folder: Path) -> None:
 
 def finder_of(fault: Fault, folder: Path, fast: bool, tests: list[str]) -> str | None:
     """Return the test that finds a fault, among `tests` if there are any; None where it survives."""
-    source = (ROOT / fault.path).read_text()
+    source = (folder / fault.path).read_text()  # the copy is as it was when the faults were drawn
     (folder / fault.path).write_text(fault.applied(source))
     try:
         found = first_failure(folder, ["-n0", *(tests or PARTS[fault.part].tests)])
