@@ -83,7 +83,7 @@ STUDIES = (
         "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
         "glass": equal_error.glass,
         "glass-rays": glass_rays.glass_rays,
-        "moving": lambda mesh, quick: moving.moving(quick),
+        "moving": lambda mesh, quick: moving.moving(mesh, quick),
         "refits": lambda mesh, quick: refits.refits(quick),
         "cluster": lambda mesh, quick: clusters.cluster(quick),
         "partitions": lambda mesh, quick: clusters.partitions(quick),

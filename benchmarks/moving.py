@@ -1,9 +1,9 @@
 """Frames of scenes in which an object moves or is deformed, in times of the frame in which nothing has changed.
 
-    print(moving(quick=False).markdown())
+    print(moving(mesh, quick=False).markdown())
 
-Scenes: a ring that turns over a hilly field of a million triangles, a ring that waves on a floor, and the built-in
-scene `boxes`, of which one box turns. A frame with a change includes the new tables of the object.
+Scenes: a ring with smooth normals and the mesh that is given, as flat triangles, each of which turns over a hilly field
+of a million triangles; a ring that waves on a floor; and the built-in scene `boxes`, of which one box turns. A frame with a change includes the new tables of the object.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ _SHAPES = 8
 Change = Callable[[Renderer, int], None]
 
 
-def moving(quick: bool) -> Table:
+def moving(mesh: Mesh, quick: bool) -> Table:
     """Return the milliseconds of frames with a change and without one, and their ratios, round by round."""
     size, turns = ((32, 32), 2) if quick else ((512, 512), 15)
-    rows = [_row(name, scene, number, change, size, turns) for name, (scene, number, change) in cases(quick).items()]
+    rows = [
+        _row(name, scene, number, change, size, turns) for name, (scene, number, change) in cases(mesh, quick).items()
+    ]
     note = (
         f"{size[0]} x {size[1]} pixels on {backend()}: medians of {turns} rounds, with the first and the third "
         f"quartile. Ratios are to the unchanged frame in the same round, of a renderer that nothing moves in, and "
@@ -37,7 +39,7 @@ def moving(quick: bool) -> Table:
     return Table("moving", note, HEAD, rows)
 
 
-def cases(quick: bool) -> dict[str, tuple[Scene, int, Change]]:
+def cases(mesh: Mesh, quick: bool) -> dict[str, tuple[Scene, int, Change]]:
     """Return the scenes, the number of the object that changes, and what changes it for a frame."""
     segments, across = (12, 20) if quick else (264, 707)
     ring = dataclasses.replace(torus(1.0, 0.4, segments=segments, sides=segments // 2), name="ring")
@@ -49,13 +51,24 @@ def cases(quick: bool) -> dict[str, tuple[Scene, int, Change]]:
     def wave(renderer: Renderer, frame: int) -> None:
         renderer.deform(0, shapes[frame % _SHAPES], normals)
 
-    over = Scene([ring, field(across)], lights, camera)
+    def turn(renderer: Renderer, frame: int) -> None:
+        renderer.move(0, turned(10 * frame))
+
+    hills, body = field(across), flat(mesh)
+    over, above = (Scene([turning, hills], lights, camera) for turning in (ring, body))
     on = Scene([ring, floor(10).moved((0, -1, 0))], lights, camera)
     return {
-        "turning ring over a field": (over, 0, lambda renderer, frame: renderer.move(0, turned(10 * frame))),
+        "turning ring over a field": (over, 0, turn),
+        f"turning {body.name} over a field": (above, 0, turn),
         "waving ring on a floor": (on, 0, wave),
         "turning box of three": (Scene.builtin("boxes"), 2, lambda renderer, k: renderer.move(2, turned(5 * k))),
     }
+
+
+def flat(mesh: Mesh) -> Mesh:
+    """Return a mesh without normals and colours about 0, as wide as the ring."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return Mesh((mesh.vertices - (low + high) / 2) * (2.8 / (high - low).max()), mesh.faces, name=mesh.name)
 
 
 def field(across: int) -> Mesh:

@@ -77,7 +77,7 @@ class Forest:
         self.objects = [_Object(self.bvh, *place) for place in zip(roots, places, [m[0] for m in moving], strict=False)]
         for known, (first, past) in zip(self.objects, self.moving, strict=True):
             known.put(self._built(corners[first:past]))
-        self.shapes = [Shape(size, self.dtype) for size in sizes]
+        self.shapes = [Shape(size, self.dtype, backend) for size in sizes]
         self.past_objects = END
         if self.still is not None:
             self.past_objects = int(roots[-1])

@@ -1,8 +1,9 @@
 """The tables of the triangles of one object that moves or is deformed, computed anew between two pictures.
 
 Stage: accelerate. Takes the vertices (V, 3) of an object in a kernel's coordinates, rounded to its working precision,
-and faces (F, 3); a `Shape` keeps the tables of them. A few thousand triangles at a time are computed, whose numbers the
-processor's cache holds, and the memory stays: pages that a process has just got take longer than the arithmetic.
+and faces (F, 3); a `Shape` keeps the tables of them. The planes of many triangles are computed by a kernel, those of
+few with numpy, which gives the same numbers. Numpy does a few thousand triangles at a time, whose numbers the processor's cache
+holds. The memory stays: pages that a process has just got take longer than the arithmetic.
 
 >>> shape = Shape(1, np.dtype(np.float32))
 >>> shape.take(np.eye(3), np.array([[0, 1, 2]]), np.empty((3, 4)))
@@ -17,8 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.planes import copy_columns, levels_between, normals_between, parts
+import shpy as sh
+from raytracer.accel.plane_kernel import plane_kernel
+from raytracer.accel.planes import constant, copy_columns, levels_between, normals_between, parts
 from raytracer.accel.space import Rows
+
+MANY = 1 << 14
+"""Triangles from which on a kernel takes less time than numpy."""
 
 
 class Shape:
@@ -26,12 +32,16 @@ class Shape:
 
     `rows` (3n, 4) are those of `triangle_rows`, `levels` (n,) how far their planes are from 0. `sides` (n, 6) are the
     lower corners of the boxes around the triangles and the upper ones with the opposite sign: one minimum joins boxes.
+    The `backend` that computes them makes no difference to them.
     """
 
-    def __init__(self, count: int, dtype: np.dtype[Any]) -> None:
+    def __init__(self, count: int, dtype: np.dtype[Any], backend: str = "numpy") -> None:
         self.rows: NDArray[np.floating] = np.empty((0, 4))
         self.levels = np.empty(count)
         self.sides = np.empty((count, 6), dtype)
+        self.kernel = plane_kernel(backend) if count >= MANY else None
+        self._faces: tuple[Any, Any] = None, None
+        self._vertices: sh.Table | None = None
 
     def __len__(self) -> int:
         """Return the number of triangles."""
@@ -44,17 +54,42 @@ class Shape:
 
     def take(self, vertices: Rows, faces: NDArray[np.int64], rows: NDArray[np.floating]) -> None:
         """Compute all tables anew from vertices (V, 3) and faces (n, 3); `rows` is the memory for those."""
-        self.rows, columns = rows, np.ascontiguousarray(vertices.T)
-        places = rows.reshape(-1, 3, 4)
+        self.rows = rows
+        padded = np.zeros((len(vertices), 4), rows.dtype)
+        copy_columns(padded, vertices)
+        padded.take(faces.reshape(-1), axis=0, out=rows, mode="clip")  # without "clip" numpy fills a copy
+        if self.kernel is None:
+            self._compute(vertices, faces)
+        else:
+            self._run(vertices, faces)
+
+    def _compute(self, vertices: Rows, faces: NDArray[np.int64]) -> None:
+        columns, normals_at = np.ascontiguousarray(vertices.T), self._normals
         for part in parts(len(self)):
             a, b, c = _gathered(columns, faces[part])
             normals = normals_between(a, b, c)
             self.levels[part] = levels_between(a, b, c, normals)
             copy_columns(self.sides[part], np.minimum(np.minimum(a, b), c))
             copy_columns(self.sides[part, 3:], -np.maximum(np.maximum(a, b), c))
-            for corner, place in enumerate((a, b, c)):
-                copy_columns(places[part, corner], place)
-            copy_columns(places[part, :, 3], normals)
+            copy_columns(normals_at[part], normals)
+
+    def _run(self, vertices: Rows, faces: NDArray[np.int64]) -> None:
+        if self._faces[0] is not faces:
+            self._faces = faces, constant(faces.astype(np.int32))
+        if self._vertices is None or len(self._vertices) != len(vertices):
+            self._vertices = sh.Table(vertices, sh.Attrib3f, "vertices")
+        else:
+            self._vertices.update(vertices)
+        assert self.kernel is not None
+        normals, self.levels[:], low, high = self.kernel(self._faces[1], self._vertices)
+        self._normals[:] = normals
+        copy_columns(self.sides, low)
+        copy_columns(self.sides[:, 3:], high)
+
+    @property
+    def _normals(self) -> NDArray[np.floating]:
+        """The place of the normals (n, 3) in the rows."""
+        return self.rows.reshape(-1, 3, 4)[:, :, 3]
 
 
 def _gathered(columns: Rows, faces: NDArray[np.int64]) -> NDArray[np.float64]:

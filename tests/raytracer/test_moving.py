@@ -11,6 +11,8 @@ from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointL
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.forest import Forest
+from raytracer.accel.plane_kernel import plane_program
+from raytracer.accel.shape import Shape
 from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 
@@ -300,3 +302,38 @@ def test_a_refitted_hierarchy_is_built_anew_when_it_has_degraded():
     assert found.rebuilt == 1
     take(found, shuffled)
     assert found.rebuilt == 1
+
+
+def hard_triangles():
+    """Return vertices (V, 3) and faces: tiny and huge triangles, some without area, some with corners at 0."""
+    rng = np.random.default_rng(5)
+    vertices = rng.normal(size=(600, 3)) * 2.0 ** rng.integers(-60, 28, (600, 1))
+    vertices[100:120] = 0
+    vertices[200:260, 1] = 0
+    return vertices.astype(np.float32).astype(np.float64), rng.integers(0, 600, (2000, 3))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+def test_the_kernel_computes_the_tables_that_numpy_does(backend):
+    vertices, faces = hard_triangles()
+    shapes = [Shape(len(faces), np.dtype(np.float32)) for _ in range(2)]
+    assert shapes[0].kernel is None
+    shapes[1].kernel = plane_program().compile(backend, precision="f64")
+    for step in range(2):
+        for shape in shapes:
+            shape.take(vertices + step, faces, np.empty((3 * len(faces), 4), np.float32))
+        for name in ("rows", "levels", "sides"):
+            one, other = (getattr(shape, name) for shape in shapes)
+            assert np.array_equal(one, other), name
+
+
+def test_pictures_of_objects_whose_tables_a_kernel_computes(monkeypatch):
+    monkeypatch.setattr("raytracer.accel.shape.MANY", 1)
+    made = scene()
+    renderer = Renderer(made, backend="opencl")
+    ball = made.meshes[0]
+    for angle in (20, 50):
+        renderer.move("ball", turned(angle))
+        there = {"ball": ball.transformed(turned(angle))}
+        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="opencl").render(SIZE))
+    assert renderer.layout.forest.shapes[0].kernel is not None
