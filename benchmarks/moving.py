@@ -3,7 +3,8 @@
     print(moving(mesh, quick=False).markdown())
 
 Scenes: a ring with smooth normals and the mesh that is given, as flat triangles, each of which turns over a hilly field
-of a million triangles; a ring that waves on a floor; and the built-in scene `boxes`, of which one box turns. A frame with a change includes the new tables of the object.
+of a million triangles; a ring that waves on a floor; and the built-in scene `boxes`, of which one box turns. A frame
+with a change includes the new tables of the object.
 """
 
 from __future__ import annotations

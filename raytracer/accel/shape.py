@@ -2,8 +2,8 @@
 
 Stage: accelerate. Takes the vertices (V, 3) of an object in a kernel's coordinates, rounded to its working precision,
 and faces (F, 3); a `Shape` keeps the tables of them. The planes of many triangles are computed by a kernel, those of
-few with numpy, which gives the same numbers. Numpy does a few thousand triangles at a time, whose numbers the processor's cache
-holds. The memory stays: pages that a process has just got take longer than the arithmetic.
+few with numpy, which gives the same numbers. Numpy does a few thousand triangles at a time, whose numbers the
+processor's cache holds. The memory stays: pages that a process has just got take longer than the arithmetic.
 
 >>> shape = Shape(1, np.dtype(np.float32))
 >>> shape.take(np.eye(3), np.array([[0, 1, 2]]), np.empty((3, 4)))
