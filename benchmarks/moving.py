@@ -20,7 +20,17 @@ from benchmarks.studies import PAUSE, Table, backend, spread
 from raytracer import Camera, Mesh, PointLight, Renderer, Scene
 from raytracer.meshes.shapes import floor, torus
 
-HEAD = ("scene", "triangles", "moving", "unchanged ms", "changed ms", "of which tables ms", "ratio", "ratio, same walk")
+HEAD = (
+    "scene",
+    "triangles",
+    "moving",
+    "unchanged ms",
+    "changed ms",
+    "of which tables ms",
+    "ratio",
+    "of CPU",
+    "ratio, same walk",
+)
 _SHAPES = 8
 """Shapes of the ring that waves, made before: whoever deforms an object computes its vertices."""
 Change = Callable[[Renderer, int], None]
@@ -105,9 +115,9 @@ def _row(name: str, scene: Scene, number: int, change: Change, size: tuple[int, 
         again = _milliseconds(lambda: changed.render(size))
         found.append((unchanged, tables + drawn, tables, again))
     assert changed.builds == builds, "a change has built the whole scene anew"
-    unchanged, whole, tables, again = np.transpose(found)
+    (unchanged, whole, tables, again), (unchanged_cpu, whole_cpu, *_) = np.transpose(found, (2, 1, 0))
     times = [spread(values, 1) for values in (unchanged, whole, tables)]
-    ratios = [spread(whole / unchanged, 2), spread(whole / again, 2)]
+    ratios = [spread(whole / unchanged, 2), spread(whole_cpu / unchanged_cpu, 2), spread(whole / again, 2)]
     return [name, f"{scene.triangles:,}", f"{len(scene.meshes[number]):,}", *times, *ratios]
 
 
@@ -117,7 +127,9 @@ def _prepare(renderer: Renderer, change: Change, frame: int) -> None:
     renderer._follow_motion()
 
 
-def _milliseconds(run: Callable[[], Any]) -> float:
-    started = time.perf_counter()
+def _milliseconds(run: Callable[[], Any]) -> np.ndarray:
+    """Return the milliseconds that a call takes, and those of CPU time of all threads."""
+    clocks = (time.perf_counter, time.process_time)
+    started = [clock() for clock in clocks]
     run()
-    return 1e3 * (time.perf_counter() - started)
+    return 1e3 * np.array([clock() - start for clock, start in zip(clocks, started, strict=True)])

@@ -41,7 +41,7 @@ class Shape:
         self.sides = np.empty((count, 6), dtype)
         self.kernel = plane_kernel(backend) if count >= MANY else None
         self._faces: tuple[Any, Any] = None, None
-        self._vertices: sh.Table | None = None
+        self._vertices: sh.Table[Any] | None = None
 
     def __len__(self) -> int:
         """Return the number of triangles."""
