@@ -73,6 +73,7 @@ STUDIES = (
         "importing": startup.importing,
         "functions": functions.functions,
         "modes": functions.modes,
+        "strict-frames": functions.strict_frames,
         "widths": widths.widths,
         "frames-auto": animation.frames_auto,
         "calls": calls.calls,

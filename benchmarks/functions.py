@@ -4,7 +4,8 @@
 
 A program calls a function eight times for each element; one that only adds is taken off. Times are of all cores, so
 that others at work matter little, and the least of several calls, all modes in turns. Errors are the greatest over
-binary32 in a stride, against binary64. `modes` compares whole kernels in the same way.
+binary32 in a stride, against binary64. `modes` compares whole kernels in the same way,
+and `strict-frames` whole frames.
 """
 
 from __future__ import annotations
@@ -17,10 +18,14 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
+from benchmarks import studies
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
-from benchmarks.studies import Table
+from benchmarks.rounds import once
+from benchmarks.studies import Table, spread
 from benchmarks.work import Work
 from raytracer import Mesh
+from raytracer.integrators.renderer import Renderer
+from raytracer.scenes import glass, materials
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.passes.modes import MODES
 
@@ -173,3 +178,21 @@ def modes(mesh: Mesh, quick: bool) -> Table:
     rows.append(["geometric mean", *(f"{mean:.2f}" for mean in geometric_means(ratios))])
     note = "Core time in multiples of that in relaxed mode."
     return Table("What modes cost", note, ["kernel", *(f"{b} {mode}" for b in available for mode in others)], rows)
+
+
+FRAMES = (materials, glass)
+
+
+def strict_frames(mesh: Mesh, quick: bool) -> Table:
+    """Return a row for each scene: the milliseconds of a frame in strict and in portable mode, and their ratio."""
+    size, rounds = (32, 3) if quick else (512, 31)
+    rows = []
+    for make in FRAMES:
+        strict, portable = (Renderer(make(), backend=studies.backend(), math=mode) for mode in ("strict", "portable"))
+        runs = [partial(renderer.render, (size, size)) for renderer in (strict, portable)]
+        for run in runs:
+            run()
+        taken = np.array([[once(run) for run in runs] for _ in range(rounds)])
+        rows.append([make.__name__, *(spread(t * 1e3, 2) for t in taken.T), spread(taken[:, 0] / taken[:, 1], 3)])
+    note = f"{size} x {size} pixels on {studies.backend()}: medians and quartiles of {rounds} frames each, in turns."
+    return Table("What strict functions cost in frames", note, ["scene", "strict, ms", "portable, ms", "ratio"], rows)
