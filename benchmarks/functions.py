@@ -20,7 +20,6 @@ import numpy as np
 import shpy as sh
 from benchmarks import studies
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
-from benchmarks.rounds import once
 from benchmarks.studies import Table, spread
 from benchmarks.work import Work
 from raytracer import Mesh
@@ -184,15 +183,13 @@ FRAMES = (materials, glass)
 
 
 def strict_frames(mesh: Mesh, quick: bool) -> Table:
-    """Return a row for each scene: the milliseconds of a frame in strict and in portable mode, and their ratio."""
-    size, rounds = (32, 3) if quick else (512, 31)
+    """Return a row for each scene: the core time of a frame in strict and in portable mode, and their ratio."""
+    size, rounds = (32, 3) if quick else (512, 61)
     rows = []
     for make in FRAMES:
         strict, portable = (Renderer(make(), backend=studies.backend(), math=mode) for mode in ("strict", "portable"))
-        runs = [partial(renderer.render, (size, size)) for renderer in (strict, portable)]
-        for run in runs:
-            run()
-        taken = np.array([[once(run) for run in runs] for _ in range(rounds)])
+        runs = [renderer.render for renderer in (strict, portable)]
+        taken = np.array([[core_seconds(run, (size, size)) for run in runs] for _ in range(1 + rounds)])[1:]
         rows.append([make.__name__, *(spread(t * 1e3, 2) for t in taken.T), spread(taken[:, 0] / taken[:, 1], 3)])
-    note = f"{size} x {size} pixels on {studies.backend()}: medians and quartiles of {rounds} frames each, in turns."
+    note = f"{size} x {size} pixels on {studies.backend()}: core time, medians and quartiles of {rounds} frames each, in turns."
     return Table("What strict functions cost in frames", note, ["scene", "strict, ms", "portable, ms", "ratio"], rows)
