@@ -111,6 +111,42 @@ def test_a_step_that_reads_what_the_body_makes_stands_in_the_body():
     assert made.steps == set()
 
 
+def test_the_head_of_a_loop_takes_no_start_of_an_inner_counter():
+    """The inner counter starts once, before both loops: its start is no part of the outer loop's head."""
+    made = planned("""
+  var $i.1: i
+  var $j.2: i
+  %2: i = const 0
+  %3: i = const 1
+  store $i.1 = %2
+  store $j.2 = %2
+  loop {
+    %4: i = load $j.2
+    %5: b = ge %4, %n.1
+    if %5 {
+      break
+    }
+    loop {
+      %6: i = load $i.1
+      %7: b = ge %6, %n.1
+      if %7 {
+        break
+      }
+      store $result.0 = %a.0
+    } continuing {
+      %8: i = load $i.1
+      %9: i = add %8, %3
+      store $i.1 = %9
+    }
+  } continuing {
+    %10: i = load $j.2
+    %11: i = add %10, %3
+    store $j.2 = %11
+  }
+""")
+    assert made.starts == {(0, 3)}
+
+
 @pytest.mark.parametrize("early", [True, False])
 def test_a_result_needs_no_variable_where_every_way_ends_with_a_store_of_it(early):
     leave = "    return\n" if early else ""
