@@ -63,17 +63,20 @@ def surface(renderer: Renderer, camera: Camera, size: tuple[int, int], at: tuple
 def camera_texts(
     camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float, *, moving: bool
 ) -> dict[str, str]:
-    """Return the camera as Python code, and as the command line that renders or animates what the page shows."""
+    """Return the camera as Python code, and as the command line that renders or animates what the page shows.
+
+    A calibrated camera is the scene's own: no options of the command line have its intrinsics.
+    """
+    command = [*_first(options, moving=moving), *_seen(camera, options, integrator, stops)]
+    if camera.intrinsics is not None:
+        return {"code": "scene.camera  # calibrated: the scene has its intrinsics", "command": shlex.join(command)}
     words: dict[str, Any] = {"position": camera.position, "target": camera.target, "up": camera.up}
     words |= {"projection": camera.projection} if camera.projection != "perspective" else {}
     words |= {"span": camera.span} if camera.projection == "orthographic" else {}
     words |= {"fov": camera.fov} if camera.projection == "perspective" else {}
     words |= {"aperture": camera.aperture, "focus": camera.focus} if camera.aperture else {}
     code = f"Camera({', '.join(f'{name}={_code(value)}' for name, value in words.items())})"
-    return {
-        "code": code,
-        "command": shlex.join([*_first(options, moving=moving), *_seen(camera, options, integrator, stops)]),
-    }
+    return {"code": code, "command": shlex.join(command)}
 
 
 def _code(value: Any) -> str:
@@ -89,10 +92,12 @@ def _first(options: argparse.Namespace, *, moving: bool) -> list[str]:
 
 def _seen(camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float) -> list[str]:
     """Return the options of the command line; what is as by default is left out."""
-    found = ["--camera", _numbers(camera.position)]
-    found += ["--target", _numbers(camera.target), "--up", _numbers(camera.up)]
-    if camera.projection == "perspective":
-        found += ["--fov", f"{camera.fov:.9g}"]
+    found = []
+    if camera.intrinsics is None:
+        found += ["--camera", _numbers(camera.position)]
+        found += ["--target", _numbers(camera.target), "--up", _numbers(camera.up)]
+        if camera.projection == "perspective":
+            found += ["--fov", f"{camera.fov:.9g}"]
     if isinstance(integrator, Path):
         found += ["--integrator", "path"]
     if stops:

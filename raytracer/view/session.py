@@ -57,7 +57,8 @@ class Session:
     ) -> None:
         """Open the scene. Raises SceneError, and whatever reading a file raises."""
         self.request, self.options = request, options_of(request)
-        self.opened = open_scene(self.options)
+        with sh.view.noted(Path(request["path"])):
+            self.opened = open_scene(self.options)
         self.size, self.time, self.frame, self.playing = (512, 512), 0.0, 0, False
         first = self.opened.make(0.0)
         self.edits = Edits(first)
@@ -306,9 +307,9 @@ def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, 
 
 
 def files_of(request: dict[str, Any]) -> list[str]:
-    """Return the files of a request that are watched."""
+    """Return the files that are watched: what this process has read in the scene's folder, and the environment."""
     environment = request["options"]["environment"]
-    return [request["path"], *([environment] if environment else [])]
+    return [*map(str, sh.view.files_read()), *([environment] if environment else [])]
 
 
 def warm() -> None:

@@ -15,10 +15,12 @@ Stage: above all others but the command line. Three parts know each other by mes
 A message is a header in JSON with bytes behind it, on both ways (`wire`).
 
 What another package needs for a view of its own is `sh.view.View`, `serve`, `add_serving` for its command line, the
-folder `PAGE` of the page's files, and for its sessions `explain`, `available`, `preferred` and `warm`.
+folder `PAGE` of the page's files, and for its sessions `explain`, `noted`, `files_read`, `available`, `preferred` and
+`warm`.
 """
 
 from shpy.view.command import add_serving as add_serving
 from shpy.view.kernels import available as available, preferred as preferred, warm as warm
+from shpy.view.reading import files_read as files_read, noted as noted
 from shpy.view.server import PAGE as PAGE, View as View, serve as serve
 from shpy.view.source import explain as explain

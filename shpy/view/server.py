@@ -12,8 +12,9 @@ import asyncio
 import contextlib
 import ipaddress
 import itertools
+import signal
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -25,6 +26,7 @@ from shpy.view.hub import Hub
 from shpy.view.messages import LONGEST, Refused, checked
 
 if TYPE_CHECKING:
+    import uvicorn
     from starlette.requests import Request
     from starlette.responses import Response
     from starlette.websockets import WebSocket
@@ -223,12 +225,36 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
     )
     with listening:
         try:
+            server = uvicorn.Server(config)
             said(f"http://{host}:{port}/   (Ctrl-C ends it)")
             if beyond:
                 said("warning: everybody who reaches this machine sees the view and changes it, without a password")
-            uvicorn.Server(config).run(sockets=[listening])
-        except KeyboardInterrupt as error:  # uvicorn raises it again when it has ended
+            with _signals_kept(server):
+                server.run(sockets=[listening])
+        except KeyboardInterrupt as error:
             raise type(error)("stopped") from None
+
+
+@contextlib.contextmanager
+def _signals_kept(server: uvicorn.Server) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the server, and raise them again when it has ended.
+
+    uvicorn does so once its loop runs; an interrupt while Python makes the loop would leave parts of it behind.
+    """
+    taken: list[int] = []
+
+    def take(number: int, frame: object) -> None:
+        taken.append(number)
+        server.should_exit = True
+
+    before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for one in taken[:1]:
+        signal.raise_signal(one)
 
 
 def _is_loopback(address: str) -> bool:

@@ -22,7 +22,8 @@ from shpy.screen import Moment, pixels
 from shpy.view import kernels, questions
 from shpy.view.controls import Controls
 from shpy.view.kernels import Form
-from shpy.view.source import explain, files_read, open_file
+from shpy.view.reading import files_read
+from shpy.view.source import explain, open_file
 from shpy.view.subject import subject_of
 
 _QUICK: Final = 0.15

@@ -20,6 +20,7 @@ from shpy.chains.chain import Chain, sequence
 from shpy.errors import ShpyError
 from shpy.program import Program
 from shpy.screen import check_pictures, unfilled
+from shpy.view.reading import files_read, noted
 
 START, SHOW = "start", "show"
 """The names of the function that gives a chain its first streams, and of the program that makes colours of them."""
@@ -90,26 +91,9 @@ def open_file(path: Path) -> Opened:
     folder = str(path.parent)
     if sys.path[0] != folder:
         sys.path.insert(0, folder)
-    before = set(sys.modules)
-    try:
+    with noted(path):
         names = runpy.run_path(str(path))
-    finally:
-        imported = [sys.modules[name] for name in set(sys.modules) - before]
-        files = [Path(f) for f in (getattr(m, "__file__", None) for m in imported) if f and _is_below(f, folder)]
-        _read.update({path, *files})
     return Opened(path, names)
-
-
-_read: set[Path] = set()
-
-
-def files_read() -> tuple[Path, ...]:
-    """Return the files of the user's that this process has read, also where reading one failed."""
-    return tuple(sorted(_read))
-
-
-def _is_below(file: str, folder: str) -> bool:
-    return Path(file).is_relative_to(folder) and "site-packages" not in file
 
 
 def explain(error: BaseException, path: Path) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gltf_files import File
+from PIL import Image as pillow
 
 import raytracer as rt
 from raytracer import viewing
@@ -167,6 +169,49 @@ def test_the_camera_is_saved_as_code_and_as_a_command_that_render_takes(session)
     assert texts["command"] == command
     options = _parser().parse_args(viewing.joined(command.split()[1:]))
     assert viewing.scene_of(options).camera == session.seen
+
+
+def test_a_calibrated_camera_stays_that_of_the_scene_until_it_is_turned(tmp_path):
+    path = tmp_path / "calibrated.py"
+    calibrated = "rt.Camera.from_intrinsics([[20, 0, 9], [0, 20, 9], [0, 0, 1]], [[1, 0, 0, 0], [0, -1, 0, 0], "
+    calibrated += "[0, 0, -1, 5], [0, 0, 0, 1]], (24, 16))"
+    path.write_text(MOVING.replace("rt.Camera((0, 0, 5), (0, 0, 0))", calibrated))
+    session = opened(path, "--backend", "numpy")
+    texts, _ = session.answer({"about": "camera"})
+    assert texts["code"] == "scene.camera  # calibrated: the scene has its intrinsics"
+    assert texts["command"] == f"raytracer animate {path}"
+    session.set(turned())
+    assert "--camera 0,3,9" in session.answer({"about": "camera"})[0]["command"]
+    assert session.seen.intrinsics is None
+
+
+def test_a_glb_file_plays_its_animation(tmp_path):
+    file = File()
+    node = file.node(mesh=file.mesh(file.square()), translation=[0, 0, 0])
+    channel = {"sampler": 0, "target": {"node": node, "path": "translation"}}
+    steps = {"input": file.array([0, 2]), "output": file.array([[0, 0, 0], [9, 0, 0]]), "interpolation": "LINEAR"}
+    file.add("animations", {"channels": [channel], "samplers": [steps]})
+    path = tmp_path / "slide.glb"
+    path.write_bytes(file.glb())
+    session = opened(path, "--backend", "numpy", "--samples", "1", "--no-floor")
+    session.set({"size": list(SIZE)})
+    assert session.describe()["seconds"] == pytest.approx(2)
+    first = last(session)[1].copy()
+    session.set({"time": 1.0})
+    later = last(session)[1].copy()
+    assert not np.array_equal(first, later)
+    session.reset()
+    assert np.array_equal(last(session)[1], first)
+    assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer animate {path} --camera ")
+
+
+def test_pictures_beside_a_scene_are_watched(tmp_path):
+    (tmp_path / "t.mtl").write_text("newmtl paint\nmap_Kd wood.png\n")
+    pillow.new("RGB", (2, 2), (200, 100, 0)).save(tmp_path / "wood.png")
+    path = tmp_path / "t.obj"
+    path.write_text("mtllib t.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    watched = opened(path, "--backend", "numpy").files()
+    assert {str(tmp_path / name) for name in ("t.obj", "t.mtl", "wood.png")} <= set(watched)
 
 
 def test_numbers_of_a_material_and_a_light_change_the_picture(session):

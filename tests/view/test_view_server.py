@@ -236,6 +236,32 @@ def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_pat
         wait_until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in workers))
 
 
+def test_control_c_ends_it_in_the_moment_when_it_starts(tmp_path):
+    path = tmp_path / "wave.py"
+    path.write_text(MOVING)
+    for _ in range(3):
+        with viewed(path) as found:
+            assert found.end() == (130, "shpy: stopped\n")
+
+
+def test_what_a_file_reads_is_watched(tmp_path):
+    (tmp_path / "palette.py").write_text("level = 0.25")
+    (tmp_path / "levels.txt").write_text("0.5")
+    path = tmp_path / "wave.py"
+    read = "from pathlib import Path\nfrom palette import level\n"
+    read += "other = float(Path(__file__).with_name('levels.txt').read_text())\n"
+    path.write_text(read + MOVING.replace("gain * sh.fract(time)", "level + other"))
+    with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
+        for name, text, blue in (("levels.txt", "0.0", 64), ("palette.py", "level = 1.0  # all", 255)):
+            acknowledge(socket, told(socket, "frame")[0])
+            (tmp_path / name).write_text(text)
+            told(socket, "recorded")
+            header, pixels = told(socket, "frame")
+            assert pixels[2] == blue
+            acknowledge(socket, header)
+            (tmp_path / "wave.py").touch()
+
+
 def test_control_c_ends_the_view_of_a_scene_with_one_word():
     with viewed("boxes", command=("raytracer", "view")) as found:
         assert get(found, "/")[0] == 200
