@@ -2,6 +2,8 @@
 
 import { at, fileName, list, make, spoken } from "./elements.js";
 
+const SEARCHING = "Searching for the first statement at which they diverge …";
+
 export function showProblem(error) {
   at("problem").hidden = !error;
   if (!error) return;
@@ -62,10 +64,22 @@ export function showComparison(answer, bytes) {
   const text = differing
     ? `${differing} of ${count} pixels differ, by ${spoken(largest)}${ulp === null ? "" : ` and ${spoken(ulp)} ULP`} at most.`
     : `All ${count} pixels are the same to the bit.`;
-  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text), make("div", { class: "sides" }, ...figures),
-    answer.searching ? make("pre", { id: "divergence" }, "Searching for the first statement at which they diverge …") : "");
+  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text),
+    answer.searching ? make("pre", { id: "divergence", class: "searching" }, SEARCHING) : "", make("div", { class: "sides" }, ...figures));
+  if (answer.searching) countSeconds(at("divergence"));
+}
+
+// Say for how long the search has gone on: for a program of many statements it takes minutes.
+function countSeconds(place) {
+  const begun = performance.now();
+  const timer = setInterval(() => {
+    if (!place.isConnected || !place.classList.contains("searching")) return clearInterval(timer);
+    place.textContent = `${SEARCHING} ${Math.round((performance.now() - begun) / 1000)} s`;
+  }, 1000);
 }
 
 export function showDivergence({ divergence }) {
-  if (at("divergence")) at("divergence").textContent = divergence;
+  if (!at("divergence")) return;
+  at("divergence").classList.remove("searching");
+  at("divergence").textContent = divergence;
 }
