@@ -121,6 +121,7 @@ class GlslBackend:
                 precise=limits.keeps_order,
                 fuses=limits.fuses,
                 stores_apart=limits.stores_apart,
+                leaves_loops=limits.leaves_loops,
                 rejects=rejects,
             )
             return runtime.build(shader, module.entry.loc, steady=steady)
@@ -190,6 +191,8 @@ def _notes(context: Context) -> tuple[str, ...]:
         )
     if not limits.stores_apart:
         notes.append("this device mixes up stores at an index that varies: loops over the array correct them")
+    if not limits.leaves_loops:
+        notes.append("this device gets exits of loops wrong: what they compare is hidden from its compiler")
     return tuple(notes)
 
 

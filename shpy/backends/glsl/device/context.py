@@ -69,6 +69,23 @@ void main() {
 }
 """
 
+# A loop whose second exit never holds, as it follows `v += 1`.
+_EXITS = """\
+#version 330 core
+layout(location = 0) out vec4 found;
+void main() {
+    int v = 0;
+    float left = 5.0;
+    while (v < 4) {
+        v += 1;
+        if (v < 1) {
+            left = 0.0;
+            break;
+        }
+    }
+    found = vec4(left);
+}
+"""
 
 # Operations of binary64, whose results leave as the bits of two numbers a texel.
 _DOUBLES = """\
@@ -93,6 +110,8 @@ void main() {
     narrowed = uvec4(floatBitsToUint(float(wide)), 0u, 0u, 0u);
 }
 """
+_OF_GLSL = frozenset({"stores", "exits"})
+"""Faults that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT_DOUBLES = "exact"
 """The word kept on disk for a device that computes exactly in binary64."""
@@ -109,6 +128,8 @@ class Limits:
     keeps_order: bool = True
     stores_apart: bool = True
     """True if each element's store at a varying index reaches its own element."""
+    leaves_loops: bool = True
+    """True if loops are left when the conditions of their exits hold."""
     fuses: bool = False
     """True if the device's own `fma` rounds once."""
     doubles: bool = False
@@ -241,12 +262,13 @@ class Context:
         check(self.gl, "link a program")
         return program
 
-    def _stores_apart(self) -> bool:
+    def _drawn(self, source: str) -> list[float]:
+        """Return what a probe's shader without inputs writes for eight elements."""
         target = self.gl.framebuffer([self.gl.texture((8, 1), 4, dtype="f4")])
         target.use()
-        self.gl.vertex_array(self.program(_STORES), []).render(self.moderngl.TRIANGLES, 3)
-        found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(-1, 4)[:, 0]
-        return bool(found.tolist() == [0, 0, 0, 5, 0, 0, 0, 0])
+        self.gl.vertex_array(self.program(source), []).render(self.moderngl.TRIANGLES, 3)
+        found: list[float] = np.frombuffer(target.read(components=4, dtype="f4"), np.float32)[::4].tolist()
+        return found
 
     def _asked(self, source: str, outputs: int, dtype: str) -> list[bytes]:
         """Return what a probe's shader writes for the hard inputs: a texel of four numbers for each."""
@@ -261,14 +283,16 @@ class Context:
         return [target.read(components=4, dtype=dtype, attachment=n) for n in range(outputs)]
 
     def _faults(self) -> frozenset[str]:
-        """Probe the device: return the names of its faults, from FAULTS and "stores"."""
+        """Probe the device: return the names of its faults, from FAULTS and _OF_GLSL."""
         found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in self._asked(_PROBE, 2, "f4")])
         names = ("add", "sub", "mul", "div", "sqrt", "floor")
         wrong = set(wrong_operations({**dict(zip(names, found.T, strict=False)), "fma": found[:, 7]}))
         if not np.array_equal(found[:, 6], np.trunc(np.minimum(hard_inputs()[0], np.float32(2**24 - 1)))):
             wrong.add("convert")
-        if not self._stores_apart():
+        if self._drawn(_STORES) != [0, 0, 0, 5, 0, 0, 0, 0]:
             wrong.add("stores")
+        if self._drawn(_EXITS) != [5] * 8:
+            wrong.add("exits")
         self.resting.use()
         check(self.gl, "probe the device")
         return frozenset(wrong)
@@ -297,16 +321,17 @@ class Context:
         gl = self.gl
         about = (gl.info["GL_VENDOR"], gl.info["GL_RENDERER"], gl.info["GL_VERSION"])
         ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
-        key = store.key("glsl faults", *about, str(ordered), _PROBE, _STORES)
-        faults = store.known_names(key, FAULTS | {"stores"}, self._faults)
+        key = store.key("glsl faults", *about, str(ordered), _PROBE, _STORES, _EXITS)
+        faults = store.known_names(key, FAULTS | _OF_GLSL, self._faults)
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
         ours = {"fma"} if "denormals" in faults else set()
         return Limits(
             width=min(gl.info["GL_MAX_TEXTURE_SIZE"], *gl.info["GL_MAX_VIEWPORT_DIMS"]),
             outputs=min(gl.info["GL_MAX_DRAW_BUFFERS"], gl.info["GL_MAX_COLOR_ATTACHMENTS"]),
             textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
-            wrong=faults - ours - {"stores"},
+            wrong=faults - ours - _OF_GLSL,
             stores_apart="stores" not in faults,
+            leaves_loops="exits" not in faults,
             fuses="fma" not in faults,
             keeps_order=ordered,
             doubles=ordered and self._has_exact_doubles(about, flushed="denormals" in faults),

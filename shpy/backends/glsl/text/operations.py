@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar, Final
 
 import numpy as np
@@ -22,8 +23,10 @@ from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Unit
 from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
+from shpy.backends.emit.survey import Place
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import precise_conditions, precise_operands
+from shpy.backends.glsl.text.exits import Exits
 from shpy.backends.glsl.text.interface import RUNNING
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.ir.constants import DTYPES
@@ -75,9 +78,10 @@ class GlslUnit(Unit):
     """One shader: names, prologue and abilities of the device.
 
     `exact`: operations keep their order; without `precise`, by hiding each result from the driver. `fuses`: the
-    device's own `fma` rounds once; `stores_apart`: it stores where each element's own index says. `flagged`: loops tell
-    whether they finished, for the device may stop them of its own accord; `limited`: loops without a known bound have a
-    limit of ours. Functions that are `sheltered` stand in a loop of one iteration.
+    device's own `fma` rounds once; `stores_apart`: it stores where each element's own index says; `leaves_loops`: it
+    leaves loops when the conditions of their exits hold. `flagged`: loops tell whether they finished, for the device
+    may stop them of its own accord; `limited`: loops without a known bound have a limit of ours. Functions that are
+    `sheltered` stand in a loop of one iteration.
     """
 
     target = "glsl"
@@ -90,12 +94,13 @@ class GlslUnit(Unit):
         precise: bool = True,
         fuses: bool = False,
         stores_apart: bool = True,
+        leaves_loops: bool = True,
         flagged: bool = False,
         limited: bool = True,
         sheltered: Collection[str] = (),
     ) -> None:
         super().__init__(module)
-        self.exact, self.fuses, self.stores_apart = exact, fuses, stores_apart
+        self.exact, self.fuses, self.stores_apart, self.leaves_loops = exact, fuses, stores_apart, leaves_loops
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
         self.kept_apart = exact and not precise
         self.prologue = Prologue(exact=exact, precise=precise)
@@ -305,6 +310,22 @@ class GlslBody(Body):
         self.out.append(tree.Loop(tuple(inside), test=running, loc=self.function.loc, note=_ONE_ITERATION))
         if self.gives_value:
             self.out.append(Exit("return", self.zero(self.function.outputs[0].type)))
+
+    def loop(self, s: Loop, place: Place) -> None:
+        """Append a loop, before it what hides the first values of variables from a driver that misreads exits."""
+        if not self.unit.leaves_loops:
+            slots = [self.slots[v] for v in self.exits.misread(s) if v in self.slots]
+            for slot in [slot for slot in slots if slot.type.is_int or (slot.type.is_float and not self.unit.exact)]:
+                zero = (
+                    Cast(slot.type.scalar, self.unit.unknown_zero()) if slot.type.is_int else self.unit.unknown_zero()
+                )
+                self.out.append(tree.Assign(slot, tree.infix("+", slot, zero), s.loc))
+        super().loop(s, place)
+
+    @cached_property
+    def exits(self) -> Exits:
+        """The exits of the function's loops."""
+        return Exits(self.function)
 
     def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
         """Return a loop with an end that the compiler cannot rule out, if the device may stop it.

@@ -57,6 +57,7 @@ def print_shader(
     precise: bool = True,
     fuses: bool = False,
     stores_apart: bool = True,
+    leaves_loops: bool = True,
     rejects: bool = False,
 ) -> Shader:
     """Print the shader of a prepared module; for the abilities of the device see `GlslUnit`.
@@ -70,6 +71,7 @@ def print_shader(
         precise=precise,
         fuses=fuses,
         stores_apart=stores_apart,
+        leaves_loops=leaves_loops,
         flagged=flagged,
         limited=limited,
         sheltered=sheltered_functions(module),
