@@ -14,6 +14,7 @@ import pytest
 from backends.running import differs, flushes_denormals
 
 import shpy as sh
+from shpy import SH_BREAK, SH_WHILE
 from shpy.backends.base import Array, Options
 from shpy.backends.device import probe
 from shpy.backends.glsl.device.context import open_context
@@ -249,6 +250,36 @@ def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
     given = k, np.arange(2 * len(k), dtype=np.float32).reshape(-1, 2) - 5
     for found, wanted in zip(kernel(*given), Kernel(stored.recorded, Reference(), Options())(*given), strict=True):
         assert np.array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(
+    ("left", "hidden"),
+    [
+        (lambda v: v == 0, ["v"]),  # as it holds for the first value
+        (lambda v: (v > 2) & (v + 1 > 3), ["v"]),  # as a sum is a stepped variable, too
+        (lambda v: (v * v > 3) | (v > 2), []),
+        (lambda v: v > 2, []),
+        (lambda v: v == 3, []),
+    ],
+)
+def test_first_values_that_exits_compare_are_hidden_from_a_driver_that_misreads_them(
+    left: Any, hidden: list[str], wrong: Any
+) -> None:
+    @sh.program
+    def stepping(a: sh.Attrib1f):
+        v, n = sh.Attrib1i(0), sh.Attrib1i(0)
+        with SH_WHILE(lambda: a > v):
+            v += 1
+            n += 2
+            SH_BREAK(left(v))
+        return n
+
+    wrong(leaves_loops=False)
+    kernel = compiled(stepping, "glsl")
+    assert [name for name in ("v", "n", "iterations") if f"    {name} += int(zero);" in kernel.source] == hidden
+    assert "exits of loops" in " ".join(kernel.notes)
+    wrong(leaves_loops=True)
+    assert "int(zero)" not in compiled(stepping, "glsl").source
 
 
 def test_faults_of_opengl_are_kept_on_disk(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:

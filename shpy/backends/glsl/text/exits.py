@@ -1,6 +1,6 @@
 """Finds the variables whose value before a loop a driver must not know, where it gets exits of loops wrong.
 
-Stage: emit, before a loop is printed. Mesa before 23.1 counts the iterations of a loop from the first value of a
+Stage: emit, before a loop is printed. Mesa 22.3 counts the iterations of a loop from the first value of a
 variable, the step and the constant that an exit compares it with. Where the comparison follows the step and holds for
 the first value, it takes 0 iterations, and leaves the loop at once:
 
@@ -14,12 +14,13 @@ the first value, it takes 0 iterations, and leaves the loop at once:
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from shpy.backends.emit.plan import is_whole
+from shpy.backends.emit.survey import changed_variables
 from shpy.ir.constants import decode
-from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Return, Store, Variable
+from shpy.ir.nodes import Break, Call, Function, If, Let, Loop, Region, Return, Store, Variable
 from shpy.ir.traverse import walk
 
 _COMPARISONS: Final = {
@@ -30,26 +31,51 @@ _COMPARISONS: Final = {
     "eq": operator.eq,
     "ne": operator.ne,
 }
+_STEPPED: Final = frozenset({"load", "add", "sub", "neg", "swizzle", "component", "construct", "splat"})
+"""Operations whose results step as their operands do, so that a driver may count by them."""
 
 
 class Exits:
     """The exits of the loops of one function."""
 
-    def __init__(self, function: Function) -> None:
+    def __init__(self, function: Function, callees: Mapping[str, Function]) -> None:
+        self.callees = callees
         self.lets = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
         self.stores = [s for s in walk(function.body) if isinstance(s, Store)]
-        self.handed = {p.id for p in function.inputs if isinstance(p, Variable)}
+        self.handed = {p.id for p in function.inputs if isinstance(p, Variable)} | self._handed_on(function.body)
+        """The variables that come by reference, or are handed on so."""
 
     def misread(self, loop: Loop) -> list[int]:
         """Return the variables that the loop changes and an exit compares, but for exits that the driver gets right."""
         inside = [s for s in walk((loop,)) if isinstance(s, Store)]
-        changed = {s.variable for s in inside}
-        begins = {v: self._first_values(v, inside) for v in changed}
-        found: set[int] = set()
-        for condition in _conditions(loop):
-            if not self._is_right(condition, begins, inside):
-                found |= self._read(condition) & changed
+        handed = self._handed_on((loop,))
+        begins = {v: self._first_values(v, inside) for v in handed.union(s.variable for s in inside)}
+        conditions = list(_conditions(loop))
+        found = handed if conditions else set()  # a subroutine may compare what it changes
+        for condition in conditions:
+            for comparison in self._comparisons(condition, inside):
+                if not self._is_right(comparison, begins, inside):
+                    found |= self._read(comparison.args) & begins.keys()
         return sorted(found)
+
+    def _handed_on(self, region: Region) -> set[int]:
+        """Return the variables that calls may change."""
+        return {v for s in walk(region) if isinstance(s, Call) for v in changed_variables(s, self.callees)}
+
+    def _comparisons(self, condition: int, inside: list[Store]) -> Iterator[Let]:
+        """Yield the comparisons that a condition is made of, through variables that the loop stores them in."""
+        pending, seen = [condition], set[int]()
+        while pending:
+            let = self.lets.get(pending.pop())
+            if let is None or let.value.id in seen:
+                continue
+            seen.add(let.value.id)
+            if let.op in _COMPARISONS:
+                yield let
+            elif let.op == "load":
+                pending += [s.value for s in inside if s.variable == let.attr]
+            else:
+                pending += let.args
 
     def _first_values(self, variable: int, inside: list[Store]) -> list[float | None]:
         """Return what the loop's variable may begin with, None for a value that is not a constant."""
@@ -67,12 +93,12 @@ class Exits:
         number: float = decode(let.value.type, let.attr)[0]
         return number
 
-    def _read(self, value: int) -> set[int]:
-        """Return the variables that a value is computed from."""
-        pending, seen, read = [value], set[int](), set[int]()
+    def _read(self, values: tuple[int, ...], through: Collection[str] | None = None) -> set[int]:
+        """Return the variables that values are computed from, by these operations alone if any are given."""
+        pending, seen, read = list(values), set[int](), set[int]()
         while pending:
             let = self.lets.get(pending.pop())
-            if let is None or let.value.id in seen:
+            if let is None or let.value.id in seen or not (through is None or let.op in through):
                 continue
             seen.add(let.value.id)
             pending += let.args
@@ -80,11 +106,8 @@ class Exits:
                 read.add(let.attr)
         return read
 
-    def _is_right(self, condition: int, begins: dict[int, list[float | None]], inside: list[Store]) -> bool:
-        """Return whether the condition compares a variable with a constant, and holds for no first value."""
-        let = self.lets.get(condition)
-        if let is None or let.op not in _COMPARISONS:
-            return False
+    def _is_right(self, let: Let, begins: dict[int, list[float | None]], inside: list[Store]) -> bool:
+        """Return whether a comparison with a constant holds for no first value, or is none that counts."""
         compare = _COMPARISONS[let.op]
         a, b = let.args
         x, y = self._constant(a), self._constant(b)
@@ -92,7 +115,7 @@ class Exits:
             return all(n is not None and not compare(n, y) for n in begins.get(v, ()))
         if x is not None and (v := self._held(b, inside)) is not None:
             return all(n is not None and not compare(x, n) for n in begins.get(v, ()))
-        return False
+        return self._read(let.args, _STEPPED).isdisjoint(begins)
 
     def _held(self, value: int, inside: list[Store]) -> int | None:
         """Return the variable that the loop stores a value in, or that the value is loaded from; None without one."""

@@ -23,16 +23,22 @@ MAX_NESTING: Final = 72
 """A depth that is certain to be right: the driver adds a few of its own."""
 
 _MANY: Final = 24
+_MANY_WITH_LOOPS: Final = 8
+"""Depth, and number of loops, from which llvmpipe's time of compiling doubles with each loop that nests."""
 
 
 def sheltered_functions(module: Module) -> frozenset[str]:
     """Find the functions to put into a loop of one iteration; CompileError where even that nests too deep."""
     depths: dict[str, int] = {}
+    loops: dict[str, int] = {}
     sheltered = set()
     for function in module.functions:
         depth = _depth(function.body, depths, returns_nest=True)
         inside = 1 + _depth(function.body, depths, returns_nest=False)
-        if depth > _MANY and inside < depth:
+        calls = [s.function for s in walk(function.body) if isinstance(s, Call)]
+        loops[function.name] = sum(isinstance(s, Loop) for s in walk(function.body)) + sum(loops[c] for c in calls)
+        many = _MANY if loops[function.name] <= _MANY_WITH_LOOPS else _MANY_WITH_LOOPS
+        if depth > many and inside < depth:
             sheltered.add(function.name)
             depth = inside
         if depth > MAX_NESTING:

@@ -325,7 +325,7 @@ class GlslBody(Body):
     @cached_property
     def exits(self) -> Exits:
         """The exits of the function's loops."""
-        return Exits(self.function)
+        return Exits(self.function, self.unit.callees)
 
     def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
         """Return a loop with an end that the compiler cannot rule out, if the device may stop it.

@@ -1,0 +1,126 @@
+"""Exits of loops that compare what the loop has stepped with a constant, in every spelling and on every backend.
+
+Mesa 22.3 counts the iterations of such loops from the first value, and leaves at once where that fulfils the
+comparison. A driver of which the probe finds so does not know the first value (shpy/backends/glsl/text/exits.py).
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from backends.running import TARGETS
+
+import shpy as sh
+from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
+
+COMPARED = (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne)
+
+ROUNDS = 5
+A = np.float32([0, 1, 2])
+"""0: the loop is not entered."""
+
+
+def while_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+        n += 1
+        v += step
+        SH_BREAK(left(v))
+    return n
+
+
+def while_return(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    @sh.subroutine
+    def inside(v, a):
+        n = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+            n += 1
+            v += step
+            SH_RETURN(n * 10, left(v))
+        a += 1
+        return n
+
+    return inside(v, a)
+
+
+def while_called(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    @sh.subroutine
+    def stepped(v):
+        v += step
+        return left(v)
+
+    n = sh.Attrib1i(0)
+    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+        n += 1
+        SH_BREAK(stepped(v))
+    return n
+
+
+def do_until(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_DO():
+        n += 1
+        v += step
+        SH_BREAK(n >= ROUNDS)
+        SH_UNTIL(left(v))
+    return n
+
+
+def for_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_FOR(ROUNDS):
+        n += 1
+        v += step
+        SH_BREAK(left(v))
+    return n
+
+
+def for_in_for(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_FOR(2):
+        with SH_FOR(ROUNDS):
+            SH_CONTINUE(a < 0)
+            v += step
+            n += 1
+            with SH_IF(left(v)):
+                n += 100
+                SH_BREAK()
+        n += 1000
+    return n
+
+
+def program(spelling: Any, kind: Any, first: Any, step: Any) -> sh.Program:
+    """Every comparison with -1 to 2 in one program."""
+
+    @sh.program
+    def looping(a: sh.Attrib1f):
+        found = []
+        for compare in COMPARED:
+            for limit in (1, 2, 3) if kind is sh.Attrib1u else (-1, 0, 1, 2):
+                v, p = kind(first), a + 0
+                made = spelling(
+                    lambda v, c=compare, k=limit: c(v.x if kind is sh.Attrib2i else v, kind(k).x), v, p, step
+                )
+                found.append(sh.Attrib4f(made, v.x, p, 0))
+        return found
+
+    return looping
+
+
+CASES = [(s, sh.Attrib1i, "strict") for s in (while_break, while_return, while_called, do_until, for_break, for_in_for)]
+CASES += [(while_return, kind, "strict") for kind in (sh.Attrib1u, sh.Attrib1f, sh.Attrib2i)]
+CASES += [(while_break, kind, "fast") for kind in (sh.Attrib1i, sh.Attrib1f)]
+
+
+@pytest.mark.parametrize(("spelling", "kind", "math"), CASES)
+def test_an_exit_that_follows_the_step_holds_when_it_should(spelling: Any, kind: Any, math: Any) -> None:
+    for first, step in ((0, 1), (1, 2)) if kind is sh.Attrib1u else ((0, 1), (1, -1)):
+        made = program(spelling, kind, first, step)
+        wanted = np.stack(made.compile("numpy", math="strict")(A))
+        for backend in TARGETS:
+            found = np.stack(made.compile(backend, math=math)(A))
+            assert np.array_equal(found, wanted), (backend, first, step)
