@@ -112,7 +112,6 @@ class GlslBackend:
             return build(_printable(ready.module, exact), flagged=ready.flagged, rejects=True)
 
         def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
-            steady = few_turns(part)
             shader = print_shader(
                 part,
                 flagged=flagged,
@@ -124,7 +123,7 @@ class GlslBackend:
                 leaves_loops=limits.leaves_loops,
                 rejects=rejects,
             )
-            return runtime.build(shader, module.entry.loc, steady=steady)
+            return runtime.build(shader, module.entry.loc, steady=few_turns(part))
 
         prepared = prepare(module, options, target)
         _refuse(prepared.module, target)
