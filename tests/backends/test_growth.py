@@ -3,6 +3,7 @@
 import gc
 import os
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -29,16 +30,26 @@ def programs_of(backend):
     return len((machine_of(None) if backend == "opencl" else glsl._runtime(0))._programs)
 
 
+def open_files():
+    """Count the open files of this process, but for those that a thread beside the test opens for a moment."""
+
+    def counted():
+        time.sleep(0.01)
+        return len(os.listdir("/proc/self/fd"))
+
+    return min(counted() for _ in range(20))
+
+
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_programs_that_were_evicted_are_released(backend, monkeypatch):
     monkeypatch.setattr(kernels, "_executables", {})
     monkeypatch.setattr(kernels, "_KEPT", 3)
     run_distinct(backend, 10_000, 3)
     held = programs_of(backend)
-    files = len(os.listdir("/proc/self/fd"))
+    files = open_files()
     run_distinct(backend, 20_000, 12)
     assert programs_of(backend) <= held
-    assert len(os.listdir("/proc/self/fd")) <= files
+    assert open_files() <= files
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
