@@ -248,6 +248,19 @@ class ClBody(Body):
 
     op_isinf = op_isnan
 
+    def op_cond(self, let: Let) -> Expr:
+        """Return `c ? a : b`; between two constant vectors of three `(int3)(-c) ? a : b`, by a mask.
+
+        LLVM 15, so PoCL 3.1, makes one bool that chooses between constant masks of three of what is tested of such a
+        choice, and its code generator ends the process over that.
+        """
+        c, a, b = self.args(let)
+        type = let.value.type
+        one = self.splat_of(c)
+        if type.size == 3 and one is not None and _is_constant(a) and _is_constant(b):
+            return self.choose(type, self.construct(type.based(Base.B), one), a, b)
+        return super().op_cond(let)
+
     def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
         """Return `c ? a : b` by the sign bits of c, which is as wide as a."""
         wide = tree.call(_conversion("long", type.size), c.type, c) if type.base is Base.D else c
@@ -350,6 +363,11 @@ def as_component(e: Expr) -> Expr:
 def as_bool(e: Expr) -> Expr:
     """Return `e != 0`."""
     return tree.infix("!=", e, number(0))
+
+
+def _is_constant(e: Expr) -> bool:
+    """Return whether an expression is a vector of literals."""
+    return isinstance(e, Construct) and all(isinstance(part, Literal) for part in e.args)
 
 
 def _view(type: Type) -> str:

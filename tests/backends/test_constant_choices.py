@@ -1,0 +1,53 @@
+"""A bool that chooses between two constant vectors, on OpenCL.
+
+The code generator of LLVM 15, with which PoCL 3.1 compiles, ends the process over a bool that chooses between constant
+masks of three. So the programs run in a process of their own.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MASKS = """
+    chosen = sh.cond(sh.cond(x < y, sh.Attrib3b(False, True, False), sh.Attrib3b(True, True, True)), 1.0, v)
+"""
+INTS = """
+    chosen = sh.cond(sh.cond(x < y, sh.Attrib3i(0, 5, 7), sh.Attrib3i(1, 2, 8)) > 3, 1.0, sh.Attrib3f(y))
+"""
+NESTED = """
+    inner = sh.cond(v.z < x, sh.Attrib3b(True, False, False), sh.Attrib3b(False, True, True))
+    chosen = sh.cond(sh.cond(x < y, sh.Attrib3b(False, True, False), inner), 1.0, sh.Attrib3f(y))
+"""
+UNIFORM = """
+    chosen = sh.cond(sh.cond(threshold < 2, sh.Attrib3b(False, True, False), sh.Attrib3b(True, True, True)), 1.0, v)
+"""
+PROGRAM = """
+import numpy as np
+import shpy as sh
+
+threshold = sh.Param(sh.Attrib1f, 1.0)
+
+@sh.program
+def choice(x: sh.Attrib1f, v: sh.Attrib3f):
+    y = v.y
+    {body}
+    return chosen
+
+x = np.float32([-1, 0, 1, 2])
+v = np.float32([[0, 1, 2], [3, 0, -1], [1, 1, 1], [0, 3, 5]])
+expected = np.asarray(choice.compile("numpy")(x, v))
+found = np.asarray(choice.compile("opencl", lanes=1)(x, v))
+assert found.shape == (4, 3) and found.tobytes() == expected.tobytes(), (found, expected)
+"""
+
+
+@pytest.mark.parametrize("body", [MASKS, INTS, NESTED, UNIFORM], ids=["masks", "ints", "nested", "uniform"])
+def test_a_choice_of_constant_vectors_of_three_compiles(body: str, tmp_path: Path) -> None:
+    file = tmp_path / "choice.py"
+    file.write_text(PROGRAM.format(body=body.strip()))
+    done = subprocess.run([sys.executable, file], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
