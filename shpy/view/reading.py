@@ -49,11 +49,12 @@ def files_read() -> tuple[Path, ...]:
 
 def _heard(event: str, given: tuple[Any, ...]) -> None:
     """Take an event of Python's audit: a file that is opened, or takes another one's place."""
-    if _folder is None:
+    folder = _folder  # once: another thread may end the block meanwhile
+    if folder is None:
         return
     if event == "open" and isinstance(given[0], str):
         file = os.path.abspath(given[0])
-        if _is_below(file, _folder):
+        if _is_below(file, folder):
             (_written if given[2] & (os.O_WRONLY | os.O_RDWR) else _read).add(file)
     elif event == "os.rename" and isinstance(given[1], str):
         _written.add(os.path.abspath(given[1]))

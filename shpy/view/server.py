@@ -14,6 +14,7 @@ import ipaddress
 import itertools
 import signal
 import socket
+import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -239,8 +240,12 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
 def _signals_kept(server: uvicorn.Server) -> Iterator[None]:
     """Let Ctrl-C and SIGTERM end the server, and raise them again when it has ended.
 
-    uvicorn does so once its loop runs; an interrupt while Python makes the loop would leave parts of it behind.
+    uvicorn does so once its loop runs; an interrupt while Python makes the loop would leave parts of it behind. Threads
+    other than the main one get no signals.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     taken: list[int] = []
 
     def take(number: int, frame: object) -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import struct
+import threading
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -15,9 +16,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from benchmarks.pages import wait_until
-from shpy.view import wire
+from shpy.view import reading, wire
 from shpy.view.messages import LONGEST, Refused, checked
-from shpy.view.server import allowed_host
+from shpy.view.server import _signals_kept, allowed_host
 
 MOVING = """
 import shpy as sh
@@ -260,6 +261,35 @@ def test_what_a_file_reads_is_watched(tmp_path):
             assert pixels[2] == blue
             acknowledge(socket, header)
             (tmp_path / "wave.py").touch()
+
+
+def test_a_file_that_another_thread_opens_while_the_noting_ends_is_opened(tmp_path, monkeypatch):
+    (tmp_path / "levels.txt").write_text("0.5")
+
+    def ended(file):
+        reading._folder = None
+        return file
+
+    with reading.noted(tmp_path / "wave.py"):
+        monkeypatch.setattr(reading.os.path, "abspath", ended)
+        with open(str(tmp_path / "levels.txt")) as file:
+            assert file.read() == "0.5"
+        monkeypatch.undo()
+    assert tmp_path / "levels.txt" in reading.files_read()
+
+
+def test_signals_stay_as_they_are_in_a_thread_that_gets_none():
+    before = signal.getsignal(signal.SIGINT)
+    kept = []
+
+    def enter():
+        with _signals_kept(None):
+            kept.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert kept == [before]
 
 
 def test_control_c_ends_the_view_of_a_scene_with_one_word():
