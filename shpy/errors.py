@@ -77,7 +77,16 @@ class ParseError(ShpyError):
 
 
 class CompileError(ShpyError):
-    """A target cannot run the program, or its driver refused the text."""
+    """A target cannot run the program, or its driver refused the text.
+
+    `lacks` is "f64" or "f16" where the device has no such numbers, which the program needs, and None otherwise.
+    """
+
+    def __init__(
+        self, message: str, *, loc: Loc | None = None, cure: str | None = None, lacks: str | None = None
+    ) -> None:
+        super().__init__(message, loc=loc, cure=cure)
+        self.lacks = lacks
 
 
 class BackendUnavailable(ShpyError):

@@ -102,6 +102,7 @@ class _Lower(Rewriter):
                     "none",
                     loc=let.value.loc,
                     cure='math="portable", whose bits are the same on every device (docs/numerics.md)',
+                    lacks="f64",
                 )
             callee = self.library.use(op, tuple(self.types[a] for a in let.args), self._lowered)
             self.emit(Let(let.value, "call", let.args, callee.name))

@@ -1,6 +1,7 @@
 """Objects that move and change their shape: pictures are those of scenes made so, and what stays is not touched."""
 
 import dataclasses
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointL
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.forest import Forest
-from raytracer.accel.plane_kernel import plane_program
+from raytracer.accel.plane_kernel import plane_kernel, plane_program
 from raytracer.accel.shape import Shape
 from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
@@ -325,6 +326,14 @@ def test_the_kernel_computes_the_tables_that_numpy_does(backend):
         for name in ("rows", "levels", "sides"):
             one, other = (getattr(shape, name) for shape in shapes)
             assert np.array_equal(one, other), name
+
+
+def test_only_a_device_without_f64_leaves_the_tables_to_numpy(monkeypatch):
+    assert plane_kernel.__wrapped__("glsl") is None
+    broken = Mock(**{"compile.side_effect": sh.CompileError("the driver refused the kernel")})
+    monkeypatch.setattr("raytracer.accel.plane_kernel.plane_program", lambda: broken)
+    with pytest.raises(sh.CompileError, match="refused the kernel"):
+        plane_kernel.__wrapped__("opencl")
 
 
 def test_pictures_of_objects_whose_tables_a_kernel_computes(monkeypatch):

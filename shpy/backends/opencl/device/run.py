@@ -168,6 +168,7 @@ def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Ke
             f"{machine.device.name.strip()} has no f64",
             loc=prepared.module.entry.loc,
             cure='precision="f32", or backend="numpy"',
+            lacks="f64",
         )
     with machine.lock:
         try:

@@ -169,7 +169,7 @@ class KernelMaker(ClUnit):
         """Return whether a double occurs; CompileError for a binary16."""
         found = bases_of(self.module)
         if Base.H in found:
-            raise CompileError("OpenCL kernels hold no binary16")
+            raise CompileError("OpenCL kernels hold no binary16", lacks="f16")
         return Base.D in found
 
     # What a function needs besides its arguments
