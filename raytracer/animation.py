@@ -10,6 +10,7 @@ checked before one is made.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
@@ -151,10 +152,16 @@ def made_by(path: Path) -> Make:
 
 
 class _Made:
-    """The function `scene` of a Python file; it travels as the file's text."""
+    """The function `scene` of a Python file; it travels as the file's text.
 
-    def __init__(self, path: Path, text: bytes) -> None:
-        self.path, self.text = path, text
+    The file imports the modules of its folder, as it does where Python runs it. The folder stays on `sys.path`, because
+    the function may import more of them when it is called.
+    """
+
+    def __init__(self, path: Path, text: bytes, folder: str | None = None) -> None:
+        self.path, self.text, self.folder = path, text, folder or str(path.resolve().parent)
+        if sys.path[0] != self.folder:
+            sys.path.insert(0, self.folder)
         names: dict[str, Any] = {"__name__": "scene", "__file__": str(path)}
         try:
             exec(compile(text, str(path), "exec"), names)  # the user's own file
@@ -165,7 +172,7 @@ class _Made:
             raise SceneError(f"{path} defines no function scene: def scene(time): return raytracer.Scene(...)")
 
     def __reduce__(self) -> Any:
-        return _Made, (self.path, self.text)
+        return _Made, (self.path, self.text, self.folder)
 
     def __call__(self, time: float) -> Scene:
         assert callable(self.make)  # else it would not have been made

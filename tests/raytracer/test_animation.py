@@ -2,7 +2,9 @@
 
 import dataclasses
 import os
+import pickle
 import stat
+import sys
 
 import numpy as np
 import pytest
@@ -121,6 +123,17 @@ def test_mistakes_in_a_file_are_named_with_their_line(tmp_path, capsys, text, wh
     assert cli.main(["animate", str(source), "-o", str(tmp_path / "wave.gif"), *SMALL]) == 1
     assert what in capsys.readouterr().err
     assert os.listdir(tmp_path) == ["wave.py"]
+
+
+def test_a_file_imports_the_modules_of_its_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "module_beside_a_scene.py").write_text("from raytracer.animation import animated as scene\n")
+    (tmp_path / "beside.py").write_text("from module_beside_a_scene import scene\n")
+    make = made_by(tmp_path / "beside.py")
+    assert make(0.5).triangles == animated(0.5).triangles
+    sys.path.remove(str(tmp_path))
+    pickle.loads(pickle.dumps(make))
+    assert sys.path[0] == str(tmp_path)
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -342,24 +342,27 @@ def _is_struct(type_: Any) -> bool:
 def struct(cls: type) -> Any:
     """Make a struct of a class with annotated fields: usable as input, output and array element.
 
-    Raises ShpyTypeError where a field is annotated with anything but a type of the language or another struct.
+    A struct of a struct has the fields of its base first, as dataclasses do. Raises ShpyTypeError where a field is
+    annotated with anything but a type of the language or another struct.
     """
     frame = sys._getframe(1)
     namespace = {**frame.f_globals, **frame.f_locals}
-    fields = {
+    bases = tuple(base for base in cls.__bases__ if _is_struct(base))
+    fields = {name: hint for base in reversed(cls.__mro__) for name, hint in vars(base).get("_shpy_fields", {}).items()}
+    fields |= {
         name: eval(hint, namespace) if isinstance(hint, str) else hint
         for name, hint in inspect.get_annotations(cls).items()
     }
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
     body = {k: v for k, v in cls.__dict__.items() if k not in ("__dict__", "__weakref__", "__annotations__")}
-    made = _struct_class(cls.__name__, fields, body)
+    made = _struct_class(cls.__name__, fields, body, bases or (Struct,))
     layout_of(made, cls.__name__)
     return made
 
 
-def _struct_class(name: str, fields: dict[str, Any], body: dict[str, Any]) -> Any:
-    made: Any = type(name, (Struct,), {**body, "_shpy_fields": fields})
+def _struct_class(name: str, fields: dict[str, Any], body: dict[str, Any], bases: tuple[type, ...] = (Struct,)) -> Any:
+    made: Any = type(name, bases, {**body, "_shpy_fields": fields})
     made._shpy_class = made
     return made
 
