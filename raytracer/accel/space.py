@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.planes import copy_columns, normals_of, parts
+from raytracer.errors import SceneError
 
 Rows = NDArray[np.float64]
 WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
@@ -40,6 +41,8 @@ A kernel divides products of three lengths by products of two. With this exponen
 triangle 10**21 times smaller than the scene. None overflows for a triangle as large as the scene that is seen from
 2**24 times its size, where f32 no longer tells parts of the scene from each other.
 """
+PAST_F16 = 65520.0
+"""The least number that f16 rounds to infinity."""
 STEEPEST = 1000
 """Exponent of the largest scale: in f64 it is finite, and so are its products with scenes that it enlarges."""
 
@@ -48,10 +51,17 @@ def scale_of(corners: NDArray[np.float64], precision: str) -> float:
     """Return the power of two for a kernel's coordinates, so that no product of them leaves f32's range.
 
     `corners` are relative to `origin_of`. At f16, which holds no such numbers, exponents above 0 stay as they are.
+    Raises SceneError for a corner that f16 does not hold.
     """
     if not corners.any():
         return 1.0
-    _, exponent = np.frexp(np.abs(corners).max())
+    largest = float(np.abs(corners).max())
+    if precision == "f16" and largest >= PAST_F16:
+        raise SceneError(
+            f"the scene reaches {largest:.6g} from its origin, and f16 holds numbers up to 65504: "
+            'scale the meshes, or choose precision="f32"'
+        )
+    _, exponent = np.frexp(largest)
     wanted = np.clip(exponent, 0, EXPONENT) if precision == "f16" else EXPONENT
     return float(2.0 ** min(wanted - exponent, STEEPEST))
 

@@ -9,7 +9,7 @@ import pytest
 from oracle import closest
 
 import shpy as sh
-from raytracer import Intersector, Mesh, PointLight, Scene, render
+from raytracer import Intersector, Mesh, PointLight, Renderer, Scene, SceneError, render
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
@@ -415,3 +415,25 @@ def test_a_scene_looks_the_same_wherever_it_stands(name):
         found = render(moved(scene, scale, np.array([offset, -offset, offset])), (128, 128), backend="opencl")
         off = np.abs(in_255ths(found.pixels) - in_255ths(reference.pixels)).max(axis=-1)
         assert (off <= 2).mean() >= 0.995
+
+
+@pytest.mark.parametrize("accel", ["bvh:sah", "bvh:ploc", "grid", "brute"])
+def test_a_scene_larger_than_f16_holds_is_an_error(accel):
+    shape = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1.0]])
+    faces = [[0, 1, 2], [1, 3, 2]]
+    fits, past = (Mesh(shape * size, faces) for size in (65000, 65520))
+    toward = np.array([0.2, 0.2, 0.0]) * 65000
+    shoot = Intersector(fits, accel=accel, backend="numpy", precision="f16")
+    assert shoot.intersect([toward + (0, 0, 9)], [(0, 0, -1)]).triangle.tolist() == [0]
+    with pytest.raises(SceneError, match=r'reaches 65520 from its origin.* choose precision="f32"'):
+        Intersector(past, accel=accel, backend="numpy", precision="f16")
+
+
+def test_an_object_that_moves_out_of_f16_is_an_error():
+    renderer = Renderer(Scene([box()]), backend="numpy", precision="f16")
+    before = renderer.render((8, 6))
+    renderer.move(0, np.diag([1e6, 1e6, 1e6, 1]))
+    with pytest.raises(SceneError, match="and f16 holds numbers up to 65504"):
+        renderer.render((8, 6))
+    renderer.move(0, np.eye(4))
+    assert renderer.render((8, 6)).pixels.tobytes() == before.pixels.tobytes()

@@ -61,6 +61,12 @@ def test_the_fastest_within_the_error_is_taken_and_what_is_unseen_counts():
     assert [line[0] for line in lines[2:6]] == ["*", " ", "→", "*"]
 
 
+def test_a_scene_larger_than_f16_holds_is_traded_without_f16():
+    t = tradeoff(Scene([box((1e6, 1e6, 1e6))], [LIGHT]), backend="numpy", bounces=0)
+    assert {c.variant.precision for c in t.candidates} == {"f32", "f64"}
+    assert any("f16 holds numbers up to 65504" in reason for _, reason in t.skipped)
+
+
 def test_of_variants_that_are_not_separable_in_time_the_closest_is_taken():
     close = dataclasses.replace(candidate(2.2, 0.1), spread=(1.9, 2.4))
     fast, far = candidate(2.0, 0.4), dataclasses.replace(candidate(1.0, 9.0), spread=(0.9, 2.1))
