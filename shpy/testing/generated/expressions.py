@@ -85,6 +85,7 @@ class Expressions:
     depth: int = 0
     deepest: int = 4
     loops: list[bool] = field(default_factory=list)
+    counters: tuple[str, ...] = ()
     budget: int = 30
     endless: bool = False
     derives: bool = False

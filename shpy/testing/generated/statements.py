@@ -164,8 +164,12 @@ class Statements(Expressions):
         return kind
 
     def leave(self) -> Stmt:
-        """Return an exit under a condition."""
-        return Exit(self.exit_kind(), self.expr(B))
+        """Return an exit under a condition, now and then one that a driver could derive: `k == 0` after `k += 1`."""
+        kind = self.exit_kind()
+        if self.counters and self.chance(30):
+            compared = Name(I, self.pick(self.counters)), Const(I, (self.draw(st.integers(-1, MAX_ITERATIONS)),))
+            return Exit(kind, Apply(B, self.pick(("lt", "le", "gt", "ge", "eq", "ne")), compared))
+        return Exit(kind, self.expr(B))
 
     @contextmanager
     def inside(self) -> Any:
@@ -192,7 +196,14 @@ class Statements(Expressions):
             body = first + self.block(goes_on=goes_on)
         return body, self.loops.pop()
 
-    def counter(self) -> tuple[Stmt, Stmt, Expr]:
+    def counted(self, start: Declare, step: Stmt, goes_on: bool = False) -> tuple[Block, bool]:
+        """Return the body of a loop with a counter, and whether a continue may skip some of it."""
+        outer, self.counters = self.counters, (*self.counters, start.name)
+        made = self.looped((step,), goes_on)
+        self.counters = outer
+        return made
+
+    def counter(self) -> tuple[Declare, Stmt, Expr]:
         """Make the statements that keep a loop finite: a counter, its step, and the test whether it has room."""
         name = self.fresh("k")
         self.names[name] = I
@@ -208,7 +219,7 @@ class Statements(Expressions):
         """Return a loop that tests first."""
         start, step, room = self.counter()
         condition = Apply(B, "and", (room, self.expr(B))) if not (self.endless and self.chance(50)) else self.expr(B)
-        body, _ = self.looped((step,))
+        body, _ = self.counted(start, step)
         return self.together(start, While(condition, body))
 
     def do_loop(self) -> Stmt:
@@ -217,7 +228,7 @@ class Statements(Expressions):
         if self.endless:
             # A break among the first statements would be the loop's test, behind which its iterations are counted.
             step = If(((room, (step,)),))
-        body, continues = self.looped((step,), goes_on=True)
+        body, continues = self.counted(start, step, goes_on=True)
         full = Apply(B, "not", (room,))
         until = Apply(B, "or", (full, self.expr(B))) if not (self.endless and self.chance(50)) else self.expr(B)
         return self.together(start, Do(body, until, late=continues or self.chance(30)))
