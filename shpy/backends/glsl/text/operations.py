@@ -314,7 +314,9 @@ class GlslBody(Body):
     def loop(self, s: Loop, place: Place) -> None:
         """Append a loop, before it what hides the first values of variables from a driver that misreads exits."""
         if not self.unit.leaves_loops:
-            slots = [self.slots[v] for v in self.exits.misread(s) if v in self.slots]
+            slots = [
+                self.slots[v] for v in self.exits.misread(s) if v in self.slots and self.variables[v].length is None
+            ]
             for slot in [slot for slot in slots if slot.type.is_int or (slot.type.is_float and not self.unit.exact)]:
                 zero = (
                     Cast(slot.type.scalar, self.unit.unknown_zero()) if slot.type.is_int else self.unit.unknown_zero()
