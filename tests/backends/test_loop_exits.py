@@ -124,3 +124,17 @@ def test_an_exit_that_follows_the_step_holds_when_it_should(spelling: Any, kind:
         for backend in TARGETS:
             found = np.stack(made.compile(backend, math=math)(A))
             assert np.array_equal(found, wanted), (backend, first, step)
+
+
+@pytest.mark.parametrize("backend", TARGETS)
+def test_an_exit_may_compare_an_element_of_an_array_that_the_loop_stores_into(backend: str) -> None:
+    @sh.program
+    def filling(a: sh.Attrib1f):
+        held, n = sh.Array(sh.Attrib1u, 4), sh.Attrib1i(0)
+        with SH_WHILE(lambda: n < ROUNDS):
+            held[n & 3] = sh.Attrib1u(n + 1)
+            n += 1
+            SH_BREAK(held[0] + held[n & 3] > sh.Attrib1u(a))
+        return n
+
+    assert filling.compile(backend)(A).tolist() == filling.compile("numpy")(A).tolist() == [1, 4, 5]
