@@ -32,9 +32,10 @@ def test_each_kind_of_fault_changes_one_place(monkeypatch, tmp_path):
 
 
 def test_a_seed_draws_the_same_faults_and_as_many_in_each_part():
-    faults = mutation.chosen(5, 9)
-    assert faults == mutation.chosen(5, 9)
-    assert faults != mutation.chosen(6, 9)
+    count = 3 * len(mutation.PARTS)
+    faults = mutation.chosen(5, count)
+    assert faults == mutation.chosen(5, count)
+    assert faults != mutation.chosen(6, count)
     assert [fault.part for fault in faults] == [part for part in mutation.PARTS for _ in range(3)]
 
 
