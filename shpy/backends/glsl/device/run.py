@@ -338,7 +338,7 @@ def refused(source: str, log: str, loc: Loc | None) -> CompileError:
 
 def unsupported(type: Type, loc: Loc | None) -> CompileError:
     """Return the error for a base that GLSL 3.30 has not."""
-    name = {Base.D: "64-bit floats (f64)", Base.H: "16-bit floats (f16)"}.get(type.base, repr(type))
     lacks = {Base.D: "f64", Base.H: "f16"}.get(type.base)
+    name = f"{lacks[1:]}-bit floats ({lacks})" if lacks else repr(type)
     cure = 'compile this program on "numpy" or "opencl"'
     return CompileError(f"GLSL 3.30 has no {name}", loc=loc, cure=cure, lacks=lacks)

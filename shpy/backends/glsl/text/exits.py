@@ -41,20 +41,21 @@ class Exits:
     def __init__(self, function: Function, callees: Mapping[str, Function]) -> None:
         self.callees = callees
         self.lets = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
-        self.stores = [s for s in walk(function.body) if isinstance(s, Store)]
+        self.stores = _by_variable(function.body)
         self.handed = {p.id for p in function.inputs if isinstance(p, Variable)} | self._handed_on(function.body)
         """The variables that come by reference, or are handed on so."""
 
     def misread(self, loop: Loop) -> list[int]:
         """Return the variables that the loop changes and an exit compares, but for exits that the driver gets right."""
-        inside = [s for s in walk((loop,)) if isinstance(s, Store)]
+        inside = _by_variable((loop,))
+        held = {s.value: v for v, stores in inside.items() for s in stores if is_whole(s)}
         handed = self._handed_on((loop,))
-        begins = {v: self._first_values(v, inside) for v in handed.union(s.variable for s in inside)}
+        begins = {v: self._first_values(v, inside.get(v, [])) for v in handed | inside.keys()}
         conditions = list(_conditions(loop))
         found = handed if conditions else set()  # a subroutine may compare what it changes
         for condition in conditions:
             for comparison in self._comparisons(condition, inside):
-                if not self._is_right(comparison, begins, inside):
+                if not self._is_right(comparison, begins, held):
                     found |= self._read(comparison.args) & begins.keys()
         return sorted(found)
 
@@ -62,7 +63,7 @@ class Exits:
         """Return the variables that calls may change."""
         return {v for s in walk(region) if isinstance(s, Call) for v in changed_variables(s, self.callees)}
 
-    def _comparisons(self, condition: int, inside: list[Store]) -> Iterator[Let]:
+    def _comparisons(self, condition: int, inside: dict[int, list[Store]]) -> Iterator[Let]:
         """Yield the comparisons that a condition is made of, through variables that the loop stores them in."""
         pending, seen = [condition], set[int]()
         while pending:
@@ -72,8 +73,8 @@ class Exits:
             seen.add(let.value.id)
             if let.op in _COMPARISONS:
                 yield let
-            elif let.op == "load":
-                pending += [s.value for s in inside if s.variable == let.attr]
+            elif let.op == "load" and isinstance(let.attr, int):
+                pending += [s.value for s in inside.get(let.attr, [])]
             else:
                 pending += let.args
 
@@ -81,7 +82,8 @@ class Exits:
         """Return what the loop's variable may begin with, None for a value that is not a constant."""
         if variable in self.handed:
             return [None]
-        outside = [s for s in self.stores if s.variable == variable and not any(s is other for other in inside)]
+        ours = {id(s) for s in inside}
+        outside = [s for s in self.stores.get(variable, []) if id(s) not in ours]
         return [self._constant(s.value) if is_whole(s) else None for s in outside] or [0]
 
     def _constant(self, value: int) -> float | None:
@@ -106,23 +108,32 @@ class Exits:
                 read.add(let.attr)
         return read
 
-    def _is_right(self, let: Let, begins: dict[int, list[float | None]], inside: list[Store]) -> bool:
+    def _is_right(self, let: Let, begins: dict[int, list[float | None]], held: dict[int, int]) -> bool:
         """Return whether a comparison with a constant holds for no first value, or is none that counts."""
         compare = _COMPARISONS[let.op]
         a, b = let.args
         x, y = self._constant(a), self._constant(b)
-        if y is not None and (v := self._held(a, inside)) is not None:
+        if y is not None and (v := self._held(a, held)) is not None:
             return all(n is not None and not compare(n, y) for n in begins.get(v, ()))
-        if x is not None and (v := self._held(b, inside)) is not None:
+        if x is not None and (v := self._held(b, held)) is not None:
             return all(n is not None and not compare(x, n) for n in begins.get(v, ()))
         return self._read(let.args, _STEPPED).isdisjoint(begins)
 
-    def _held(self, value: int, inside: list[Store]) -> int | None:
+    def _held(self, value: int, held: dict[int, int]) -> int | None:
         """Return the variable that the loop stores a value in, or that the value is loaded from; None without one."""
         let = self.lets.get(value)
         if let is not None and let.op == "load" and isinstance(let.attr, int) and not let.args:
             return let.attr
-        return next((s.variable for s in inside if s.value == value and is_whole(s)), None)
+        return held.get(value)
+
+
+def _by_variable(region: Region) -> dict[int, list[Store]]:
+    """Return the stores of a region, by the variable."""
+    found: dict[int, list[Store]] = {}
+    for s in walk(region):
+        if isinstance(s, Store):
+            found.setdefault(s.variable, []).append(s)
+    return found
 
 
 def _conditions(loop: Loop) -> Iterator[int]:

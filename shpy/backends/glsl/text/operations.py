@@ -313,14 +313,14 @@ class GlslBody(Body):
 
     def loop(self, s: Loop, place: Place) -> None:
         """Append a loop, before it what hides the first values of variables from a driver that misreads exits."""
-        if not self.unit.leaves_loops:
-            slots = [
-                self.slots[v] for v in self.exits.misread(s) if v in self.slots and self.variables[v].length is None
-            ]
-            for slot in [slot for slot in slots if slot.type.is_int or (slot.type.is_float and not self.unit.exact)]:
-                zero = (
-                    Cast(slot.type.scalar, self.unit.unknown_zero()) if slot.type.is_int else self.unit.unknown_zero()
-                )
+        for variable in () if self.unit.leaves_loops else self.exits.misread(s):
+            type = self.variables[variable].type
+            # Floats are hidden already, but for those of fast mode (passes/hide.py).
+            known = type.is_int or (type.is_float and not self.unit.exact)
+            if known and variable in self.slots and self.variables[variable].length is None:
+                zero: Expr = self.unit.unknown_zero()
+                zero = Cast(type.scalar, zero) if type.is_int else zero
+                slot = self.slots[variable]
                 self.out.append(tree.Assign(slot, tree.infix("+", slot, zero), s.loc))
         super().loop(s, place)
 
