@@ -13,6 +13,7 @@ from typing import Final
 
 from shpy.ir.types import Base
 from shpy.passes.exact.coefficients import ATANH, COSH, EXPM1, LN2, SINH, TWICE_ATANH
+from shpy.passes.exact.exponential import clamped
 from shpy.passes.exact.parts import horner
 from shpy.passes.strict.parts import MAGIC, sign_bit
 from shpy.passes.terms import Term, where
@@ -33,11 +34,6 @@ _ONE: Final = 0x3F800000
 """The bits of 1."""
 
 
-def _clamped(x: Term, end: float) -> Term:
-    """Return the number between -end and end that is nearest to x; NaN stays."""
-    return where(x > end, end, where(x < -end, -end, x)).named("near")
-
-
 def _power(n: Term) -> Term:
     """Return the binary64 2**n for an int n from -127 on; 0 in place of 2**-127 and of all that is less."""
     return ((n + 127).op("max", 0) << 23).based(Base.U).op("float_from_bits").based(Base.D)
@@ -52,7 +48,7 @@ def _whole(x: Term, scale: float) -> tuple[Term, Term]:
 
 def _parts_of(x: Term) -> tuple[Term, Term, Term, Term]:
     """(sinh r, cosh r, 2**k + 2**-k, 2**k - 2**-k), with powers of two whose product is 1/2: see SINH and COSH."""
-    near = _clamped(x, _END)
+    near = clamped(x, -_END, _END).named("near")
     k, n = _whole(near, 1.442695)
     ln2, ln2_low = LN2
     r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
@@ -75,7 +71,7 @@ def cosh(x: Term) -> Term:
 
 def tanh(x: Term) -> Term:
     """Hyperbolic tangent."""
-    near = _clamped(x, _TANH_END)
+    near = clamped(x, -_TANH_END, _TANH_END).named("near")
     k, n = _whole(near, 2.88539)
     d = near.based(Base.D)
     r = k.mul_add(-math.log(2), d + d).named("r")
