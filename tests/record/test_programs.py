@@ -148,33 +148,6 @@ def test_subroutines_take_references():
     assert text.count("function advance(") == 1
 
 
-def test_a_struct_has_the_fields_of_its_base_first():
-    @sh.struct
-    class Base:
-        a: sh.Attrib1f
-        b: sh.Attrib3f
-
-        def total(self):
-            return self.a + self.b.x
-
-    @sh.struct
-    class Derived(Base):
-        c: sh.Attrib1i
-
-    @sh.program
-    def made(x: sh.Attrib1f, v: sh.Attrib3f) -> Derived:
-        found = Derived(x, v, 1)
-        assert isinstance(found, Base)
-        found.a = found.total()
-        return found
-
-    found = made(np.float32([2]), np.float32([[3, 4, 5]]))
-    assert found._fields == ("a", "b", "c")
-    assert (found.a.tolist(), found.b.tolist(), found.c.tolist()) == ([5], [[3, 4, 5]], [1])
-    with pytest.raises(sh.ShpyError, match="takes the fields a, b, c"):
-        Derived(1, 2, 3, 4)
-
-
 def test_structs_and_named_tuples_on_the_host():
     @sh.program
     def turn(ray: Ray) -> Ray:

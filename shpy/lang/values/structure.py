@@ -19,7 +19,7 @@ import inspect
 import sys
 import typing
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -339,15 +339,19 @@ def _is_struct(type_: Any) -> bool:
     return isinstance(type_, type) and issubclass(type_, Struct)
 
 
+_OWN = frozenset({"__new__", "__init__", "__setattr__", "__setitem__", "__reduce__", "copy"})
+"""The methods by which a struct is constructed, stored and copied."""
+
+
 def struct(cls: type) -> Any:
     """Make a struct of a class with annotated fields: usable as input, output and array element.
 
-    A struct of a struct has the fields of its base first, as dataclasses do. Raises ShpyTypeError where a field is
-    annotated with anything but a type of the language or another struct.
+    A struct of a struct has the fields of its base first, as dataclasses do. Methods of other bases work on its fields.
+    Raises ShpyTypeError where a field is annotated with anything but a type of the language or another struct, and for
+    a base that has fields, or a constructor, but is no struct.
     """
     frame = sys._getframe(1)
     namespace = {**frame.f_globals, **frame.f_locals}
-    bases = tuple(base for base in cls.__bases__ if _is_struct(base))
     fields = {name: hint for base in reversed(cls.__mro__) for name, hint in vars(base).get("_shpy_fields", {}).items()}
     fields |= {
         name: eval(hint, namespace) if isinstance(hint, str) else hint
@@ -355,14 +359,40 @@ def struct(cls: type) -> Any:
     }
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
-    body = {k: v for k, v in cls.__dict__.items() if k not in ("__dict__", "__weakref__", "__annotations__")}
-    made = _struct_class(cls.__name__, fields, body, bases or (Struct,))
+    of_structs = {part for base in cls.__mro__[1:] if _is_struct(base) for part in base.__mro__}
+    for base in cls.__mro__[1:]:
+        if base not in of_structs and base is not object:
+            _check_mixin(base, cls, fields)
+    made = _struct_class(cls, fields)
     layout_of(made, cls.__name__)
     return made
 
 
-def _struct_class(name: str, fields: dict[str, Any], body: dict[str, Any], bases: tuple[type, ...] = (Struct,)) -> Any:
-    made: Any = type(name, bases, {**body, "_shpy_fields": fields})
+def _check_mixin(base: type, cls: type, fields: Collection[str]) -> None:
+    """Check a base of the class of a struct that is no struct: it may have methods, and declare fields of the class."""
+    own = _OWN & vars(base).keys()
+    if own:
+        raise ShpyTypeError(
+            f"{cls.__name__} is a struct, and its base {base.__name__} has {min(own)} of its own, which structs need",
+            loc=here(),
+            cure="no protocol among the bases: a class with its methods follows it"
+            if getattr(base, "_is_protocol", False)
+            else f"a base with other methods alone, or @sh.struct above class {base.__name__}",
+        )
+    for name, hint in inspect.get_annotations(base).items():
+        if name not in fields and "ClassVar" not in str(hint):
+            raise ShpyTypeError(
+                f"{cls.__name__} is a struct, and its base {base.__name__} with the field {name} is none",
+                loc=here(),
+                cure=f"@sh.struct above class {base.__name__}",
+            )
+
+
+def _struct_class(cls: type, fields: dict[str, Any]) -> Any:
+    """Return the struct of a class: a class of its name, of which it is the first base."""
+    body = {name: getattr(cls, name) for name in ("__doc__", "__module__", "__qualname__")}
+    # With the user's class among the bases, super() in its methods finds the class behind it.
+    made: Any = type(cls.__name__, (cls, Struct), {**body, "_shpy_fields": fields})
     made._shpy_class = made
     return made
 
@@ -406,7 +436,7 @@ def _class_like(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], mo
     types = {n: type_of(part) for n, part in zip(names, parts, strict=True)}
     plain = name.rpartition(".")[2]
     if form == "struct":
-        return _struct_class(plain, types, {"__module__": module})
+        return _struct_class(type(plain, (), {"__module__": module}), types)
     make: Any = namedtuple
     made = make(plain, names, rename=True, module=module)
     made.__annotations__ = types

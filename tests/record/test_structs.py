@@ -1,0 +1,115 @@
+"""Structs and their bases: fields, methods and super()."""
+
+import pickle
+from abc import ABC
+from typing import ClassVar, Protocol
+
+import numpy as np
+import pytest
+
+import shpy as sh
+
+
+def test_a_struct_has_the_fields_of_its_base_first():
+    @sh.struct
+    class Base:
+        a: sh.Attrib1f
+        b: sh.Attrib3f
+
+        def total(self):
+            return self.a + self.b.x
+
+    @sh.struct
+    class Derived(Base):
+        c: sh.Attrib1i
+
+    @sh.program
+    def made(x: sh.Attrib1f, v: sh.Attrib3f) -> Derived:
+        found = Derived(x, v, 1)
+        assert isinstance(found, Base)
+        found.a = found.total()
+        return found
+
+    found = made(np.float32([2]), np.float32([[3, 4, 5]]))
+    assert found._fields == ("a", "b", "c")
+    assert (found.a.tolist(), found.b.tolist(), found.c.tolist()) == ([5], [[3, 4, 5]], [1])
+    with pytest.raises(sh.ShpyError, match="takes the fields a, b, c"):
+        Derived(1, 2, 3, 4)
+
+
+class Sized:
+    """A base that is no struct. It says which field its methods read."""
+
+    size: sh.Attrib1f
+
+    def area(self):
+        return self.size * self.size
+
+
+@sh.struct
+class Square(Sized, ABC):
+    """A square."""
+
+    size: sh.Attrib1f
+    name = "square"
+
+    @property
+    def twice(self):
+        return 2 * super().area()
+
+
+@sh.struct
+class Box(Square):
+    height: sh.Attrib1f
+
+    def __init__(self, size, height):
+        super().__init__(size, height)
+
+    def area(self):
+        return 4 * self.size * self.height + 2 * super().area()
+
+
+def test_a_struct_has_the_methods_of_bases_that_are_no_structs():
+    @sh.program
+    def areas(square: Square, height: sh.Attrib1f):
+        assert isinstance(square, Sized)
+        box = Box(square.size, height)
+        box.height += 1
+        return square.area(), square.twice, box.area(), box.copy().twice
+
+    assert [float(found) for found in areas({"size": 3}, 1)] == [9, 18, 42, 18]
+    assert (Square.__doc__, Square.name, Square.__qualname__) == ("A square.", "square", "Square")
+    assert type(pickle.loads(pickle.dumps(Box(1, 2)))) is Box
+
+
+def test_a_base_that_has_fields_or_a_constructor_but_is_no_struct_is_an_error():
+    class Constructed:
+        def __init__(self):
+            self.o = 1
+
+    class Named(Protocol):
+        def called(self): ...
+
+    class Placed:
+        at: sh.Point3f
+        count: ClassVar[int] = 3
+
+    needs = "which structs need"
+    for base, says, cure in (
+        (
+            dict,
+            f"its base dict has __init__ of its own, {needs}",
+            "a base with other methods alone, or @sh.struct above",
+        ),
+        (Constructed, f"its base Constructed has __init__ of its own, {needs}", "@sh.struct above class Constructed"),
+        (Named, f"its base Named has __init__ of its own, {needs}", "no protocol among the bases"),
+        (Placed, "its base Placed with the field at is none", "@sh.struct above class Placed"),
+    ):
+        with pytest.raises(sh.ShpyTypeError, match=f"Ball is a struct, and {says}") as caught:
+
+            @sh.struct
+            class Ball(base):
+                radius: sh.Attrib1f
+
+        assert caught.value.loc.file == __file__
+        assert cure in caught.value.cure
