@@ -1,4 +1,4 @@
-"""Interleaved timing: every contender once, then every contender again, so that a busy moment hits all of them.
+"""Interleaved timing: the contenders take turns in every round, so that a busy moment slows all of them.
 
     measured = run(MANDELBROT, 1024, ["opencl", "masks", "numba"], rounds=7)
     measured.ratios("numba", "opencl")     # how many times as long numba took as opencl, one number a round
@@ -30,10 +30,11 @@ PAUSE = 0.03
 
 @dataclass
 class Measured:
-    """The outcome of one work.
+    """The times of one benchmark.
 
-    `seconds` by contender, one for each round, and `cpu` seconds of all threads; `best` single call of all; how answers
-    agree; the `first` call, with all that is compiled for it; who failed and why.
+    `seconds` has for each contender one number per round, `cpu` the CPU seconds of all threads, and `best` the single
+    fastest call. `first` is the time of the first call, compilation included. The answers are compared with the
+    reference; contenders that failed are listed with the error.
     """
 
     work: Work
@@ -56,7 +57,7 @@ class Measured:
 
 
 def once(run: Run) -> float:
-    """Seconds of one call."""
+    """Return the seconds of one call."""
     started = time.perf_counter()
     run()
     return time.perf_counter() - started
@@ -65,7 +66,7 @@ def once(run: Run) -> float:
 def run(
     work: Work, size: int, contenders: Sequence[str], rounds: int, say: Callable[[str], None] = lambda _: None
 ) -> Measured:
-    """Measure a work. A contender that raises is noted and left out."""
+    """Measure a benchmark. A contender that raises an error is noted and left out."""
     measured, ready = Measured(work, size), {}
     inputs = work.inputs(size)
     reference = np.array(work.versions["masks"](*inputs)()) if "masks" in work.versions else None

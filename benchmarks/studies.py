@@ -1,9 +1,9 @@
-"""The growth of time with triangles, pixels, bounces and lights, and the time to build the accelerators.
+"""Measure how time grows with triangles, pixels, bounces and lights, and the time to build accelerators.
 
     print(STUDIES["lights"](mesh, quick=False))
 
-Each study gives a `Table`. Times are the best of five calls, CPU times those of all threads; ours run on OpenCL where
-there is a device, or else on numpy.
+Each study gives a `Table`. Times are those of the best of five calls; CPU times are those of all threads. Ours run on
+OpenCL where there is a device, otherwise on numpy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from raytracer.meshes.shapes import knot
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under a heading; `note` says what they are."""
+    """A table of text under a heading; `note` explains its numbers."""
 
     name: str
     note: str
@@ -52,12 +52,12 @@ def spread(values: Any, digits: int) -> str:
 
 
 def backend() -> str:
-    """OpenCL where there is a device, else numpy."""
+    """Return "opencl" where there is a device, otherwise "numpy"."""
     return "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
 
 
 def best(run: Callable[[], Any], calls: int = 5) -> tuple[float, float]:
-    """Seconds of the fastest of some calls, after one that does not count; and the least CPU seconds of all threads."""
+    """Return the seconds of the fastest call after one warm-up call, and the least CPU seconds of all threads."""
     run()
     found = []
     for _ in range(calls):
@@ -69,16 +69,16 @@ def best(run: Callable[[], Any], calls: int = 5) -> tuple[float, float]:
 def in_turns(
     runs: Sequence[Callable[[], Any]], turns: int = 5, clock: Callable[[], float] = time.perf_counter
 ) -> list[float]:
-    """Return seconds of the fastest call of each, in turns: see `rounds_of`."""
+    """Return the seconds of the fastest call of each run; the runs take turns as in `rounds_of`."""
     return [min(times) for times in rounds_of(runs, turns, clock)]
 
 
 def rounds_of(
     runs: Sequence[Callable[[], Any]], turns: int, clock: Callable[[], float] = time.perf_counter
 ) -> list[list[float]]:
-    """Return seconds of the calls of each, in turns: a pause, a call that wakes the threads, one that counts.
+    """Return the seconds of the timed calls of each run, in turns: a pause, a warm-up call, a timed call.
 
-    With `time.process_time` as the clock, seconds of all threads of the process.
+    With `time.process_time` as the clock they are the CPU seconds of all threads of the process.
     """
     found: list[list[float]] = [[] for _ in runs]
     for _ in range(turns):
@@ -92,12 +92,12 @@ def rounds_of(
 
 
 def rate(count: int, seconds: float) -> str:
-    """Millions a second."""
+    """Return millions of items per second, as text."""
     return f"{count / seconds / 1e6:.1f}"
 
 
 def triangles(mesh: Mesh, quick: bool) -> Table:
-    """Knots of 1,000 to 1,000,000 triangles: how long the hierarchy takes to build, and rays a second."""
+    """Measure rays per second over knots of 1,000 to 1,000,000 triangles."""
     del mesh
     size = 32 if quick else 512
     compiled = partial(sh.Program.compile, backend=backend())
@@ -121,7 +121,7 @@ def triangles(mesh: Mesh, quick: bool) -> Table:
 
 
 def accelerators(mesh: Mesh, quick: bool) -> Table:
-    """Seconds to build the grid and the hierarchy of boxes, in numpy."""
+    """Measure the seconds to build the grid and the BVH, in numpy."""
     sizes = [(50, 10)] if quick else [(50, 10), (160, 32), (500, 70), (500, 100), (1600, 320)]
     meshes = [mesh, *(knot(segments=a, sides=b) for a, b in sizes)]
     rows = []
@@ -193,7 +193,7 @@ def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, i
 
 
 def pixels(mesh: Mesh, quick: bool) -> Table:
-    """Frames of 64 x 64 to 2048 x 2048 pixels."""
+    """Measure frames of 64 x 64 to 2048 x 2048 pixels."""
     scene = frames.scene_of(mesh)
     sizes = [16, 32] if quick else [64, 128, 256, 512, 1024, 2048]
     cases = [(n, scene, n, 1) for n in sizes]
@@ -201,7 +201,7 @@ def pixels(mesh: Mesh, quick: bool) -> Table:
 
 
 def bounces(mesh: Mesh, quick: bool) -> Table:
-    """Up to 16 bounces between mirrors."""
+    """Measure up to 16 bounces between mirrors."""
     del mesh
     size = 32 if quick else 512
     scene = Scene.builtin("mirror-box")
@@ -210,7 +210,7 @@ def bounces(mesh: Mesh, quick: bool) -> Table:
 
 
 def lights(mesh: Mesh, quick: bool) -> Table:
-    """1 to 8 lights."""
+    """Measure 1 to 8 lights."""
     size = 32 if quick else 512
     cases = [(n, frames.scene_of(mesh, n), size, 1) for n in ((1, 2) if quick else (1, 2, 4, 8))]
     return _frames("lights", f"{mesh.name} on a mirror, {size} x {size} pixels, one bounce.", "lights", cases)

@@ -27,7 +27,7 @@ ROUNDS = 15
 SEED = 4711
 """The seed of inputs that no search has drawn."""
 CAMERAS = 8
-"""From which each scene is looked at."""
+"""Number of cameras from which the pictures of each scene are checked."""
 
 
 @sh.program
@@ -67,7 +67,7 @@ def fresnel(cosine: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def schlick(cosine: sh.Attrib1f) -> sh.Attrib1f:
-    """Schlick's approximation of it (1994)."""
+    """Return Schlick's approximation (1994) of `fresnel`."""
     return 0.04 + 0.96 * (1 - cosine) ** 5
 
 
@@ -85,7 +85,7 @@ KERNELS: Sequence[tuple[str, Any, dict[str, Range], Any]] = (
 
 
 def kernels(mesh: Mesh, quick: bool) -> Table:
-    """Six kernels with a budget each."""
+    """Return six kernels, each with its error budget."""
     del mesh
     rows = [_kernel(*given, quick) for given in KERNELS]
     note = "The pick of `sh.accuracy.tradeoff` for a budget, on 100,000 elements that it has not seen."
@@ -112,7 +112,7 @@ def _kernel(name: str, program: Any, domain: dict[str, Range], budget: Any, quic
 
 
 def _drawn(domain: dict[str, Range], count: int) -> list[np.ndarray]:
-    """Elements of the domain, in binary32."""
+    """Draw `count` elements of the domain at random, in binary32."""
     rng = np.random.default_rng(SEED)
     drawn = []
     for low, high, *log in domain.values():
@@ -131,7 +131,7 @@ def _kept(found: Any, exact: Any, budget: Any) -> float:
 
 
 def _in_turns(runs: Sequence[Callable[[], Any]], rounds: int) -> list[float]:
-    """Return the median seconds of each; in each round a run comes first that is not timed; short runs are repeated."""
+    """Return the median seconds of each run. Runs take turns, each after a warm-up call; short runs are repeated."""
     taken: list[list[float]] = [[] for _ in runs]
     for _ in range(rounds):
         for run, seconds in zip(runs, taken, strict=True):
@@ -141,7 +141,7 @@ def _in_turns(runs: Sequence[Callable[[], Any]], rounds: int) -> list[float]:
 
 
 def scenes(mesh: Mesh, quick: bool) -> Table:
-    """Two built-in scenes and a mesh on a mirror."""
+    """Return two built-in scenes and a mesh on a mirror."""
     given = [("boxes", Scene.builtin("boxes"), 1.0), ("mirror-box", Scene.builtin("mirror-box"), 4.0)]
     given.append((f"{mesh.name} on a mirror", scene_of(mesh), 2.0))
     rows = [_scene(*one, quick) for one in given[: 1 if quick else None]]

@@ -77,7 +77,7 @@ class Example:
         return text.replace(self.constant, f"{self.constant}{digits}")
 
     def moving(self) -> str:
-        """Return the file's text with a program behind it whose picture differs from frame to frame."""
+        """Return the file's text, followed by a program whose picture differs from frame to frame."""
         inputs = [word.split(":")[0] for word in self.inputs.split(", ") if word]
         taken = ", ".join(word for word in (self.inputs, "" if "time" in inputs else "time: sh.Attrib1f") if word)
         return (FOLDER / f"{self.file}.py").read_text() + (

@@ -152,7 +152,7 @@ def made_by(path: Path) -> Make:
 
 
 class _Made:
-    """The function `scene` of a Python file; it travels as the file's text.
+    """The function `scene` of a Python file, pickled as the file's text.
 
     The file imports the modules of its folder, as it does where Python runs it. The folder stays on `sys.path`, because
     the function may import more of them when it is called.

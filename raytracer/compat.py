@@ -31,9 +31,10 @@ Ints = NDArray[np.int64]
 class RayMeshIntersector:
     """Answers ray queries about a `trimesh.Trimesh` with the methods of trimesh's `ray_triangle.RayMeshIntersector`.
 
-    `backend` and `precision` are those of `Intersector`. It is built at the first query, and again after the mesh has
-    changed. Hits come ray by ray in order of distance. Locations are computed in f64 from the triangles that are hit.
-    Arguments are arrays (N, 3); SceneError, which is a ValueError, as `Intersector` raises it, and for what is no mesh.
+    `backend` and `precision` are those of `Intersector`. The accelerator is built at the first query, and again after
+    the mesh has changed. Hits are sorted by ray, then by distance. Locations are computed in f64 from the triangles
+    that are hit. Arguments are arrays (N, 3). Raises SceneError, a ValueError, where `Intersector` does, and for
+    anything but a mesh.
     """
 
     def __init__(self, mesh: Any, backend: str | None = None, precision: str = "f32") -> None:

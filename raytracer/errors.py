@@ -19,7 +19,7 @@ class SceneError(ValueError):
 
 
 class ClusterError(RuntimeError):
-    """A Dask cluster cannot be reached or used as it is asked to; the message says why."""
+    """A Dask cluster cannot be reached, or cannot do the requested work; the message says why."""
 
 
 def users_line() -> str:

@@ -319,7 +319,7 @@ class Intersector:
         return tuple(found), exact
 
     def _kernel(self, name: str, rays: Rays, leaving: bool, exact: bool) -> Any:
-        """Return the kernel for these rays. Rays in a cube diverge, wherever they come from."""
+        """Return the kernel for these rays, with one lane where they diverge; rays through a cube always diverge."""
         key = name, self._walks_alone(rays), leaving, exact
         if key not in self._kernels:
             program = getattr(queries, name)(self._walk_for(*key[:3]), exact)
@@ -343,7 +343,7 @@ class Intersector:
         return self._walk.bounded(bound)
 
     def _walks_alone(self, rays: Rays) -> bool:
-        """Return True if rays walk through the hierarchy one by one."""
+        """Return True if rays diverge, so that each walks through the BVH in a packet of one lane."""
         if self._target != "opencl" or self._precision != "f32" or not isinstance(self._structure, Bvh):
             return False
         if np.any(rays.near < 0):
@@ -355,7 +355,7 @@ class Intersector:
 
     @cached_property
     def _walk(self) -> Walk:
-        """The walk of rays that keep together, built on first use: lone rays do not need it."""
+        """The walk of packets of coherent rays, built on first use: rays that walk alone do not need it."""
         assert self._structure is not None
         return walk_with(self._structure, self._triangles, self._target, None)
 

@@ -125,7 +125,7 @@ class Pose:
 
     @classmethod
     def of(cls, transform: Any) -> Pose:
-        """Return the pose of a matrix (4, 4); SceneError for more than moves, rotations, mirrors and one scale."""
+        """Return the pose of a matrix (4, 4); SceneError unless it moves, rotates, mirrors or scales uniformly."""
         matrix = affine(transform)
         turn = matrix[:3, :3]
         size = float(np.abs(turn).max())

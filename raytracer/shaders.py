@@ -111,7 +111,7 @@ def oren_nayar(roughness: float = 0.5) -> OfLight:
 
 
 def cook_torrance(roughness: float = 0.25, base: Triple = (0.95, 0.64, 0.54)) -> OfLight:
-    """Shade a metal: facets with Beckmann's slopes that mirror `base` of light at normal incidence.
+    """Shade a metal: microfacets with Beckmann's distribution, which reflect `base` of the light at normal incidence.
 
     Cook and Torrance 1982, with Schlick's approximation (1994) of Fresnel's equations. The default is copper.
     """

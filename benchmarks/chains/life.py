@@ -51,7 +51,7 @@ def ours(compiled, start):
 
 @WORK.version("masks")
 def masks(start):
-    """Slices of an array with a border, in place: sums of three cells down, then sums of three of these across."""
+    """Step the board by slices of an array with a border, in place: sums of columns, then sums of rows of these."""
     n = len(start)
     field, down = np.empty((n + 2, n + 2), np.int32), np.empty((n, n + 2), np.int32)
     around, three, four = np.empty((n, n), np.int32), np.empty((n, n), bool), np.empty((n, n), bool)
@@ -131,7 +131,7 @@ def warp(start):
 
 @WORK.version("numba")
 def numba(start):
-    """Rows with a border on both sides, so that the loop over a row has no branch."""
+    """Step the board row by row, with a border on both sides, so that the loop over a row has no branch."""
     from numba import njit, prange
 
     @njit(parallel=True)
@@ -197,5 +197,5 @@ __kernel void generation(__global const int *restrict old, __global int *restric
 
 @WORK.version("pyopencl")
 def pyopencl(start):
-    """Two buffers that stay on the device, and one enqueued kernel for each generation."""
+    """Step the board with two buffers that stay on the device, and enqueue one kernel per generation."""
     return run_by_hand(BY_HAND, "generation", start, "wrap", GENERATIONS)

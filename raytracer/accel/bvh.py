@@ -1,11 +1,11 @@
-"""The bounding volume hierarchy: boxes within boxes, each with links to the next box to look at.
+"""The bounding volume hierarchy: boxes within boxes, each with links to the next box to visit.
 
 Stage: accelerate. Takes corners (N, 3, 3), gives a `Bvh`: for every node a box, and for every octant of ray directions
-two links, where to go if the ray meets the box and where if it does not. A ray that follows them sees the nodes depth
-first, the nearer child first, and needs no stack (Smits 1998, whose skip pointers are here one set an octant).
+two links, one to follow if the ray meets the box and one if it misses. A ray that follows them visits the nodes depth
+first, the nearer child first, and needs no stack (Smits 1998, whose skip pointers exist here once per octant).
 
-A node is cut where the surface area heuristic is least, estimated at the borders of bins along each axis (Wald 2007).
-All nodes of a level are cut at once, by numpy; there is no recursion and no loop over nodes.
+A node is split where the surface area heuristic is least, estimated at the borders of bins along each axis (Wald 2007).
+All nodes of a level are split at once, by numpy; there is no recursion and no loop over nodes.
 
 >>> bvh = build_bvh(np.eye(3)[None])
 >>> bvh.items.tolist(), bvh.links[0].tolist()
@@ -42,11 +42,11 @@ END = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bvh:
-    """A box (`low`, `high`), each (M, 3), for each of M nodes; `items` (N,) int32 the triangles, leaf by leaf.
+    """A box (`low`, `high`), each (M, 3), for each of M nodes; `items` (N,) int32 are the triangles, leaf by leaf.
 
-    `links` (8, M, 2) int32: for the octant whose bit a is set if the rays' component a is negative, the node to go on
-    with after a box that is met, and after one that is missed; END when there is none. The first link of a leaf is
-    negative: `-1 - (first << COUNT_BITS | count)` says that it holds `items[first : first + count]`.
+    `links` (8, M, 2) int32 holds for each octant and node the node to visit after the box is hit, and the node to visit
+    after it is missed; END ends the walk. Bit a of the octant is set if the rays' component a is negative. The first
+    link of a leaf is negative: `-1 - (first << COUNT_BITS | count)` says that it holds `items[first : first + count]`.
     """
 
     low: Bounds
@@ -75,7 +75,7 @@ def grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype
 
 
 def growth_of(largest: NDArray[np.floating], dtype: np.dtype[Any]) -> NDArray[np.float64]:
-    """Return by how much boxes are grown of which these are the largest coordinates, (N,)."""
+    """Return by how much boxes are grown, given the largest coordinate of each, (N,)."""
     return float(np.finfo(dtype).eps) * largest.astype(np.float64) + GROWTH
 
 
@@ -88,9 +88,9 @@ def unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[F
 
 @dataclass(slots=True, eq=False)
 class Level:
-    """The nodes at one depth: which part of the order each holds, its first child in the next level, its axis of cut.
+    """The nodes at one depth: the range of the order that each holds, its first child in the next level, its axis.
 
-    `child` is -1 for a leaf; the other child stands behind the first.
+    `axis` is that of the split. `child` is -1 for a leaf; the second child follows the first.
     """
 
     start: Ints
@@ -100,10 +100,10 @@ class Level:
 
 
 def cut_apart(lows: Floats, highs: Floats, most: int, deepest: float = np.inf) -> tuple[list[Level], Ints]:
-    """Cut boxes (N, 3) apart, a level of nodes at a time; return the levels and the order of the boxes in them.
+    """Split boxes (N, 3) level by level; return the levels of nodes, and the order of the boxes in them.
 
-    A leaf holds at most `most` boxes. Nodes of the level `deepest` and below are halved as they stand, which bounds the
-    number of levels.
+    A leaf holds at most `most` boxes. Nodes of the level `deepest` and below are split in the middle of their order,
+    which bounds the number of levels.
     """
     order = np.arange(len(lows))
     levels = []
@@ -130,7 +130,7 @@ def cut_apart(lows: Floats, highs: Floats, most: int, deepest: float = np.inf) -
 def _pair_cuts(
     lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int, halves: bool
 ) -> tuple[Ints, Ints]:
-    """Part the two boxes of each node as `_best_cuts` does: all cuts between them cost the same."""
+    """Split the two boxes of each node along an axis on which their centres differ: each split costs the same."""
     pair = order[np.stack([start, start + 1])]
     one, other = lows[pair] + highs[pair]
     axis = (one != other).argmax(axis=1)
@@ -143,9 +143,9 @@ def _pair_cuts(
 def _best_cuts(
     lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int, halves: bool
 ) -> tuple[Ints, Ints]:
-    """Cut each node where that is cheapest, or with `halves` in the middle, and put its part of `order` in two.
+    """Split each node where that is cheapest, or with `halves` in the middle, and reorder its part of `order`.
 
-    Gives the axis of each cut, and how many boxes come before it: 0 where the node had better be a leaf.
+    Returns the axis of each split, and the number of boxes before it: 0 where a leaf is cheaper.
     """
     if not len(start):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

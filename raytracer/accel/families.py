@@ -1,7 +1,8 @@
-"""The choice of eight nodes of a binary hierarchy whose boxes a wide node has, by the least surface in all.
+"""Choose which nodes of a binary hierarchy become the eight children of each wide node.
 
-Stage: accelerate. Wide nodes are looked into as often as their surfaces are large, so of all ways to choose them that
-is taken whose nodes have the least surface in all (Ylitie, Karras and Laine 2017). All backends give the same numbers.
+Stage: accelerate. The expected number of visits of a node is proportional to its surface area. So the nodes are chosen
+that make the sum of the surface areas of all wide nodes least, by dynamic programming (Ylitie, Karras and Laine 2017).
+All backends give the same numbers.
 
 >>> low, high = np.zeros((3, 3)), np.ones((3, 3))
 >>> start, count, left, right = np.array([[0, 0, 3], [6, 3, 3], [1, -1, -1], [2, -1, -1]])
@@ -27,16 +28,16 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 Ints = NDArray[np.int64]
 
 WIDTH = 8
-"""Boxes of a node."""
+"""Children of a wide node."""
 HALF = 4
-"""Numbers in a row; triangles of a block."""
+"""Numbers in a row of a table; also the most triangles in a leaf."""
 _BITS = 3
 """Bits for a number of boxes below `WIDTH`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Binary:
-    """The nodes of the two-armed hierarchy: boxes (M, 3), which items each holds, its two children, -1 for a leaf."""
+    """The nodes of a binary hierarchy: boxes (M, 3), the range of items in each, its two children, -1 for a leaf."""
 
     low: Bounds
     high: Bounds
@@ -47,7 +48,7 @@ class Binary:
 
 
 def families(tree: Binary, backend: str) -> list[Ints]:
-    """Return for each level the nodes whose boxes each wide node has (n, WIDTH), -1 where there are fewer."""
+    """Return for each level the children (n, WIDTH) of each wide node, as nodes of `tree`; -1 fills the rest."""
     rows = np.zeros((len(tree.count), 4), np.int32)
     rows[:, 0], rows[:, 1], rows[:, 2] = tree.left, tree.right, _shares(tree, backend)
     table, kernel = sh.Table(constant(rows), sh.Attrib4i), _family(backend)
@@ -61,14 +62,15 @@ def families(tree: Binary, backend: str) -> list[Ints]:
 
 
 def _shares(tree: Binary, backend: str) -> NDArray[np.int32]:
-    """Return for each node how many of 2 to `WIDTH` boxes its left child takes, `_BITS` for each number.
+    """Return for each node how many of 2 to `WIDTH` boxes its left child gets, in `_BITS` bits per number.
 
-    0 if one box for all costs less. From the bottom up: what a node holds costs, in so many boxes, the least that its
-    children's cost in a part of them each; in one box the node's surface and what it costs in all boxes of a node.
+    A number is 0 where one box for the whole node costs less. The costs are computed from the bottom up. In k > 1 boxes
+    a node costs the least sum of its children's costs, over all ways to divide the k boxes between them. In one box, as
+    a wide node of its own, it costs its surface area plus its cost in `WIDTH` boxes.
     """
     extent = (tree.high - tree.low).astype(np.float64)
     area = half_area((extent / (extent[0].max() or 1.0)).T).astype(np.float32)
-    area[area < np.finfo(np.float32).tiny] = 0  # a GPU may take it for 0
+    area[area < np.finfo(np.float32).tiny] = 0  # a GPU may flush denormals to 0
     levels = [np.zeros(1, np.int64)]
     while len(levels[-1]):
         nodes = levels[-1][tree.count[levels[-1]] > HALF]
@@ -84,7 +86,7 @@ def _shares(tree: Binary, backend: str) -> NDArray[np.int32]:
 
 
 class Share(NamedTuple):
-    """The least costs of a node in 1 to 8 boxes, and the shares of them."""
+    """The least costs of a node in 1 to 4 boxes and in 5 to 8, and how its boxes are divided."""
 
     few: sh.Attrib4f
     many: sh.Attrib4f
@@ -95,7 +97,7 @@ class Share(NamedTuple):
 def _share(backend: str) -> Any:
     @sh.program
     def share(area: sh.Attrib1f, first: sh.Attrib1i, few: sh.Table[sh.Attrib4f], many: sh.Table[sh.Attrib4f]) -> Share:
-        """Take the surface of a node, and the place of its first child in the tables, -1 for a leaf."""
+        """Compute the costs of a node from its area and `first`, its first child's row in the tables, -1 for a leaf."""
         one, other = ([*few[first + k], *many[first + k]] for k in (0, 1))  # [k - 1] in k boxes
         least, parts = [], []
         for boxes in range(2, WIDTH + 1):
@@ -120,7 +122,7 @@ def _share(backend: str) -> Any:
 
 
 class Family(NamedTuple):
-    """The nodes whose boxes a wide node has, -1 where there is none."""
+    """The children of a wide node, as nodes of the binary hierarchy; -1 fills the rest."""
 
     first: sh.Attrib4i
     second: sh.Attrib4i
@@ -130,7 +132,7 @@ class Family(NamedTuple):
 def _family(backend: str) -> Any:
     @sh.program
     def family(node: sh.Attrib1i, rows: sh.Table[sh.Attrib4i]) -> Family:
-        """Take what holds a wide node; a row has a node's children and the shares of what it holds."""
+        """Find the children of the wide node at `node`; a row holds a node's two children and its shares."""
         members, rooms = sh.Array(sh.Attrib1i, WIDTH), sh.Array(sh.Attrib1i, WIDTH)
         for k in range(WIDTH):
             members[k] = -1

@@ -1,11 +1,11 @@
-"""Hierarchies of objects that move and of the triangles that stay, joined to one `Bvh` of which parts are replaced.
+"""The hierarchies of moving objects and of the static triangles, joined to one `Bvh` that is updated in parts.
 
-Stage: accelerate. Takes corners (N, 3, 3) and which triangles each moving object has. Node 0 holds everything. Rays
-look first into the moving objects, through a small hierarchy over their boxes that is built anew after each change, and
-then into what stays: so no link of that part depends on where the objects are, and it is never touched.
+Stage: accelerate. Takes corners (N, 3, 3), and the triangles of each moving object. Node 0 holds everything. Rays visit
+the moving objects first, through a small hierarchy over their boxes that is rebuilt after each change, and the static
+triangles last. So no link of the static part depends on the objects, and it never changes.
 
 An object that has moved or changed its shape keeps the links of its hierarchy; the boxes are refitted to its triangles
-from the bottom up. When that has made the hierarchy too costly, it is built anew in its place.
+from the bottom up. When refitting has made the hierarchy too costly, it is rebuilt in its place.
 
 >>> corners = np.arange(18.0).reshape(2, 3, 3)
 >>> forest = Forest(corners, [(1, 2)])
@@ -42,11 +42,11 @@ GAP = 256
 class Forest:
     """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
 
-    `accel` is the name of what builds it, as in `accel.choice`, which may do so on `backend`.
+    `accel` names the builder, as in `accel.choice`, which may run on `backend`.
 
-    `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those
-    (octant, first, past) of nodes whose links did, `stale_items` the ranges of `bvh.items`. `shapes` are those that
-    objects have taken, and `rebuilt` counts hierarchies of objects that were built anew.
+    `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those (octant,
+    first, past) of nodes whose links changed, `stale_items` the changed ranges of `bvh.items`. `shapes` are the shapes
+    that objects have taken, and `rebuilt` counts the rebuilt hierarchies of objects.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Forest:
         self.stale_items: list[tuple[int, int]] = []
 
     def change(self, number: int) -> None:
-        """Fit the hierarchy of the moving object of this number to its shape, which has changed."""
+        """Refit the hierarchy of the moving object of this number to its new shape."""
         known, shape = self.objects[number], self.shapes[number]
         known.refit(shape.sides)
         if known.cost() > DEGRADED * known.built_cost:
@@ -107,7 +107,7 @@ class Forest:
         self.stale_boxes.append((known.root, known.root + known.count))
 
     def join(self) -> None:
-        """Build after changes the hierarchy over the objects' boxes, and link it to what comes before and after."""
+        """Rebuild the hierarchy over the objects' boxes, and link it to the nodes before and after it."""
         bvh, past = self.bvh, self.past_objects
         top = _Top(bvh, self.objects)
         inner = len(self.objects)  # with node 0
@@ -131,7 +131,7 @@ class _Object:
         self.count = 0
 
     def put(self, built: Bvh) -> None:
-        """Take a hierarchy that was built for the object alone."""
+        """Copy a hierarchy that was built for the object alone into the object's place in the joined one."""
         self.count = len(built.low)
         _put(self.bvh, built, self.root, self.item, END)
         self.bvh.items[self.item : self.item + len(built.items)] = built.items + self.first
@@ -153,7 +153,7 @@ class _Object:
         self.built_cost = self.cost()
 
     def refit(self, sides: NDArray[np.floating]) -> None:
-        """Fit the boxes to those of triangles in other places; see `Shape`."""
+        """Refit the boxes to the moved triangles; see `Shape`."""
         # Member by member of all leaves: several times as fast as `reduceat`, which goes number by number. `take` is
         # several times as fast as an index.
         held = reduce(np.minimum, (sides.take(members, axis=0) for members in self.members))
@@ -175,7 +175,7 @@ class _Object:
         return float((area * self.weights).sum() / (area[0] or 1.0))
 
     def link(self, octant: int, past: int) -> list[tuple[int, int]]:
-        """Make a node the next one after the object; return the ranges of nodes whose links changed."""
+        """Make a node the one to visit after the object; return the ranges of nodes whose links changed."""
         if self.next[octant] == past:
             return []
         self.next[octant] = past
@@ -197,7 +197,7 @@ class _Top:
         self.root = self._cut(np.arange(len(objects)))
 
     def _cut(self, members: Ints) -> int:
-        """Halve objects along the axis on which they lie farthest apart; return the node that holds them."""
+        """Split objects in half along the axis on which they lie farthest apart; return the node that holds them."""
         if len(members) == 1:
             return self.objects[int(members[0])].root
         node = len(self.children) + 1
@@ -227,7 +227,7 @@ class _Top:
 
 
 def _put(bvh: Bvh, part: Bvh, root: int, item: int, past: int) -> None:
-    """Copy a hierarchy's nodes to `root` and on, of which `past` comes after; its items begin at `item`."""
+    """Copy the nodes of a hierarchy to `root` and on; `past` is the node to visit after it, `item` its first item."""
     span = slice(root, root + len(part.low))
     bvh.low[span], bvh.high[span] = part.low, part.high
     first, after = part.links[..., 0], part.links[..., 1]

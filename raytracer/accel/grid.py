@@ -1,10 +1,10 @@
-"""The uniform grid: which triangles touch which cell, as two tables that a kernel can walk.
+"""The uniform grid: the triangles that touch each cell, as two tables that a kernel can walk.
 
 Stage: accelerate. Takes corners (N, 3, 3), gives a `Grid`: `cells` says for every cell where its triangles stand in
-`items`. A triangle is listed in every cell that it touches, grown by a margin for the rounding of the walk: bounding
-box, plane, and the three edges in each of the three projections (Schwarz and Seidel 2010, which are the axes of
-Akenine-Moller 2001). The few triangles far larger than the rest, a floor or a wall, stand outside the grid at the
-head of `items`; every ray tries them first, and the cells stay as fine as the small triangles need.
+`items`. A triangle is listed in every cell that it touches, grown by a margin for the rounding of the walk. The test
+uses the bounding box, the plane, and the three edges in each of the three projections (Schwarz and Seidel 2010; these
+are the axes of Akenine-Moller 2001). The few triangles far larger than the rest, a floor or a wall, stand outside the
+grid at the head of `items`; every ray tests them first, and the cells stay as fine as the small triangles need.
 
 >>> grid = build_grid(np.eye(3)[None])
 >>> grid.items.tolist(), grid.outside
@@ -37,10 +37,10 @@ _PAIRS_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Cells of `cell` (3,) from `low` (3,), in all `shape` = (nx, ny, nz).
+    """A grid of `shape` = (nx, ny, nz) cells of size `cell` (3,), whose lowest corner is `low` (3,).
 
     `cells` (nz, ny, nx, 2) int32 holds where a cell's triangles begin and end in `items` (M,) int32, each list in
-    ascending order; `items[:outside]` are the triangles that lie in no cell and that every ray must try.
+    ascending order; `items[:outside]` are the triangles that lie in no cell and that every ray must test.
     """
 
     low: Floats
@@ -77,7 +77,7 @@ def build_grid(corners: NDArray[np.floating], across: int | None = None) -> Grid
 
 
 def far_larger(triangles: Floats) -> NDArray[np.bool_]:
-    """Return True for each triangle that spans more than half of everything, if these are few; for all of very few."""
+    """Return True for each triangle that spans over half of all, if few do; True for all if there are very few."""
     if len(triangles) <= MAX_OUTSIDE // 2:
         return np.ones(len(triangles), dtype=bool)
     spans = np.linalg.norm(triangles.max(axis=1) - triangles.min(axis=1), axis=1)
@@ -87,9 +87,9 @@ def far_larger(triangles: Floats) -> NDArray[np.bool_]:
 
 
 def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
-    """Return a box round the triangles inside the grid, a little larger than they are and nowhere flat.
+    """Return a box round the triangles inside the grid, slightly larger than they are and flat along no axis.
 
-    It grows by the roundings of its own sides too, which may be more than its size where it lies far from 0.
+    It also grows by the rounding errors of its own sides, which may exceed its size where it lies far from 0.
     """
     if not len(small):
         return np.zeros(3), np.ones(3)
@@ -100,7 +100,7 @@ def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
 
 
 def _resolution(size: Floats, count: int) -> tuple[int, int, int]:
-    """Return the number of cells along each axis: nearly cubes, `DENSITY * count` of them, within the limits."""
+    """Return the number of cells along each axis: nearly cubes, `DENSITY * count` in all, within the limits."""
     wanted = min(max(DENSITY * count, 1.0), MAX_CELLS)
     edge = (float(np.prod(size)) / wanted) ** (1 / 3)
     nx, ny, nz = np.clip(np.rint(size / edge), 1, MAX_PER_AXIS).astype(int).tolist()
@@ -135,7 +135,7 @@ def _touched(triangles: Floats, low: Floats, cell: Floats, shape: tuple[int, int
 
 
 def _chunks(counts: Ints) -> list[tuple[int, int]]:
-    """Yield runs of triangles with about as many candidate pairs as fit in memory at once."""
+    """Return ranges of triangles, each with about as many candidate pairs as fit in memory at once."""
     if not len(counts):
         return []
     run = np.cumsum(counts) // _PAIRS_AT_ONCE
@@ -144,7 +144,7 @@ def _chunks(counts: Ints) -> list[tuple[int, int]]:
 
 
 def _overlap(triangles: Floats, owner: Ints, where: Floats, margin: Floats) -> NDArray[np.bool_]:
-    """Return True where triangle `owner[k]` meets the unit cube at `where[k]` grown by `margin`; boxes meet already."""
+    """Return True where triangle `owner[k]` meets the unit cube at `where[k]` grown by `margin`; their boxes meet."""
     half = 0.5 + margin
     edges = np.roll(triangles, -1, axis=1) - triangles
     normal = np.cross(edges[:, 0], edges[:, 1])

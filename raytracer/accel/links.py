@@ -1,8 +1,8 @@
 """The kernel that links the nodes of a hierarchy for rays of each octant of directions.
 
-Stage: accelerate. A node knows its children and its parent. What comes after it is found on the way up: the far child
-of the first node of which the way does not come out of the far one; that is the second one up, on average. All backends
-give the same numbers.
+Stage: accelerate. Each row names a node's children and its parent. The node to visit after a subtree follows from a
+walk towards the root: it is the far child of the first ancestor whose near child lies on the way. That ancestor is two
+levels up on average. All backends give the same numbers.
 
 >>> links(np.int32([[1, 2, 0, -1], [-9, -1, -1, 0], [-17, -1, -1, 0]]), "numpy")[:2, 0].tolist()
 [[1, -1], [2, -1]]
@@ -23,10 +23,10 @@ from shpy import SH_BREAK, SH_IF, SH_WHILE
 
 
 def links(rows: NDArray[np.int32], backend: str) -> NDArray[np.int32]:
-    """Return the links (8, M, 2) of a `Bvh` of M nodes, of each of which `rows` (M, 4) tell the following.
+    """Return the links (8, M, 2) of a `Bvh` of M nodes, given `rows` (M, 4) that describe the nodes.
 
-    Of an inner node its children, the axis along which the first lies lower, and its parent, -1 for the root. Of a leaf
-    its own link, two numbers that are not read, and its parent.
+    The row of an inner node holds its two children, the axis along which the first child lies lower, and its parent, -1
+    for the root. The row of a leaf holds its own link, two numbers that are not read, and its parent.
     """
     table = sh.Table(constant(rows), sh.Attrib4i)
     return np.asarray(_compiled(backend)(table, shape=(8, len(rows))))
@@ -56,5 +56,5 @@ def _compiled(backend: str) -> Any:
 
 
 def _is_turned(row: Any, octant: Any) -> Any:
-    """Return whether rays of an octant come to the second child of a node first."""
+    """Return whether rays of an octant visit the second child of a node first."""
     return (octant >> row.z & 1) != 0

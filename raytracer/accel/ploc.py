@@ -1,10 +1,10 @@
-"""A hierarchy from the bottom up: clusters beside each other on a Morton curve are joined in pairs, many at a time.
+"""A hierarchy from the bottom up: neighbouring clusters along a Morton curve are merged in pairs, many at a time.
 
 Stage: accelerate. Takes corners (N, 3, 3), gives a `Bvh`, in a third to a quarter of the time of `bvh.build_bvh`.
 Triangles are sorted along a Morton curve. In each round every cluster finds, among its `pairs.REACH` neighbours on
-either side, the one with which it makes the smallest box; two clusters that find each other are joined (Meister and
-Bittner 2018, parallel locally ordered clustering). Neighbours on the curve say little about large clusters, so the last
-clusters are cut apart by the surface area heuristic, as in `bvh`.
+either side, the one with which it makes the smallest box; two clusters that find each other are merged (Meister and
+Bittner 2018, parallel locally ordered clustering). Neighbours on the curve are a poor guide for large clusters, so the
+nodes above the last clusters are split from the top down by the surface area heuristic, as in `bvh`.
 
 >>> bvh = build_ploc(np.eye(3)[None])
 >>> bvh.items.tolist(), bvh.links[0].tolist()
@@ -27,16 +27,16 @@ from raytracer.accel.planes import by_components, copy_columns, parts
 from raytracer.accel.target import target_for
 
 PROGRESS = 8
-"""A round that joins fewer than one cluster in this many joins all pairs of neighbours, which bounds the rounds."""
+"""A round in which fewer than one cluster in this many would merge merges all neighbours, which bounds the rounds."""
 LEAST = 2.0**-100
-"""Coordinates below this part of the scene's size are 0, for differences of smaller ones may vanish on a GPU."""
+"""Coordinates below this fraction of the scene's size become 0: a GPU may flush smaller differences to 0."""
 CLUSTER = 6
-"""Triangles of a cluster, on average, from which on nodes are cut from the top down. With 16 the time to build is the
-same, and incoherent rays take 1.10 times as long as through `bvh` on the Stanford bunny, not 1.06 times."""
+"""Average triangles per cluster at which merging ends; the nodes above are split from the top down. With 16 the build
+takes the same time, and incoherent rays take 1.10 times as long as through `bvh` on the Stanford bunny, not 1.06."""
 CLUSTERS = 1 << 17
-"""Clusters, at most, from which on nodes are cut from the top down: that takes 2.6 microseconds for each."""
+"""Most clusters whose nodes above are split from the top down, which takes 2.6 microseconds per cluster."""
 LEVELS = 2
-"""Levels of the nodes above clusters, in those of a balanced tree, after which nodes are halved."""
+"""Levels above the clusters, as a multiple of those of a balanced tree, after which nodes are split in the middle."""
 
 
 def build_ploc(corners: NDArray[np.floating], dtype: DTypeLike = np.float32, backend: str = "numpy") -> Bvh:
@@ -48,7 +48,7 @@ def build_ploc(corners: NDArray[np.floating], dtype: DTypeLike = np.float32, bac
     backend = target_for(len(triangles), backend)
     unit, sides = _boxes(triangles, np.dtype(dtype))
     order = morton_order((unit[:3] - unit[3:]).T)
-    tree = _joined([side.take(order) for side in unit], backend)
+    tree = _merged([side.take(order) for side in unit], backend)
     return _linked(_numbered(tree, order), sides, backend)
 
 
@@ -103,12 +103,12 @@ def _spread(cell: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return cell
 
 
-class _Joined:
-    """A binary tree over N boxes that is made in rounds: node k < N is box k, the others follow their children.
+class _Tree:
+    """A binary tree over N boxes that is made in rounds: node k < N is box k, the others come after their children.
 
     `left`, `right` and `axis` (N - 1,) belong to the nodes from N on: their children, and the axis along which the left
-    one lies lower. `count` (2N - 1,) is how many boxes a node holds. `rounds` are slices of the nodes from N on, in the
-    order in which they were made.
+    child lies lower. `count` (2N - 1,) is the number of boxes in each node. `rounds` are slices of the nodes from N on,
+    in the order in which they were made.
     """
 
     def __init__(self, total: int) -> None:
@@ -118,7 +118,7 @@ class _Joined:
         self.rounds: list[slice] = []
 
     def add(self, left: Ints, right: Ints, axis: NDArray[np.integer]) -> Ints:
-        """Make a node of each two nodes; return the numbers of the new nodes."""
+        """Make a node of each pair of nodes; return the numbers of the new nodes."""
         new = slice(self.made - self.total, self.made - self.total + len(left))
         self.left[new], self.right[new], self.axis[new] = left, right, axis
         nodes = np.arange(self.made, self.made + len(left))
@@ -128,9 +128,9 @@ class _Joined:
         return nodes
 
 
-def _joined(sides: Sides, backend: str) -> _Joined:
-    """Join boxes (see `accel.pairs`), neighbours on a curve, to a tree."""
-    tree = _Joined(len(sides[0]))
+def _merged(sides: Sides, backend: str) -> _Tree:
+    """Merge boxes in the order of a curve to a tree; `sides` are those of `accel.pairs`."""
+    tree = _Tree(len(sides[0]))
     node = np.arange(tree.total)
     while len(node) > min(CLUSTERS, tree.total / CLUSTER + 1):
         partner, is_first = _pairs(sides, backend)
@@ -150,8 +150,8 @@ def _joined(sides: Sides, backend: str) -> _Joined:
     return tree
 
 
-def _cut_above(tree: _Joined, sides: Sides, clusters: Ints) -> None:
-    """Make the nodes above clusters with these boxes from the top down; see `bvh.cut_apart`."""
+def _cut_above(tree: _Tree, sides: Sides, clusters: Ints) -> None:
+    """Make the nodes above the clusters, whose boxes have these `sides`, from the top down; see `bvh.cut_apart`."""
     boxes = np.stack(sides, axis=1)
     levels, order = cut_apart(boxes[:, :3], -boxes[:, 3:], 1, LEVELS * np.log2(len(clusters)))
     below = np.zeros(0, np.int64)
@@ -163,9 +163,9 @@ def _cut_above(tree: _Joined, sides: Sides, clusters: Ints) -> None:
 
 
 def _pairs(sides: Sides, backend: str) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Return for each cluster the place of that with which it is joined, and whether it is the first of the two.
+    """Return for each cluster the place of its partner, and whether it is the first of the two.
 
-    A cluster that is not joined is its own partner.
+    A cluster that is not merged in this round is its own partner.
     """
     partner = partners(sides, backend)
     total = len(partner)
@@ -180,11 +180,11 @@ def _pairs(sides: Sides, backend: str) -> tuple[NDArray[np.int32], NDArray[np.bo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Numbered:
-    """The nodes of a tree depth first.
+    """The nodes of a tree, numbered depth first.
 
-    `items` (N,) are the triangles, leaf by leaf, and `rows` (M, 4) what `links` takes of each node. `leaf` (3, L) are
-    the leaves' numbers, the first item of each, and how many it holds; `inner` (3, n) for each round the numbers of
-    nodes, and those of their children.
+    `items` (N,) are the triangles, leaf by leaf, and `rows` (M, 4) the rows that `links` reads. `leaf` (3, L) has the
+    number of each leaf, its first item, and its number of items. `inner` (3, n) has for each round the numbers of
+    nodes, and those of their two children.
     """
 
     items: Ints
@@ -193,7 +193,7 @@ class _Numbered:
     inner: list[Ints]
 
 
-def _numbered(tree: _Joined, order: Ints) -> _Numbered:
+def _numbered(tree: _Tree, order: Ints) -> _Numbered:
     """Give the nodes numbers, depth first; a node of `MAX_LEAF` triangles or fewer is a leaf."""
     count, total = tree.count, tree.total
     size = np.ones(len(count), np.int64)  # of the nodes of a tree below

@@ -13,5 +13,5 @@ MANY = 1 << 16
 
 
 def target_for(triangles: int, backend: str) -> str:
-    """Return the backend for a hierarchy over so many triangles, of which rays are traced on `backend`."""
+    """Return the backend that builds a hierarchy over `triangles`: `backend` from `MANY` on, numpy below."""
     return backend if triangles >= MANY else "numpy"
