@@ -140,7 +140,7 @@ def fields_of(cls: type[_Known]) -> Mapping[str, Any]:
 
 
 def converted(cls: Any, value: Any, what: str, where: str) -> Any:
-    """Convert a value to the language; SceneError, which begins with `where`, for one that cannot be."""
+    """Convert a value to the language; raise a SceneError that begins with `where` if it cannot be converted."""
     try:
         return cls(value)
     except (sh.ShpyError, TypeError, ValueError) as error:
@@ -197,7 +197,7 @@ def _run(program: Any, sources: Sources, what: str) -> Any:
 
 
 def examine_surface(program: Callable[..., Any]) -> Examined:
-    """Record a material's `surface` by itself; SceneError or ShpyError for mistakes in it."""
+    """Record a material's `surface` by itself; raises SceneError or ShpyError for mistakes in it."""
     hit = Hit(_zeros(Hit))
     found: list[Surface] = []
 

@@ -41,16 +41,17 @@ FORMATS: Final = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF", "PPM")
 class Texture:
     """A picture over uv coordinates: (0, 0) is its lower left corner and (1, 1) its upper right one.
 
-    `source` is a picture file, whose colours are taken for sRGB and decoded, those of .hdr and .exr files for linear;
-    or an array (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), row 0 at the top: of floats, which are linear, or of uint8,
-    which are sRGB. `srgb` says otherwise: False for numbers that are not colours, such as a reflectivity. A number of a
-    material is read from the red channel. With `alpha` the picture's alpha is read instead of its colours, 1 where it
-    has none; it is not used otherwise.
-    `filter` is "linear" or "nearest"; `wrap` says what lies beyond the picture: it repeats, its
-    edge goes on ("clamp"), or it is mirrored.
+    `source` is a picture file, or an array (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) with row 0 at the top. Files hold
+    sRGB colours, which are decoded, except .hdr and .exr files, which hold linear ones. Arrays of uint8 are sRGB,
+    arrays of floats linear. `srgb` overrides this: False for numbers that are not colours, such as a reflectivity. A
+    number of a material is read from the red channel. With `alpha` the picture's alpha is read instead of its colours,
+    1 where it has none; otherwise alpha is not used.
 
-    `image` (H, W, 3) float32 holds the linear numbers. Raises FileNotFoundError, and SceneError for a file that is no
-    picture, another shape, more than 16384 pixels along a side, and numbers that are negative or not finite.
+    `filter` is "linear" or "nearest". `wrap` decides what lies beyond the picture: it repeats ("repeat"), its edge goes
+    on ("clamp"), or it is mirrored ("mirror").
+
+    `image` (H, W, 3) float32 holds the linear numbers. Raises FileNotFoundError, and SceneError for a file that is not
+    a picture, another shape, more than 16384 pixels along a side, and numbers that are negative or not finite.
     """
 
     def __init__(

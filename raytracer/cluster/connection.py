@@ -32,7 +32,7 @@ numpy, which takes it again for each array, is slower."""
 
 @contextmanager
 def connected(cluster: Any) -> Iterator[Any]:
-    """Give a dask.distributed.Client: the one that is handed in, or one that is closed at the end.
+    """Yield a dask.distributed.Client: the given one, or a new one that is closed at the end.
 
     `cluster` may also be the address of a scheduler, such as "tcp://host:8786", or "local:4" for four processes of this
     machine, which end with it. Raises ClusterError for anything else, for a scheduler that does not answer, and where

@@ -1,6 +1,6 @@
-"""A picture as workers see it: the scene and its integrator, and the Renderer that a worker process keeps for them.
+"""The unit of work of a cluster: a scene with its integrator, and the Renderer that each worker process keeps for it.
 
-Stage: cluster. A task is handed a `Job` and its key; the first one of a process compiles, the others find the Renderer.
+Stage: cluster. A task gets a `Job` and its key; the first task of a process compiles the Renderer, later ones reuse it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Job:
 
 
 class Prepared:
-    """The Renderer of a job in this process, the fingerprint of what it computes, and its `Renderer.origin`."""
+    """A job's Renderer in this process, the fingerprint of its results, and its `Renderer.origin`."""
 
     def __init__(self, job: Job) -> None:
         self.renderer = Renderer(job.scene, integrator=job.integrator, backend=job.backend)
@@ -49,7 +49,7 @@ class _Probed(NamedTuple):
 
 @sh.program
 def probe(x: sh.Attrib1f, y: sh.Attrib1f) -> _Probed:
-    """Compute what drivers and processors round differently where they may."""
+    """Compute operations that drivers and processors may round differently."""
     return _Probed(
         x / y,
         x * y + x,

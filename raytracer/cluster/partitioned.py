@@ -46,11 +46,11 @@ BAND = 1 << 17
 def render_partitioned(
     client: Any, job: Job, size: tuple[int, int], partitions: int, *, progress: Progress | None = None
 ) -> Image:
-    """Render a picture of a scene that is cut into `partitions` parts, with the bits that one process gives it.
+    """Render a picture of a scene that is cut into `partitions` parts, to the same bits as one process.
 
     The integrator is a `Whitted` with the accelerator "bvh". Raises SceneError for others, for scenes with glass, and
     for a number of parts that is not from 1 to 1024. Where a worker is lost, its parts are sent to others and the band
-    begins again; ClusterError where that happens again and again.
+    is computed again; ClusterError where this happens repeatedly.
     """
     started = time.perf_counter()
     width, height = whole_size(size)
@@ -217,7 +217,7 @@ class _Run:
         return Pixel(*(layer.reshape(count, width, *layer.shape[1:]) for layer in layers.values()))
 
     def _round(self, steps: dict[int, Any], done: list[Records]) -> dict[int, Any]:
-        """Wait for the step of every part; start those of the next round, with the records that go there."""
+        """Wait for the steps of all parts, then start the steps of the next round with the records sent to them."""
         tellings = self.client.gather([self.client.submit(_tell, step, pure=False) for step in steps.values()])
         self.moved["rounds"] += 1
         incoming: dict[int, list[Any]] = {}

@@ -69,7 +69,7 @@ def _made(integrator: Integrator, part: HasMeshes, backend: str) -> LayeredCube:
 
 
 def _pose(motion: Motion, number: int) -> tuple[Mesh, NDArray[np.float64]]:
-    """Return the mesh that has a cube, and where it is; a flattened one is where it is seen."""
+    """Return the mesh that has a cube, and its pose. A flattened mesh is transformed first, with an identity pose."""
     matrix = motion.transform(number)
     turn = matrix[:3, :3]
     if abs(np.linalg.det(turn / (np.abs(turn).max() or 1))) < _FLAT:

@@ -31,11 +31,11 @@ MOST_SAMPLES: Final = 1 << 24
 class Integrator:
     """The options that every integrator has.
 
-    `accel` is "bvh", "bvh:sah", "bvh:ploc", "grid" or "brute", which differ in time alone, None for the one that suits
-    the integrator. "bvh" is a hierarchy, from 131,072 triangles on the one that is built fast, "bvh:ploc", and below
-    "bvh:sah", through which rays are faster. A grid has `grid` cells along each axis, None for as many as suit the
+    `accel` is "bvh", "bvh:sah", "bvh:ploc", "grid" or "brute", which differ only in time; None chooses the one that
+    suits the integrator. "bvh" stands for "bvh:ploc", which is built fast, from 131,072 triangles on, and below for
+    "bvh:sah", which rays traverse faster. A grid has `grid` cells along each axis; None chooses the number from the
     triangles. `precision` and `math` are those of `Program.compile`. Raises SceneError for options out of range, and
-    for those that exclude each other.
+    for options that exclude each other.
     """
 
     bounces: int

@@ -129,23 +129,25 @@ class Renderer:
         self._motion.move(name, transform)
 
     def deform(self, name: str | int, vertices: ArrayLike, normals: ArrayLike | None = None) -> None:
-        """Give a mesh other `vertices` (V, 3), before it is transformed by `move`, from the next picture on.
+        """Replace the `vertices` (V, 3) of a mesh, before it is transformed by `move`, from the next picture on.
 
-        Of a mesh with normals, None makes them anew as `Mesh.smoothed` does; (V, 3) or (F, 3, 3) saves that. Costs and
-        errors are those of `move`. The boxes of the object's accelerator are refitted; it is built anew when that has
-        made it `accel.forest.DEGRADED` times as costly as it was. Raises SceneError for vertices of another shape,
-        numbers that are not finite, and a name that several meshes have.
+        `normals` (V, 3) or (F, 3, 3) replace those of the mesh. None recomputes the normals of a mesh that has them, as
+        `Mesh.smoothed` does, which takes time. Costs and errors are those of `move`. The boxes of the object's
+        accelerator are refitted; it is rebuilt when refitting has made it `accel.forest.DEGRADED` times as costly as it
+        was. Raises SceneError for vertices of another shape, numbers that are not finite, and a name that several
+        meshes have.
         """
         self._check_movable()
         self._motion.deform(name, vertices, normals)
 
     def show(self, scene: Scene) -> None:
-        """Take another scene, from the next picture on.
+        """Switch to another scene, from the next picture on.
 
-        Of one with as many meshes, of the same names and as many vertices and faces, and as many lights of the same
-        kinds, what differs is sent: places, numbers of materials, lights, background and ambient. Nothing is compiled
-        for numbers. All is built anew, which `builds` counts, for any other scene, and where a number asks for other
-        code: see docs/raytracer.md. Raises SceneError as a new Renderer does, and keeps the scene that it has.
+        A scene fits if it has as many meshes, with the same names and as many vertices and faces each, and as many
+        lights of the same kinds. Of such a scene only the differences are sent: positions, numbers of materials,
+        lights, background and ambient. Nothing is compiled for new numbers. Any other scene rebuilds everything, which
+        `builds` counts, and so does a number that needs other code: see docs/raytracer.md. Raises SceneError as a new
+        Renderer does, and then keeps its scene.
         """
         check_scene(scene, self.integrator)
         if self._takes(scene):
@@ -155,7 +157,7 @@ class Renderer:
             self._prepare()
 
     def _takes(self, scene: Scene) -> bool:
-        """Take a scene that the kernels and accelerators suit; return False, having changed nothing, for another."""
+        """Switch to a scene if the kernels and accelerators fit it; otherwise change nothing and return False."""
         alike = scene.environment is self.scene.environment
         if self.layout is None or not alike or not self._motion.suit(scene.meshes, still=self._obstacle is not None):
             return False
@@ -172,12 +174,12 @@ class Renderer:
 
     @property
     def _obstacle(self) -> str | None:
-        """The accelerator, if it is one in which nothing can move."""
+        """The accelerator, if objects cannot move in it; None otherwise."""
         structure = self.integrator.structure
         return None if structure in HIERARCHIES else f"accel={structure!r}"
 
     def _follow_motion(self) -> None:
-        """Bring tables and accelerators up to where the objects are."""
+        """Update tables and accelerators to the present places of the objects."""
         if not self._motion.changed:
             return
         with all_or_nothing(self):

@@ -82,9 +82,9 @@ class LayeredIntersector(Walk):
         self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
-        """Offer to `hit` what is met at a distance in [near, hit.l), texels from `begin` on.
+        """Update `hit` with the samples that the ray hits at a distance in [near, hit.l), for texels from `begin` on.
 
-        A triangle is offered for each of its samples.
+        A triangle is tested once for each of its samples.
         """
         if self.poses is None:
             self.collect_from(CubeTables(self.frame), hit, ray, eye, near, begin, any_hit, (ray, eye))
@@ -101,7 +101,7 @@ class LayeredIntersector(Walk):
     def collect_from(
         self, cube: CubeTables, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any, seen: tuple[Any, Any]
     ) -> None:
-        """Offer to `hit` what is met in a cube, from which the ray is `seen` as a direction and a place."""
+        """Update `hit` from one cube; `seen` is the ray's direction and origin in the cube's coordinates."""
         frame, (heading, place) = cube, seen
         low, high = frame[raster.LOW].xyz, frame[raster.HIGH].xyz
         inverse = inverse_of(heading)
@@ -126,7 +126,7 @@ class LayeredIntersector(Walk):
         self.poses.update(cubes.poses)
 
     def try_outside(self, numbers: Any, hit: Any, ray: Any, eye: Any, near: Any, any_hit: Any) -> None:
-        """Offer to `hit` the triangles that have no samples."""
+        """Update `hit` with the triangles that have no samples."""
         with SH_IF((near < hit.l) & is_ray(ray, eye)):
             test = TriangleTest(ray, eye, self.bound)
             with SH_FOR(0, self.left_out) as k:
@@ -136,7 +136,7 @@ class LayeredIntersector(Walk):
                     hit.sample[:] = sh.cond(hit.id == numbers[k], -1, hit.sample)
 
     def walk(self, image: ImageRay, test: Any, any_hit: Any) -> None:
-        """Go through the blocks of an image."""
+        """Walk through the blocks of an image."""
         hit = image.way.hit
         blocks = Cells(image, image.begin(), image.block, sh.Attrib2i(0, 0), image.blocks - 1)
         with SH_DO():
@@ -152,7 +152,7 @@ class LayeredIntersector(Walk):
             SH_UNTIL((blocks.t > image.end()) | (any_hit & (hit.id >= 0)))
 
     def walk_block(self, image: ImageRay, blocks: Cells, test: Any, any_hit: Any) -> None:
-        """Go through the texels of a block, and try their samples."""
+        """Walk through the texels of a block, and test their samples."""
         first = blocks.cell * image.block
         last = sh.min(first + image.block, image.resolution) - 1
         texels = Cells(image, blocks.t, sh.Attrib1i(1), first, last)
@@ -245,7 +245,7 @@ class Way:
 
 
 class ImageRay:
-    """A ray as one of the images sees it: column, row and depth at its start, and how they change along it."""
+    """A ray in the coordinates of an image: column, row and depth at its start, and how they change along it."""
 
     def __init__(self, frame: CubeTables, way: Way, axis: Any) -> None:
         self.frame, self.way, self.axis = frame, way, axis
@@ -290,7 +290,7 @@ class ImageRay:
         return lower(a, b) - self.slack, higher(a, b) + self.slack
 
     def reaches_block(self, begin: Any, end: Any, block: Any) -> Any:
-        """Return whether the ray comes near to samples of a block, as its coarse level says, between two distances."""
+        """Return whether the ray comes near a block's range of depths between two distances."""
         near, far = self.depths(begin, end)
         first, last = ((depth - self.low_end) * self.slices for depth in (near, far))
         up_to = raster.bits_below(sh.Attrib1i(last + ROUNDED) + 1)
@@ -314,7 +314,7 @@ class Cells:
         self.t, self.out, self.crossing, self.cell = here, out, crossing, cell
 
     def look(self) -> None:
-        """Find where the ray leaves the cell."""
+        """Find the distance at which the ray leaves the cell."""
         image = self.image
         side = sh.Attrib2f((self.cell + image.ahead) * self.side)
         self.crossing[:] = sh.cond(image.moving, (side - image.place) * image.inverse, FAR)

@@ -1,7 +1,7 @@
-"""The surface that a ray arrives at, and the lights that shine on it.
+"""The surface that a ray hits, and the lights that shine on it.
 
-Stage: kernel. The tracer's `readTables` and `getLightValues`. A scene of one material or light looks nothing up: it
-reads the first row. No number of a scene is a constant of its kernel, so that scenes alike in their features share one.
+Stage: kernel. The tracer's `readTables` and `getLightValues`. A scene of one material or light reads the first row
+without an index. No number of a scene is a constant of its kernel, so scenes with the same features share one kernel.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class MaterialKinds(NamedTuple):
 
 
 class Sampled(Protocol):
-    """Surfaces that are shaded already, at the samples of a layered depth cube."""
+    """Surfaces that were shaded at the samples of a layered depth cube."""
 
     def at(self, sample: Any) -> tuple[Any, Any]:
         """Return the normal on the front of the surface, and the colour."""
@@ -128,7 +128,7 @@ class SurfaceTables:
         self.sampled: Sampled | None = None  # of the samples of a layered depth cube
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
-        """Update the normals, colours and uv coordinates that changed; return whether the kernel suits the colours."""
+        """Update the normals, colours and uv coordinates that changed; return whether the colours fit the kernel."""
         for name in ("normals", "colors", "uvs"):
             table, rows = getattr(self, name), getattr(layout, name)
             for first, past, _, stale in changes:
@@ -139,11 +139,11 @@ class SurfaceTables:
         return self.suit(layout) if any("colors" in change.stale for change in changes) else True
 
     def suit(self, layout: Layout) -> bool:
-        """Return whether the kernel suits the materials of another layout, alike as `Layout.painted` says."""
+        """Return whether the materials of another layout fit the kernel; `Layout.painted` compares the rest."""
         return MaterialKinds.of(layout, self.appearance) == self.kinds
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]]) -> None:
-        """Take the materials of a layout that the kernel suits, and the colours of these ranges of triangles."""
+        """Update the materials from a layout that fits the kernel, and the colours of these ranges of triangles."""
         for first, past in tinted:
             assert self.colors is not None
             assert layout.colors is not None
@@ -232,7 +232,7 @@ class SurfaceTables:
         return reflectivity
 
     def behind(self, hit: RayHit, ray: Any, eye: Any) -> Any:
-        """Return the point that was hit, moved off the surface to the side that the ray comes out on."""
+        """Return the point that was hit, moved off the surface to the side on which the ray leaves."""
         corners = self.triangles[hit.id]
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
@@ -252,7 +252,7 @@ class SurfaceTables:
         return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
 
     def kept(self, hit: RayHit, inside: Any) -> Any:
-        """Return the share of the light that a way inside leaves, by Beer's law: 1 for a way outside."""
+        """Return the share of the light that a path inside a material transmits, by Beer's law; 1 outside."""
         absorption = self.glass[2 * self.material_at(hit) + 1].rgb
         return sh.cond(inside, sh.exp(-(hit.l / self.scale) * absorption), sh.Color3f(1, 1, 1))
 
@@ -401,7 +401,7 @@ class SurfaceTables:
 
 
 class LightList:
-    """The lights of a scene: `count` of them, which is the uniform `number` where there are several."""
+    """The lights of a scene: `count` of them; `number` is a uniform of that value if there are several."""
 
     def __init__(self, rows: Rows, surfaces: SurfaceTables) -> None:
         self.count = len(rows) // 2
@@ -413,7 +413,7 @@ class LightList:
         self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
 
     def renew(self, rows: Rows) -> None:
-        """Take other lights, as many and of the same kinds."""
+        """Replace the lights by as many others of the same kinds."""
         if self.table is not None:
             self.table.update(rows)
 
@@ -443,9 +443,9 @@ def is_black(layout: Layout) -> bool:
 
 
 def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
-    """Return the emission of each material and its mean over the channels, (M, 4): 0 for one that never shines.
+    """Return the emission of each material and its mean over the channels, (M, 4): 0 for materials without emission.
 
-    Where a program decides the emission of a material that says nothing of it, 1 stands for the mean.
+    Where a program decides a material's emission and the material gives no number, the mean is taken as 1.
     """
     rows = np.zeros((len(layout.materials), 4))
     for row, material, glowing in zip(rows, layout.materials, appearance.glowing, strict=True):
@@ -468,7 +468,8 @@ def barylerp(hit: RayHit | CandidateHit, a: Any, b: Any, c: Any) -> Any:
 def depth(from_corner: Any, normal: Any) -> Any:
     """Return how far a point lies below the plane of a corner and its normal, as a vector along the normal.
 
-    Moving the point up by what its three corners say brings it onto the curved surface that the triangles stand for,
-    so that the edge of its shadow is not made of triangles (Hanika 2021, Ray Tracing Gems II, chapter 4).
+    The mean of these vectors over the three corners moves the point onto the curved surface that the triangles
+    approximate, so that the edge of its shadow does not show the triangles (Hanika 2021, Ray Tracing Gems II, chapter
+    4).
     """
     return sh.min(sh.dot(from_corner, normal), 0.0) * normal

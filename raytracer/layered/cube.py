@@ -50,31 +50,31 @@ class HasMeshes(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LayeredCube:
-    """Three layered depth images of triangles, made by `LayeredCube.of`, for rays that may take a surface for another.
+    """Three layered depth images of triangles, made by `LayeredCube.of`: an approximate accelerator for rays.
 
-    Each image has `resolution` x `resolution` texels over the box of the mesh but for `outside`, and a range of depths
-    for each block of `block` x `block` texels. `hit` says when a ray hits a sample:
+    Each image has `resolution` x `resolution` texels over the box of the mesh, and a range of depths for each block of
+    `block` x `block` texels. `hit` decides when a ray hits a sample:
 
     - "sample": the ray's depth within the texel comes as near to the sample's as `tolerance`, a length in the
       scene's units;
     - "plane": the ray meets the plane of the sample's triangle within the texel;
-    - "triangle": the ray meets the sample's triangle, by the exact test of the other accelerators. A hit is always
-      a true one, and only triangles without a sample on the way are missed.
+    - "triangle": the ray meets the sample's triangle, by the exact test of the other accelerators. Every hit is
+      a true one; only triangles without a sample on the way are missed.
 
-    With `conservative` a triangle has a sample in each texel that it touches: "triangle" then misses nothing of a
-    closed mesh; the other tests find surfaces that reach beyond their edges by up to a texel. Without it there is a
-    sample where a triangle covers the texel's centre.
+    With `conservative` a triangle has a sample in each texel that it touches. Then "triangle" misses nothing of a
+    closed mesh, and the other tests find surfaces that reach beyond their edges by up to a texel. Without it a triangle
+    has a sample where it covers the texel's centre.
 
-    Triangles without area have no samples; the exact test, elsewhere, may meet one of them by rounding.
+    Triangles without area have no samples; the exact test of other accelerators may hit one of them by rounding.
 
-    With `shading="deferred"` a hit in a picture has the colour and the normal of its sample, as in the paper. They are
-    interpolated and textured once, at the samples, of which each keeps them in 8 bytes.
+    With `shading="deferred"` a hit in a picture takes the colour and the normal of its sample, as in the paper. They
+    are interpolated and textured once per sample, and take 8 bytes each.
 
-    `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles that they are of, `frame` (8, 4) the
-    raster (see `layered.raster`); `build_seconds` is how long they took, compilation included.
+    `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles they belong to, `frame` (8, 4) the
+    raster (see `layered.raster`); `build_seconds` is the time to build them, compilation included.
 
-    The few triangles far larger than the rest, such as a wide floor, have no samples, so that the texels are as small
-    as the rest needs: `outside` (K,) are their numbers. Every ray tries them by the exact test.
+    The few triangles far larger than the rest, such as a wide floor, have no samples and do not count for the box, so
+    that the texels are as small as the rest needs. `outside` (K,) are their numbers; every ray tests them exactly.
     """
 
     images: Samples

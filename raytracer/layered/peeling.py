@@ -65,7 +65,8 @@ _MOST = 1 << 24
 class Spans(NamedTuple):
     """Spans to be drawn, n: `place` (n, 3) row, first column, number of columns; `owner` (n, 2) image and triangle.
 
-    `corner` (n, 3) is a corner of the triangle, (column, row, depth) in its image; `slope` (n, 2) its depth's change.
+    `corner` (n, 3) is a corner of the triangle, (column, row, depth) in its image; `slope` (n, 2) is the change of its
+    depth per column and row.
     """
 
     place: NDArray[np.int32]
@@ -147,7 +148,7 @@ class _Device:
 
 
 def _by_texel(layers: list[list[NDArray[np.float32]]], resolution: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Put the triangles of layers together texel by texel; return the offsets of texels, and the triangles."""
+    """Collect the triangles of the layers texel by texel; return the offsets of texels, and the triangles."""
     counts = np.zeros((3, resolution**2), np.int64)
     for count, image in zip(counts, layers, strict=True):
         for layer in image:

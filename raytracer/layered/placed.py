@@ -1,7 +1,8 @@
-"""PlacedCubes: the layered depth cubes of a scene whose objects move, each with the way from the scene to it.
+"""PlacedCubes: the layered depth cubes of a scene whose objects move, each with its transformation.
 
-Stage: accelerate. An object that moves keeps its cube, and rays are taken to it; what does not move has one cube. All
-have the same resolution and blocks, so that their tables stand one behind the other and a walk counts through them.
+Stage: accelerate. An object that moves keeps its cube, and rays are transformed to it; the static meshes share one
+cube. All cubes have the same resolution and blocks, so that their tables are concatenated and a walk finds each by its
+index.
 
     cubes = PlacedCubes.of(meshes, moving, make)       # make(tuple of meshes) gives a LayeredCube
     cubes.place(transforms, origin, scale)
@@ -24,17 +25,18 @@ from raytracer.meshes import Mesh
 
 @dataclass(frozen=True)
 class Meshes:
-    """Some meshes of a scene."""
+    """A tuple of meshes of which a cube is built, in place of a Scene."""
 
     meshes: tuple[Mesh, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedCubes:
-    """The cube of what does not move, then those of the objects `moving`, which are meshes by their numbers.
+    """The cube of the static meshes, then the cubes of the meshes whose numbers are `moving`.
 
-    `parts` are the meshes of each cube as they were given, before they are moved; `numbers` are those of its triangles
-    in the scene. `poses` (3K, 4), for K cubes, takes rows (x, y, z, 1) of the scene's kernel to each cube's.
+    `parts` are the meshes of each cube before they are moved; `numbers` are the numbers of its triangles in the scene.
+    `poses` (3K, 4), for K cubes, transform points (x, y, z, 1) from the coordinates of the scene's kernel to those of
+    each cube.
     """
 
     cubes: tuple[LayeredCube, ...]
@@ -48,7 +50,7 @@ class PlacedCubes:
     def of(
         cls, meshes: Mapping[int, Mesh], moving: Sequence[int], make: Callable[[tuple[Mesh, ...]], LayeredCube]
     ) -> PlacedCubes:
-        """Make the cubes of the meshes with triangles, by their numbers in the scene; those that move as given."""
+        """Make the cubes of the meshes that have triangles, by their numbers in the scene, moving ones unmoved."""
         ends = np.cumsum([0, *map(len, meshes.values())])
         ranges = {
             number: np.arange(first, past, dtype=np.int32)

@@ -1,8 +1,8 @@
 """Checks of a mesh file's contents against its header, made before a library reads the file.
 
-Stage: scene description. Takes a file's bytes, gives bytes that trimesh reads as they are meant: texts in ASCII,
-without a byte-order mark. Raises SceneError, without the file's name, for what trimesh would
-pass over in silence or report with a wrong cause.
+Stage: scene description. Takes a file's bytes, gives bytes that trimesh reads as they are meant: ASCII texts without a
+byte-order mark. Raises SceneError, without the file's name, for faults that trimesh would ignore or report with a wrong
+cause.
 
 >>> text_of("v 0 0 1".encode("utf-8-sig"))
 'v 0 0 1'

@@ -38,7 +38,7 @@ _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 
 
 class Part(NamedTuple):
-    """The name of an object and of its material, None if it has none."""
+    """The name of an object and the name of its material, None where it has none."""
 
     name: str
     material: str | None

@@ -54,16 +54,16 @@ class Intrinsics:
 class Camera:
     """A camera at `position` looking at `target`.
 
-    `up` need only not be along the line of sight. In a "perspective" picture `fov` is the angle, in degrees, across its
-    shorter side. In an "orthographic" one eye rays are parallel, and `span` is how much of the scene the shorter side
-    shows, in the scene's units. A "panorama" shows all directions, 360 degrees wide and 180 high, the target in its
-    middle (an equirectangular projection).
+    `up` may be any direction except along the line of sight. In a "perspective" picture `fov` is the angle, in degrees,
+    across its shorter side. In an "orthographic" one eye rays are parallel, and `span` is the extent of the scene, in
+    the scene's units, that the shorter side shows. A "panorama" shows all directions, 360 degrees wide and 180 high,
+    the target in its middle (an equirectangular projection).
 
-    A perspective camera has a thin lens where `aperture`, the lens's diameter in the scene's units, is not 0: what is
-    as far as `focus` along the line of sight is sharp (the distance of the target, if None). Each sample of a pixel
-    goes through another point of the lens, which depends on nothing but the pixel and the sample (Cook, Porter and
-    Carpenter 1984).
-    Raises SceneError where no picture can follow from it.
+    A perspective camera has a thin lens where `aperture`, the lens's diameter in the scene's units, is not 0. Points at
+    the distance `focus` along the line of sight are sharp; None focuses on the target. Each sample of a pixel passes
+    through another point of the lens, which depends only on the pixel and the sample (Cook, Porter and Carpenter 1984).
+
+    Raises SceneError for numbers out of range, and where position, target and up give no direction of view.
     """
 
     position: Triple

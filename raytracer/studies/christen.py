@@ -45,11 +45,11 @@ GRIDS = (5, 10, 20, 30, 50)
 ITERATIONS = (1, 2, 4, 8)
 THRESHOLDS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0)
 AT_ONCE = (1, stages.AT_ONCE)
-"""Cells or triangles in a call: 1 as in the thesis, and as many as the tracer has unless told otherwise."""
+"""Cells or triangles per call: 1 as in the thesis, and the default of the tracer."""
 TRACERS = ("staged", "unified")
 _OFTEN = 3
 _SOON = 0.5
-"""Seconds: pictures that take less are taken several times, of which the fastest counts."""
+"""Seconds: a picture that takes less is rendered `_OFTEN` times, and the fastest counts."""
 _MARKS = "os^"
 
 Clock = Callable[[], float]
@@ -57,10 +57,10 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One picture: a scene of the thesis, where and how it is rendered.
+    """One picture: a scene of the thesis, the backend and the tracer.
 
-    The last three are for "staged". Without `compacts` each call goes over all rays and rejects what it does not need,
-    as the thesis does with the depth test.
+    `threshold`, `at_once` and `compacts` are for the tracer "staged". Without `compacts` each kernel runs over all rays
+    and discards those that do not need it, as the thesis does by the depth test.
     """
 
     scene: str

@@ -1,7 +1,7 @@
 """The measurement of a layered depth cube, or of an exact accelerator, over one model: time, memory and errors.
 
 Stage: measure. A model stands on a floor under a light; it mirrors half of the light, the floor a fifth. A `Bench`
-holds the exact pictures and rays of a model, those through the BVH, beside which every `Case` is measured in turns.
+renders the exact pictures and rays of a model by the BVH, and measures every `Case` in turns with it.
 
     bench = Bench(Model("knot", (mesh,)), "opencl", (1280, 1024))
     bench.measure(Case("knot", "opencl", "ldc", 512, "plane"), framed=True)
@@ -121,7 +121,7 @@ class Measured:
 
     @property
     def cost(self) -> float:
-        """The time of the secondary rays, in times that of the BVH."""
+        """The time of the secondary rays as a multiple of the BVH's."""
         return sum(w.seconds for w in self.wrong.values()) / sum(w.bvh_seconds for w in self.wrong.values())
 
 

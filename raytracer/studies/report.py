@@ -29,7 +29,7 @@ Case = TypeVar("Case")
 
 
 def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
-    """Return the device of each backend, of all that are available if None are named.
+    """Return the device of each backend; None stands for all backends that are available.
 
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """

@@ -1,4 +1,4 @@
-"""The scene of a view: one that stays, or a function of the time.
+"""The scene of a view: a static one, or a function of the time.
 
 Stage: the command line, in the worker.
 
@@ -29,9 +29,9 @@ from raytracer.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Opened:
-    """A scene as a function of the time in seconds, at which it begins anew, and what was said when it was read.
+    """A scene as a function of the time in seconds, its length, and the warnings that reading it gave.
 
-    `seconds` is 0 for a scene that stays.
+    `seconds` is the length after which it starts again, 0 for a static scene.
     """
 
     make: Callable[[float], Scene]
@@ -83,7 +83,7 @@ def _animation_of(path: Path, clip: str | None, notices: list[str]) -> AnimatedF
 
 @contextmanager
 def _heard() -> Iterator[list[str]]:
-    """Give the list of the warnings that are given meanwhile."""
+    """Yield a list that collects the warnings of the block."""
     said: list[str] = []
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always", sh.ShpyWarning)

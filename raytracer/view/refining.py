@@ -36,15 +36,15 @@ _AT_ONCE: Final = 16
 
 @dataclass
 class Pace:
-    """The time that the last coarse picture took: it has all parts of a picture, which single rows do not."""
+    """The time of the last coarse picture, which predicts better than single rows: it has all parts of a picture."""
 
     rays: int = _SMALLEST**2
     seconds: float | None = None
     plain: bool = False
-    """The smallest pictures take too long unless they do without mirrors."""
+    """True if even the smallest picture takes too long with mirrors, so that coarse pictures leave them out."""
 
     def learn(self, rays: int, seconds: float, *, smallest: bool) -> None:
-        """Take note of the last coarse picture."""
+        """Store the rays and seconds of the last coarse picture; set `plain` where even the `smallest` one was slow."""
         if not self.plain:
             self.rays, self.seconds = rays, seconds
             self.plain = smallest and seconds > _ANSWER
@@ -52,7 +52,7 @@ class Pace:
             self.rays, self.seconds, self.plain = rays, None, False
 
     def count(self, seconds: float) -> int:
-        """Return how many rays take so long, if all take as long as those of the last picture."""
+        """Return how many rays take this many seconds, at the speed of the last picture."""
         return self.rays if self.seconds is None else round(self.rays * min(seconds / self.seconds, 4.0))
 
     @property
@@ -65,7 +65,7 @@ class Pace:
 class Piece:
     """One step of a picture: the samples that it computes, the share of the picture that has them, and its seconds.
 
-    `plain` says that nothing was mirrored or scattered again, as in coarse pictures where that would take too long.
+    `plain` is True for a coarse picture without mirrored and scattered rays, which would have taken too long.
     """
 
     coarse: bool
@@ -150,7 +150,7 @@ class Refinement:
         return (max(1, round(scale * width)), max(1, round(scale * height))) if scale < 1 else self.size
 
     def _first(self) -> Piece:
-        """Render the whole picture, as large as it can be in a short time."""
+        """Render the whole picture, at the largest size that takes a short time."""
         small, plain, begun = self._small(), self._pace.plain, time.perf_counter()
         with _plain(self._renderer) if plain else nullcontext():
             self.layers = self._renderer.rows(small, 0, small[1], camera=self.camera, samples=1)
@@ -161,7 +161,7 @@ class Refinement:
         return Piece(plain or small != self.size, 1, 1.0, seconds, plain)
 
     def _enlarge(self) -> None:
-        """Take the coarse picture for the full one, of which it is a part until the rows are there."""
+        """Enlarge the coarse picture to the full size, to be shown until its rows are computed."""
         width, height = self.size
         if self.shown.shape[:2] == (height, width):
             return
@@ -173,7 +173,7 @@ class Refinement:
         self.layers, self.shown = larger, self.shown[place]
 
     def _stage(self, first: int, past: int) -> Iterator[Piece]:
-        """Give all pixels more samples, from the top on."""
+        """Compute samples `first` to `past` - 1 of all pixels, band by band from the top."""
         width, height = self.size
         traced = isinstance(self._renderer.integrator, Path)
         row_of_rays = width * (past - first if traced else past)
@@ -194,7 +194,7 @@ class Refinement:
             count = max(1, int(count * min(wanted / seconds, 2.0)))  # rows below may be of more than background
 
     def _develop(self, top: int, past: int) -> None:
-        """Bring rows of `shown` up to date."""
+        """Recompute rows of `shown` from `layers`."""
         light = self.layers["pixels"][top:past] * np.float32(2.0**self.stops)
         self.shown[top:past] = sh.screen.pixels(light, encode=True)
 

@@ -1,9 +1,9 @@
-"""The renderers of a view by backend and integrator, each made in a thread while the one before goes on.
+"""The renderers of a view by backend and integrator, each made in a thread while the last one goes on.
 
 Stage: the command line, in the worker.
 
     renderers = Renderers(wake)
-    renderers.best(Form("opencl", Whitted()), scene)     # None, or the one of another form, until it is made
+    renderers.best(Form("opencl", Whitted()), scene)     # until it is made: the last renderer, or None
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Drawer:
     pace: Pace = field(default_factory=Pace)
 
     def show(self, scene: Scene) -> None:
-        """Take another scene, from the next picture on."""
+        """Switch to another scene, from the next picture on."""
         if scene is not self.scene:
             self.renderer.show(scene)
             self.scene = scene
@@ -56,7 +56,10 @@ class Renderers:
         self._last: Drawer | None = None
 
     def best(self, wanted: Form, scene: Scene) -> Drawer | None:
-        """Return the wanted drawer, the last one until it is made, or None without one; raise its error."""
+        """Return the wanted drawer; until it is made, the last one used, or None if there is none.
+
+        Raises the error with which the wanted drawer could not be made.
+        """
         if wanted not in self._begun:
             self._begun.add(wanted)
             threading.Thread(target=self._make, args=(wanted, scene), daemon=True).start()
@@ -71,7 +74,7 @@ class Renderers:
         return self._last
 
     def is_ready(self, form: Form) -> bool:
-        """Return whether a form is made, or cannot be."""
+        """Return whether a form has been made, or has failed."""
         return form in self._found
 
     def _make(self, form: Form, scene: Scene) -> None:

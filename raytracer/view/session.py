@@ -151,16 +151,16 @@ class Session:
         self.camera = dataclasses.replace(self.seen, **places, **numbers, intrinsics=None)  # type: ignore[arg-type]
 
     def reset(self) -> None:
-        """Begin anew, at the time 0."""
+        """Restart at the time 0."""
         self.time, self.frame = 0.0, 0
         self._changed = True
 
     def step(self) -> None:
-        """Go on by one frame."""
+        """Advance by one frame."""
         self._single = self._changed = True
 
     def woken(self) -> None:
-        """Take note that a renderer is made, or that it is time to refine."""
+        """Note that a renderer has been made, or that it is time to refine."""
         self._waking = False
         if self._drawer is None or (self._drawer.form != self.form and self._renderers.is_ready(self.form)):
             self._changed = True
