@@ -62,7 +62,7 @@ def status_of(error: KeyboardInterrupt) -> int:
 
 
 class Terminated(KeyboardInterrupt):
-    """Raised by SIGTERM in a command's work, which ends as after Ctrl-C and keeps what it has."""
+    """Raised when SIGTERM arrives, so that a command ends as after Ctrl-C and keeps the work that it has finished."""
 
 
 @contextmanager
@@ -150,7 +150,7 @@ def _prepare_streams() -> None:
 
 
 def _abandon_output() -> None:
-    """Send what is left of the output nowhere: Python would complain once more when it ends."""
+    """Discard the rest of the output: Python would report the closed pipe again when it ends."""
     with suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, sys.stdout.fileno())

@@ -48,7 +48,7 @@ class Evolution:
         self._streams = dict(streams)
 
     def reset(self) -> None:
-        """Restore the streams that the chain began with."""
+        """Restore the first streams of the chain."""
         self._streams = dict(self._first)
 
     def step(self, moment: Moment) -> None:

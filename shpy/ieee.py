@@ -1,9 +1,9 @@
 """Arithmetic as IEEE 754 defines it, whatever another library has switched on in this thread.
 
-Stage: record, compile, run. Taichi when it starts, and libraries that were built with -ffast-math when they are loaded,
-make the processor take denormal numbers for zero: in their thread, and in the threads which that one starts later. Then
-numpy's arithmetic is no longer that of strict mode. shpy sets the default environment of C for as long as it computes,
-and leaves the thread as it was.
+Stage: record, compile, run. Some libraries make the processor flush denormal numbers to zero: Taichi when it starts,
+and libraries built with -ffast-math when they are loaded. This holds in their thread, and in the threads that it starts
+later. Then numpy's arithmetic is no longer that of strict mode. shpy sets the default environment of C while it
+computes, and restores the thread's environment afterwards.
 
     with ieee_arithmetic():
         np.float32(1e-30) * np.float32(1e-10)     # 1e-40
@@ -30,9 +30,9 @@ T = TypeVar("T")
 _DENORMAL: Final = np.uint32(1000).view(np.float32)
 _HALF: Final = np.float32(0.5)
 _DEFAULT: Final = ctypes.c_void_p(-1)
-"""FE_DFL_ENV on Linux. Other systems have an address or a structure there, which their headers alone tell."""
+"""FE_DFL_ENV on Linux. On other systems it is an address or a structure that only their headers define."""
 _ROOM: Final = 256
-"""Bytes: more than an fenv_t has anywhere."""
+"""Bytes for an fenv_t, more than on any system."""
 _seen: Final = threading.Event()
 """Set once a thread flushed denormals when shpy computed in it."""
 
@@ -43,7 +43,7 @@ def keeps_denormals() -> bool:
 
 
 class ieee_arithmetic:
-    """A context in which this thread's arithmetic has denormal numbers."""
+    """A context in which the arithmetic of this thread keeps denormal numbers."""
 
     __slots__ = ("_before",)
 
@@ -58,7 +58,7 @@ class ieee_arithmetic:
 
 
 def set_ieee_arithmetic() -> None:
-    """Have denormal numbers in this thread from now on."""
+    """Make the arithmetic of this thread keep denormal numbers from now on."""
     if not keeps_denormals():
         _set_default()
 

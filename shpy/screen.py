@@ -229,9 +229,9 @@ def _levels(numbers: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def srgb(linear: NDArray[Any]) -> NDArray[Any]:
-    """Return linear light from 0 to 1 as sRGB has it (IEC 61966-2-1); what lies beyond is clipped, NaN is 0.
+    """Encode linear light in [0, 1] as sRGB (IEC 61966-2-1); numbers beyond are clipped, and NaN becomes 0.
 
-    Numbers in binary64 stay there; others are computed in binary32.
+    Arrays of binary64 give binary64; others are computed in binary32.
     """
     array = np.asarray(linear)
     number = np.float64 if array.dtype == np.float64 else np.float32

@@ -1,6 +1,7 @@
 """Objects that a notebook shows as pictures.
 
-Stage: above all others. What makes the pictures runs programs and stands above; it is bound when it is imported.
+Stage: above all others. Making a picture runs programs, which stand above these objects, so `show_by` sets the function
+that makes it when that module is imported.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ _picture: Final[list[Callable[[Any], bytes | None]]] = []
 
 
 def show_by(picture: Callable[[Any], bytes | None]) -> None:
-    """Have pictures made by this function: the PNG file of an object, or None for one that has no picture."""
+    """Set the function that makes pictures: it returns the PNG file of an object, or None if it has no picture."""
     _picture[:] = [picture]
 
 

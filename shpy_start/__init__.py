@@ -50,7 +50,10 @@ def _be_quiet(name: str) -> None:
 
 
 def _run_by_name() -> str | None:
-    """Return the package whose imports `python -m` still makes: until it is found, `-m` stands for its path."""
+    """Return the package that `python -m` is still importing, or None.
+
+    While `-m` looks for the module, `sys.argv[0]` is "-m"; `sys.orig_argv` has the name.
+    """
     if sys.argv[:1] != ["-m"]:
         return None
     option = sys.orig_argv[-len(sys.argv)]

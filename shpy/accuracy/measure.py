@@ -84,9 +84,9 @@ def measure(
     """Run the program on `samples` elements of the domain, and on special values, and compare with exact results.
 
     `domain` says for each input a range, (lo, hi) or (lo, hi, "log"), an array, or a function of a numpy Generator and
-    a count. Each variant is judged on inputs of its own precision, in ULP of its own type. Special values in the
-    domain's ranges count like the others; those outside are counted apart, as edges. What a target cannot do is
-    skipped, and said so. Raises ShpyTypeError for a domain that does not fit the program.
+    a count. Each variant is measured on inputs of its own precision, in ULP of its own type. Special values in the
+    domain's ranges count like the others; those outside are counted apart, as edges. A variant that its target cannot
+    run is skipped, and the report lists it. Raises ShpyTypeError for a domain that does not fit the program.
     """
     rows: list[Row] = []
     skipped: list[tuple[str, str]] = []
@@ -149,8 +149,8 @@ def _row(variant: Variant, name: str, drawn: Samples, found: Run, truth: Truth, 
 def error_of(found: Run, truth: Truth, output: int, dtype: Any = None) -> tuple[Array, Array]:
     """Return the errors of one output in ULP and relative, each (n,): the largest of the components.
 
-    ULP are those of the output's own type, or of `dtype`. Infinite where an element ends otherwise than it should; ints
-    and bools are as far off as they differ.
+    ULP are those of the output's own type, or of `dtype`. The error of ints and bools is their difference. It is
+    infinite where only one of the two runs wrote the element, and 0 where neither did.
     """
     exact, given = truth.outputs[output], found.outputs[output]
     if given.dtype.kind == "f":

@@ -175,7 +175,7 @@ class Comparison:
 
     @cached_property
     def front(self) -> tuple[int, ...]:
-        """The places of the points than which none is both faster and closer, fastest first."""
+        """The indices of the points on the Pareto front, fastest first: no other point is faster and more exact."""
         return self._places(frontier(self.points, _error))
 
     @cached_property

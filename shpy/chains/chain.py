@@ -148,7 +148,7 @@ class Sequence(Chain):
 
 
 class Repeat(Chain):
-    """The members a number of times: see `sh.repeat`."""
+    """A chain that runs its members a number of times: see `sh.repeat`."""
 
     def __init__(self, members: tuple[Member | Chain, ...], times: int) -> None:
         super().__init__(members)
@@ -202,7 +202,7 @@ class Held(Chain):
 
 
 class Loop(Chain):
-    """The members until a round writes nothing: see `sh.loop`."""
+    """A chain that runs its members until a round writes nothing: see `sh.loop`."""
 
     def __init__(self, members: tuple[Member | Chain, ...], loop_limit: int | None) -> None:
         super().__init__(members)

@@ -50,7 +50,7 @@ class Performed(Node, Protocol):
 
     @property
     def steps(self) -> Iterable[tuple[Member, bool]]:
-        """Every kernel, in order, with whether it is run."""
+        """Every kernel, in order, each with True if the chain is certain to run it."""
 
     def perform(self, run: Run) -> None:
         """Run it."""

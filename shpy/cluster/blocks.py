@@ -1,6 +1,11 @@
 """sh.map_blocks: a kernel over each block of Dask arrays.
 
-Stage: cluster.
+Stage: cluster. Takes a kernel and Dask arrays, gives Dask arrays whose graph has one task per block. The arrays are
+broadcast and cut into chunks that agree, and each task gets the place of its block, so that the bits do not depend on
+the chunks.
+
+    out = map_blocks(kernel, x, y)      # nothing runs yet
+    out.compute()
 """
 
 from __future__ import annotations
@@ -22,12 +27,12 @@ from shpy.streams.elements import Shape
 
 
 def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks: Any = None, **named: Any) -> Any:
-    """Return the outputs of a kernel over Dask arrays, as Dask arrays in their structure. Nothing runs yet.
+    """Return the outputs of a kernel over Dask arrays, as Dask arrays in the structure of its output. Nothing runs yet.
 
     The inputs are those of a call: Dask arrays (*S, N), or (*S,) for one component, with chunks along the axes of
-    elements; host arrays, numbers, Params, Tables. They broadcast, and structs and several outputs are as for numpy
+    elements; host arrays, numbers, Params, Tables. They broadcast, and structs and several outputs work as for numpy
     arrays. `sh.grid_index` and `sh.grid_shape` are those of the whole array. Without any Dask array, `shape` and
-    `chunks` are those of the elements. The kernel is sent with its Params as they are now, and each worker compiles it
+    `chunks` are those of the elements. The kernel is sent with its Params' present values, and each worker compiles it
     once; a program is compiled for the default backend of the worker.
 
     Raises ShpyTypeError, before anything runs, for shapes, dtypes and chunks that do not fit; ShpyError without Dask.
@@ -63,7 +68,7 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
 
 
 def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
-    """Return the chunks of all axes; `chunks` gives those of axes that only `shape` has."""
+    """Return the chunks of all axes; `chunks` gives those of the axes along which no array has chunks."""
     asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
     open_axes = [not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)]
     if chunks is not None and not all(open_axes):

@@ -1,8 +1,9 @@
 """sh.map_overlap: a stencil over Dask arrays, several steps for each exchange of halos.
 
-Stage: cluster. A block is given its neighbours' elements as far as the stencil reaches in all steps, and computes these
-as well; each step makes fewer of them right, and at the end those of the block itself are. At the border of the array
-a block has no halo, so that reads are clamped there in each step, as they are over the whole array.
+Stage: cluster. A block gets a halo of its neighbours' elements, as wide as the stencil reaches in all steps, and
+computes the halo as well. After each step fewer elements of the halo are right; after the last one exactly those of the
+block are. At the border of the array a block has no halo, so that reads are clamped there in each step, as in a run
+over the whole array.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ from shpy.streams.elements import Shape
 def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, steps: int = 1) -> dict[str, Any]:
     """Return the streams that `steps` executions of a chain or kernel write, as Dask arrays by name. Nothing runs yet.
 
-    `streams` are those of `Chain.run`: Dask arrays (*S, N) of one shape S, which are cut into blocks; arrays that are
-    written or read by element, cut as these; and what each worker is sent whole, numbers, Params and Tables. A kernel
-    reads a Dask array at `sh.grid_index` plus constants: the halo is the largest of these times `steps`. The index and
+    `streams` are those of `Chain.run`. Dask arrays (*S, N) of one shape S are cut into blocks, and so are host arrays
+    that are written or read by element. Numbers, Params and Tables are sent to each worker whole. A kernel reads a Dask
+    array at `sh.grid_index` plus constants: the halo is the largest of these times `steps`. The index and
     `sh.grid_shape` are those of the whole array. Reads beyond it give its border in every step, or its other end where
     the index is `% sh.grid_shape`, so the bits are those of one run for any chunks. More steps exchange less often, and
     compute a wider halo twice.
 
-    Raises ShpyTypeError, before anything runs, for shapes and chunks that do not fit, a `sh.loop`, whose end depends on
-    all elements, and an index that has no known distance from the element; ShpyError without Dask.
+    Raises ShpyTypeError, before anything runs, for shapes and chunks that do not fit, for a `sh.loop`, whose end
+    depends on all elements, and for an index without a known distance from the element; ShpyError without Dask.
     """
     dask_array()
     whole = _checked(chain, steps)
@@ -69,7 +70,7 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
 
 
 def _checked(chain: Any, steps: Any) -> Chain:
-    """Return the chain; ShpyTypeError for anything else, for loops, and for steps that are no number."""
+    """Return the chain; raise ShpyTypeError for anything else, for loops, and unless `steps` is a positive int."""
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise ShpyTypeError(f"steps={steps!r} is no number of executions", loc=here(), cure="steps=8")
     whole: Chain = chain if isinstance(chain, Chain) else sequence(chain)

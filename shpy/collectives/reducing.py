@@ -223,7 +223,7 @@ def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty
 
 
 def _folded(rows: Stream, axis: int | None, *how: Any) -> Stream:
-    """Fold, and return the only result on the host, where finishing it takes less time than on the device."""
+    """Fold along an axis. A single result (`axis` None) is finished on the host, which is faster there."""
     return fold_to_host(rows, *how) if axis is None else fold(rows, *how)
 
 

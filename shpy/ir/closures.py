@@ -180,7 +180,7 @@ class Compiler:
 
     @staticmethod
     def end(status: int) -> Step:
-        """Return a Discard."""
+        """Return the step of a Discard, which ends the element with `status`."""
 
         def run(frame: Frame) -> int:
             raise Ended(status)

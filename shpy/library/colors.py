@@ -107,7 +107,7 @@ def hsv_from_rgb(c: Any) -> Any:
 
 
 def rgb_from_hsv(c: Any) -> Any:
-    """Return the colour of hue, saturation and value; the hue repeats from 1 on."""
+    """Return the RGB colour of (hue, saturation, value); the hue has the period 1."""
     v = vector(c, (3,), "sh.library.rgb_from_hsv")
     k = (v[0] * 6 + (5, 3, 1)) % 6
     return _color(v[2] - v[2] * v[1] * clamp(min(k, 4 - k), 0, 1), v)

@@ -69,7 +69,7 @@ def fbm(p: Any, octaves: Any = 6, lacunarity: Any = 2.0, gain: Any = 0.5) -> Any
     """Return fractal Brownian motion: the sum of gain**i * noise(p_i), over the octaves i.
 
     p_0 is p, and p_i+1 is lacunarity * p_i + 0.37. A point of 1 to 3 dimensions gives one float. `octaves` is an int or
-    an i; the others are numbers or floats. The shift keeps the zeros of the octaves apart.
+    an `sh.Attrib1i`; the others are numbers or floats. The shift keeps the zeros of the octaves apart.
     """
     return _FBM(p, octaves, lacunarity, gain)
 
@@ -113,7 +113,7 @@ _RINGS: Final = 3
 
 
 def _worley(p: Any, metric: str, count: int) -> Any:
-    """Visit the cells ring by ring until no farther cell can hold a nearer point."""
+    """Return the `count` least distances, from the cells in rings around the point, as far as they can be nearer."""
     cells = _cells(p)
     inside = p - floor(p)
     nearest = [Attrib1f(float("inf")) for _ in range(count)]

@@ -33,7 +33,7 @@ class Pixels:
 
 
 class Running:
-    """A chain that runs some steps for each frame; the frame 0, and every earlier one than the last, begins anew."""
+    """A chain that runs `steps` times per frame; frame 0, and any frame before the last one drawn, restarts it."""
 
     evolves = moves = True
 
@@ -55,7 +55,7 @@ class Running:
         self._last = -1
 
     def draw(self, moment: Moment) -> Any:
-        """Return the output of a frame: the next frame runs the chain, and the last one is drawn again."""
+        """Return the output of a frame: a later frame runs the chain, an earlier one restarts it first."""
         if moment.frame < self._last:
             self._evolution.reset()
             self._last = -1

@@ -33,15 +33,16 @@ def widget(
 ) -> Any:
     """Return a widget that shows a program of pixels, or a chain that runs on, with controls for its Params.
 
-    This process computes the frames, on any backend, and sets the Params' values: `gain.value` is what the slider says,
-    and what is set in another cell shows. Inputs are filled by name as `sh.animate` does; `mouse` follows the pointer
-    while it is pressed. `values` are the other inputs. With `encode`, numbers are linear light, which becomes sRGB.
-    `size` is (width, height) of a program's picture, (512, 512) where nothing is said.
+    This process computes the frames, on any backend, and sets the Params' values: `gain.value` follows the slider, and
+    the slider follows a value set in another cell. Inputs are filled by name as `sh.animate` does; `mouse` follows the
+    pointer while it is pressed. `values` are the other inputs. With `encode`, numbers are linear light, which becomes
+    sRGB. `size` is (width, height) of a program's picture, (512, 512) by default.
 
-    A chain is run `steps` times for each frame, which a field of the widget changes; `values` are the streams that it
-    begins with, and `show` is the program that makes colours of its streams, as in `sh.animate`.
-    Raises ShpyTypeError for what is neither a program of pixels nor a chain with its streams; ShpyError, with the
-    command that brings it, where anywidget is missing.
+    A chain is run `steps` times for each frame, which a field of the widget changes; `values` are its first streams,
+    and `show` is the program that makes colours of its streams, as in `sh.animate`.
+
+    Raises ShpyTypeError for anything but a program of pixels or a chain with its streams; ShpyError, with the command
+    that installs it, where anywidget is missing.
     """
     drawn: Pixels | Running
     if isinstance(shown, Chain):

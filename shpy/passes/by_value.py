@@ -58,7 +58,10 @@ class _Converted:
 
 
 def _convert(before: Function, function: Function) -> _Converted:
-    """Return the function, whose own calls are by value already, with values for what comes by reference."""
+    """Replace the parameters by reference of a function whose calls are by value already.
+
+    A parameter that is read becomes an input, one that is stored becomes an output.
+    """
     references = [port for port in function.inputs if isinstance(port, Variable)]
     if not references:
         return _Converted(before, function)

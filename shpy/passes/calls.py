@@ -119,7 +119,7 @@ class Callees:
 
 
 def _statuses(module: Module) -> dict[str, int]:
-    """Return the variable of each function that is its status, by what its callers do with the last result.
+    """Return the status variable of each function, found from how its callers use the last result of a call.
 
     The entry has one more output than the module if it has a status.
     """

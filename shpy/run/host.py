@@ -107,7 +107,7 @@ def exact(data: Any, precision: str, math: str) -> Any:
 def streams(
     types: Mapping[str, InputType], given: Mapping[str, Any], precision: str, math: str = "strict"
 ) -> list[InputLeaf]:
-    """Return the inputs as `inputs` gives them, none of which is a stream."""
+    """Return the inputs that are arrays of the host, as `inputs` does, without those that are streams."""
     return [leaf for leaf in inputs(types, given, precision, math) if isinstance(leaf, InputLeaf)]
 
 

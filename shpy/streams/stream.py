@@ -345,10 +345,10 @@ class StreamLeaf:
 
 
 class StreamTable(Table):
-    """A Table over a stream's own memory: see `sh.Table`. `leaf` is the one of the stream's leaves that it reads."""
+    """A Table over a stream's own memory: see `sh.Table`. It reads the `leaf`-th leaf of the stream."""
 
     def __new__(cls, *args: Any, **named: Any) -> StreamTable:
-        """Make one whatever it is given: `Table` chooses a class by its array."""
+        """Make a StreamTable for any arguments: `Table.__new__` would choose a class by its array."""
         return object.__new__(cls)
 
     def __init__(self, stream: Stream, type: Any = None, name: str | None = None, *, leaf: int = 0) -> None:

@@ -66,14 +66,15 @@ def assert_equivalent(
     """Run on every available backend and lane width, and compare each with the first, element by element.
 
     `backends` are names as in `testing.targets`: "numpy", "opencl" (each width), "opencl-4", "glsl", "interpreter".
-    Results may be `ulp` numbers apart, or atol + rtol * |the first's|; all 0 asks for the same bits, NaNs aside.
-    Elements end alike: written, discarded, or stopped by a loop's limit. On a device that says that it flushes
-    denormals, elements that meet one on their way are counted, not compared; `flushes` of what is given names
-    the first denormal of one of them, and the agreement's text says whether a result became another number.
+    Results may differ by `ulp` ULP, or by atol + rtol * |first result|; with all 0 they must have the same bits, except
+    that every NaN equals every other one. Elements must end alike: written, discarded, or stopped by a loop's limit.
+
+    A device may report that it flushes denormals. Elements that meet a denormal there are counted, not compared: the
+    result's `flushes` names the first denormal of one of them, and its text says whether a result changed.
 
     `inputs` come by position or by name; other names (`precision`, `loop_limit`, …) are options of `Program.compile`.
     Raises AssertionError, which names the element, its inputs, each backend's value and distance, and the first
-    statement at which the two part.
+    statement at which the two diverge.
     """
     given, options = split_options(named, program)
     names = targets(backends if backends is not None else defaults.backends)

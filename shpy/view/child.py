@@ -26,7 +26,7 @@ _AHEAD: Final = 2
 
 
 class Worker:
-    """The loop: messages first, then a frame."""
+    """The loop of a worker process: it handles messages first, then draws a frame."""
 
     def __init__(self, line: Line, module: Any) -> None:
         self.line = line

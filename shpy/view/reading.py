@@ -24,7 +24,7 @@ _folder: str | None = None
 
 @contextmanager
 def noted(path: Path) -> Iterator[None]:
-    """Note the file, and what is read from its folder until the block ends, in place of what was noted before."""
+    """Record the file and the files of its folder that the block reads, and forget those recorded before."""
     global _folder  # an audit hook is the process's, and stays
     folder = os.path.realpath(path.parent)
     before = set(sys.modules)

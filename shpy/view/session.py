@@ -98,13 +98,13 @@ class Session:
         return self.controls.assign(changes.get("params", {}))
 
     def reset(self) -> None:
-        """Begin anew, at the time 0."""
+        """Restart at the time 0."""
         self.time, self.frame = 0.0, 0
         self.subject.reset()
         self._changed = True
 
     def step(self) -> None:
-        """Go on by one frame."""
+        """Advance by one frame."""
         self._single = self._changed = True
 
     def next(self) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:

@@ -40,16 +40,16 @@ class Subject(Protocol):
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
-        """Go on by some steps, and return True; return False while neither the wanted form nor a quick one is there."""
+        """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Restart from the first streams."""
 
     def waiting(self, wanted: Form) -> float | None:
         """Return the seconds for which the wanted form has been compiling; None where it is not."""
 
     def refused(self, wanted: Form) -> Exception | None:
-        """Return the error with which a target refuses the wanted form, which a quick one stands for meanwhile."""
+        """Return the error with which a target refuses the wanted form; a quick form draws in its place."""
 
     def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
         """Return the program and the steps of one pixel."""
@@ -83,7 +83,7 @@ class Still:
         return True
 
     def reset(self) -> None:
-        """Begin anew: nothing is kept."""
+        """Do nothing: a program of pixels keeps no streams."""
 
     def waiting(self, wanted: Form) -> float | None:
         """Return the seconds for which the wanted form has been compiling; None where it is not."""
@@ -188,7 +188,7 @@ class Evolving:
         return dict(made)
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Restart from the first streams."""
         self._streams = None
 
     def waiting(self, wanted: Form) -> float | None:

@@ -81,7 +81,10 @@ class Worker:
 
 
 class Pool:
-    """Workers for one module of sessions: there is a warm one, or one that is warming up, but for a moment."""
+    """The workers of one module of sessions, with one warm spare.
+
+    After `take` there is no spare for `_HEAD_START` seconds, so that the worker that was taken has the processor.
+    """
 
     def __init__(self, module: str, heard: Heard) -> None:
         self._module = module
@@ -92,7 +95,7 @@ class Pool:
         self._start()
 
     def _start(self) -> Worker:
-        """Return the warm worker, which starts now where there is none."""
+        """Return the spare worker; start one if there is none."""
         if self._later is not None:
             self._later.cancel()
         if self._spare is None:

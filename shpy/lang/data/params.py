@@ -152,7 +152,7 @@ def _about(layout: Layout, bounds: Any, step: Any, title: Any, description: Any,
 
 
 def _plain(x: Any) -> float:
-    """Return a number as one of Python, as the text of the IR can hold it."""
+    """Return a number as a Python int or float that the text of the IR can hold."""
     return int(x) if isinstance(x, int | np.integer) and -(2**53) <= int(x) <= 2**53 else float(x)
 
 

@@ -122,7 +122,7 @@ class Frame:
     def variable(
         self, type: Type, length: int | None = None, *, name: str | None = None, loc: Loc | None = None
     ) -> int:
-        """Make a slot in the open region; named after what the user assigns on this line, if not by `name`."""
+        """Make a variable in the open region, named `name`, or after the name that the user's line assigns."""
         loc = loc or here()
         variable = Variable(len(self.variables), type, length, None, loc)
         self.variables.append(variable)

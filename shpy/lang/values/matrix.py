@@ -77,7 +77,7 @@ class Matrix(Symbolic):
         return MATRICES[cls.__name__]
 
     def _rows_of(self, given: Any) -> tuple[Any, ...]:
-        """Return the rows in one argument: a matrix, or rows; one number is neither."""
+        """Return the rows of one argument, a matrix or a sequence of rows; raise ShpyTypeError for a single number."""
         if literal(given) is not None or isinstance(given, Value):
             name = f"sh.{type(self).__name__}"
             raise ShpyTypeError(

@@ -198,7 +198,7 @@ def _atan_of_quotient(smaller: Term, larger: Term) -> Pair:
 
 
 def atan(x: Term) -> Term:
-    """Arc tangent: past 1 that of 1 / x, taken from pi/2."""
+    """Return the arc tangent; above 1 it is pi/2 minus that of 1 / x."""
     a = abs(x).named("a")
     far = (a > 1).named("far")
     one = x.constant(1)

@@ -248,7 +248,7 @@ def _log2_of_double(whole: Term, fraction: Term, s: Term, s_low: Term) -> Pair:
 
 
 def pow_(x: Term, y: Term) -> Term:
-    """X to the power of y, as C99 7.12.7.4 and F.9.4.4 have it."""
+    """Return x to the power of y, as C99 7.12.7.4 and F.9.4.4 define it."""
     base = x.type.base
     a = abs(x).named("a")
     most, end = {Base.F: (1.0e10, 200.0), Base.D: (1.0e20, 1100.0)}[base]

@@ -205,7 +205,7 @@ class GlslBody(Body):
         return found
 
     def _reads(self, e: Expr) -> bool:
-        """Return whether an expression depends on anything but numbers."""
+        """Return whether an expression depends on anything but literals."""
         return any(isinstance(part, Name) and part != self.unit.zero for part in tree.walk(e))
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:

@@ -155,7 +155,7 @@ class PacketMaker(KernelMaker):
         return self.finished(())
 
     def finished(self, inputs: tuple[int, ...]) -> Kernel:
-        """Return the whole text of what was added."""
+        """Return the kernel with the whole text that was added."""
         return replace(super().finished(inputs), lanes=self.lanes, columns=self.columns, listed=self.listed)
 
     def needs_doubles(self) -> bool:

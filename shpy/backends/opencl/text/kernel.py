@@ -265,7 +265,7 @@ class KernelMaker(ClUnit):
         return tuple(at for at, _ in read)
 
     def call_entry(self, body: ClBody, inner: str) -> None:
-        """Call the function that the entry is; its results stand in the slots of the outputs."""
+        """Emit the call of the entry's function, and bind its results to the slots of the outputs."""
         outputs = body.function.outputs
         args = [body.exprs[i.id] if i.id in body.exprs else self.nothing(body, i.type) for i in body.function.inputs]
         handed = self.handed(body.function.name)
