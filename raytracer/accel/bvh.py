@@ -114,10 +114,11 @@ def cut_apart(lows: Floats, highs: Floats, most: int, deepest: float = np.inf) -
         open_ = np.flatnonzero(count > 1)
         axis, left = np.zeros((2, len(open_)), np.int64)
         is_pair = (count[open_] == 2) & (most == 1)
-        for which, cuts in ((is_pair, _pair_cuts), (~is_pair, _best_cuts)):
-            nodes = open_[which]
-            halves = len(levels) > deepest
-            axis[which], left[which] = cuts(lows, highs, order, start[nodes], count[nodes], most, halves)
+        pairs, others = open_[is_pair], open_[~is_pair]
+        axis[is_pair], left[is_pair] = _pair_cuts(lows, highs, order, start[pairs]), 1
+        axis[~is_pair], left[~is_pair] = _best_cuts(
+            lows, highs, order, start[others], count[others], most, len(levels) > deepest
+        )
         cut = left > 0
         parents, left = open_[cut], left[cut]
         level.axis[parents] = axis[cut]
@@ -127,17 +128,18 @@ def cut_apart(lows: Floats, highs: Floats, most: int, deepest: float = np.inf) -
     return levels, order
 
 
-def _pair_cuts(
-    lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int, halves: bool
-) -> tuple[Ints, Ints]:
-    """Split the two boxes of each node along an axis on which their centres differ: each split costs the same."""
+def _pair_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints) -> Ints:
+    """Split the two boxes of each node along an axis on which their centres differ: each split costs the same.
+
+    Returns the axes.
+    """
     pair = order[np.stack([start, start + 1])]
     one, other = lows[pair] + highs[pair]
-    axis = (one != other).argmax(axis=1)
+    axis: Ints = (one != other).argmax(axis=1)
     place = np.arange(len(start))
     turned = one[place, axis] > other[place, axis]
     order[start[turned]], order[start[turned] + 1] = pair[::-1, turned]
-    return axis, np.ones(len(start), np.int64)
+    return axis
 
 
 def _best_cuts(
