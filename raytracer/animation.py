@@ -10,7 +10,6 @@ checked before one is made.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
@@ -152,16 +151,11 @@ def made_by(path: Path) -> Make:
 
 
 class _Made:
-    """The function `scene` of a Python file, pickled as the file's text.
-
-    The file imports the modules of its folder, as it does where Python runs it. The folder stays on `sys.path`, because
-    the function may import more of them when it is called.
-    """
+    """The function `scene` of a Python file, which may import modules of its folder; pickled as the file's text."""
 
     def __init__(self, path: Path, text: bytes, folder: str | None = None) -> None:
         self.path, self.text, self.folder = path, text, folder or str(path.resolve().parent)
-        if sys.path[0] != self.folder:
-            sys.path.insert(0, self.folder)
+        sh.files.import_from(self.folder)
         names: dict[str, Any] = {"__name__": "scene", "__file__": str(path)}
         try:
             exec(compile(text, str(path), "exec"), names)  # the user's own file

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and paths that are checked before the work that they are to hold.
+"""Files that are written whole or not at all, paths that are checked before long work, and folders to import from.
 
 Stage: above all others; `import shpy as sh` brings it as `sh.files`, for commands and for what writes pictures.
 
@@ -13,6 +13,7 @@ import errno
 import os
 import re
 import stat
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -113,3 +114,12 @@ def _remove_stale(folder: Path) -> None:
             mine = not hasattr(os, "geteuid") or state.st_uid == os.geteuid()
             if stat.S_ISREG(state.st_mode) and mine and time.time() - state.st_mtime > _STALE:
                 (folder / name).unlink()
+
+
+def import_from(folder: Path | str) -> None:
+    """Let Python import the modules of a folder before all others, as it does where it runs a file of the folder.
+
+    The folder stays on `sys.path`, because functions of the file may import more of them when they are called.
+    """
+    if sys.path[0] != str(folder):
+        sys.path.insert(0, str(folder))

@@ -1,5 +1,6 @@
 """Files are written whole or not at all, by any number of threads, and follow no link that somebody planted."""
 
+import importlib
 import os
 import resource
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from raytracer import Scene, SceneError
-from shpy.files import check_writable, replacing
+from shpy.files import check_writable, import_from, replacing
 
 
 def write(path, text):
@@ -220,3 +221,14 @@ def test_a_disk_that_is_full_is_an_os_error_and_leaves_the_old_picture(tmp_path,
     assert done.stdout.startswith("told: ")
     assert path.read_text() == "the old picture"
     assert os.listdir(tmp_path) == [path.name]
+
+
+def test_modules_of_a_folder_are_imported_before_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    for folder, number in ((tmp_path / "one", 1), (tmp_path / "other", 2)):
+        folder.mkdir()
+        (folder / f"beside_{number}.py").write_text(f"NUMBER = {number}")
+        import_from(folder)
+        import_from(str(folder))
+        assert importlib.import_module(f"beside_{number}").NUMBER == number
+        assert (sys.path[0], sys.path.count(str(folder))) == (str(folder), 1)

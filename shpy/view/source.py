@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import linecache
 import runpy
-import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any, NoReturn
 
 from shpy.chains.chain import Chain, sequence
 from shpy.errors import ShpyError
+from shpy.files import import_from
 from shpy.program import Program
 from shpy.screen import check_pictures, unfilled
 from shpy.view.reading import files_read, noted
@@ -88,9 +88,7 @@ def _refuse_all(opened: Opened) -> NoReturn:
 
 def open_file(path: Path) -> Opened:
     """Run the file and return what it defines. Raises whatever its lines raise."""
-    folder = str(path.parent)
-    if sys.path[0] != folder:
-        sys.path.insert(0, folder)
+    import_from(path.parent)
     with noted(path):
         names = runpy.run_path(str(path))
     return Opened(path, names)
