@@ -9,7 +9,7 @@ from __future__ import annotations
 import pickle
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -23,9 +23,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves
 from shpy.lang.values.types import TYPES
-from shpy.passes.pipeline import optimise
 from shpy.passes.placing import ORIGIN, PERIOD, WHOLE, place_blocks
-from shpy.passes.reach import Reach, reach
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 
@@ -83,12 +81,11 @@ class Grid:
             period = tuple(n if wrap else _ENDLESS for n, wrap in zip(shape, wraps, strict=True))
             self.uniforms[PERIOD] = Param(kind, _vector(period), PERIOD)
 
-    def placed(self, recorded: Recorded, cut: Collection[str]) -> Recorded:
-        """Return a program for blocks, or the same one if it does not ask for its place."""
+    def placed(self, recorded: Recorded, cut: Collection[str], reach: Sequence[int] = ()) -> Recorded:
+        """Return a program for blocks, or the same one if it does not ask for its place; see `place_blocks`."""
         module, rank = recorded.module, len(self.shape)
         if self.uniforms:
-            distance = reach_of(recorded, cut, rank).distance if self.wraps else None
-            module = place_blocks(module, cut, rank, distance)
+            module = place_blocks(module, cut, rank, reach if self.wraps else None)
         if module is recorded.module:
             return recorded
         return replace(recorded, module=module, params={**recorded.params, **self.uniforms})
@@ -145,21 +142,21 @@ class Blockwise(Job):
 class Stencil(Job):
     """A chain, several times, over blocks with a halo; `cut` has the layout of each stream that is cut, by name.
 
-    `wraps` says along which axes reads wrap around.
+    `wraps` says along which axes reads wrap around, `distances` how far each kernel of the chain reads.
     """
 
     def __init__(
         self, chain: Chain, steps: int, shape: tuple[int, ...], cut: Mapping[str, Layout], whole: Mapping[str, Any],
-        outputs: Mapping[str, Layout], wraps: Sequence[bool],
+        outputs: Mapping[str, Layout], wraps: Sequence[bool], distances: Sequence[Sequence[int]],
     ) -> None:  # fmt: skip
         self.chain, self.steps, self.shape = chain, steps, shape
-        self.cut, self.whole, self.outputs, self.wraps = cut, whole, outputs, wraps
+        self.cut, self.whole, self.outputs, self.wraps, self.distances = cut, whole, outputs, wraps, distances
 
     @cached_property
     def _ready(self) -> tuple[Grid, Chain]:
         grid = Grid(self.shape, self.wraps)
         local = {*self.cut, *self.outputs}
-        return grid, repeat(_placed(self.chain, grid, local), self.steps)
+        return grid, repeat(_placed(self.chain, grid, local, iter(self.distances)), self.steps)
 
     def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
         """Run the chain over the block and its halo; the part that is kept has the values of the whole grid."""
@@ -178,18 +175,12 @@ class Stencil(Job):
         return arrays
 
 
-def _placed(node: Chain | Member, grid: Grid, local: set[str]) -> Any:
-    """Return a chain for blocks."""
+def _placed(node: Chain | Member, grid: Grid, local: set[str], distances: Iterator[Sequence[int]]) -> Any:
+    """Return a chain for blocks; `distances` are those of its kernels in order."""
     if isinstance(node, Chain):
-        return node.with_members(tuple(_placed(member, grid, local) for member in node.members))
+        return node.with_members(tuple(_placed(member, grid, local, distances) for member in node.members))
     tables = cut_tables(node.recorded, local)
-    return replace(node, kernel=again(node.kernel, grid.placed(node.recorded, tables)))
-
-
-def reach_of(recorded: Recorded, cut: Collection[str], rank: int) -> Reach:
-    """Return how far an element reads the tables `cut`."""
-    # Optimised: an index that is stored component by component is one expression then.
-    return reach(optimise(recorded.module, fixed=False), cut, rank)
+    return replace(node, kernel=again(node.kernel, grid.placed(node.recorded, tables, next(distances))))
 
 
 def cut_tables(recorded: Recorded, local: Collection[str]) -> frozenset[str]:

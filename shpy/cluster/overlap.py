@@ -8,7 +8,7 @@ over the whole array.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,13 +17,14 @@ from shpy.chains.chain import Chain, Repeat, Sequence, sequence
 from shpy.chains.member import RUN_ARGUMENTS, Member, element_layout, is_gathered
 from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, has_lazy, unified
 from shpy.cluster.graphs import over_blocks
-from shpy.cluster.jobs import Stencil, cut_tables, reach_of
+from shpy.cluster.jobs import Stencil, cut_tables
 from shpy.errors import ShpyTypeError
 from shpy.ir.traverse import grid_rank
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout
-from shpy.passes.reach import Reach
+from shpy.passes.pipeline import optimise
+from shpy.passes.reach import Reach, reach
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import Shape
@@ -56,12 +57,13 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
     made, chunks = unified(cuts, shape)
     if not all(shape):
         return {name: streams[name] for name in outputs if name in streams}
-    distance, wraps, clamps = _reach(whole, {*layouts, *outputs}, len(shape))
+    reaches = [_reach(kernel, {*layouts, *outputs}, len(shape)) for kernel in whole.kernels]
+    distance, wraps, clamps = _joined(whole, iter(reaches))
     depth = [steps * n for n in distance]
     _check_borders(whole, shape, depth, wraps, clamps)
     wide = [_widened(sizes, n) for sizes, n in zip(chunks, depth, strict=True)]
     arrays = [_extended(array, wide, depth, wraps) for array in made]
-    job = Stencil(whole, steps, shape, layouts, constant, outputs, wraps)
+    job = Stencil(whole, steps, shape, layouts, constant, outputs, wraps, [each.distance for each in reaches])
     places = [_places(sizes, n, wrap) for sizes, n, wrap in zip(wide, depth, wraps, strict=True)]
     group = Group("dict", tuple(outputs), tuple(outputs.values()))
     tails = [cut.array.ndim > len(cut.shape) for cut in cuts]
@@ -147,11 +149,18 @@ def _common(cuts: list[Cut], chain: Chain) -> Shape:
     return shape
 
 
-def _reach(node: Any, cut: set[str], rank: int) -> Reach:
-    """Return how far one execution of a part of a chain reaches on each axis."""
+def _reach(kernel: Member, cut: set[str], rank: int) -> Reach:
+    """Return how far a kernel reads the streams `cut` on each axis."""
+    # Optimised: an index that is stored component by component is one expression then.
+    module = optimise(kernel.recorded.module, fixed=False)
+    return reach(module, cut_tables(kernel.recorded, cut), rank)
+
+
+def _joined(node: Any, reaches: Iterator[Reach]) -> Reach:
+    """Return how far one execution of a part of a chain reaches; `reaches` are those of its kernels in order."""
     if isinstance(node, Member):
-        return reach_of(node.recorded, cut_tables(node.recorded, cut), rank)
-    distances, wraps, clamps = zip(*(_reach(member, cut, rank) for member in node.members), strict=True)
+        return next(reaches)
+    distances, wraps, clamps = zip(*(_joined(member, reaches) for member in node.members), strict=True)
     times = node.times if isinstance(node, Repeat) else 1
     return Reach(
         tuple(times * sum(each) for each in zip(*distances, strict=True)),

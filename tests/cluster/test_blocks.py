@@ -16,6 +16,8 @@ from dask.distributed import Client, LocalCluster
 
 import shpy as sh
 from shpy.backends.registry import NAMES
+from shpy.cluster import overlap
+from shpy.passes.reach import reach
 
 every = pytest.mark.parametrize("name", NAMES)
 draw = np.random.default_rng(7)
@@ -194,6 +196,21 @@ def test_borders_that_wrap_around_have_the_bits_of_one_run(name, chunks, step):
     found = sh.map_overlap(kernel, lazy, steps=4)
     found = sh.map_overlap(sh.repeat(kernel, 2), lazy | {"u": found["u"]})
     assert found["u"].compute().tobytes() == wanted.tobytes()
+
+
+def test_the_reach_of_each_kernel_is_found_once_and_sent(monkeypatch):
+    @sh.program
+    def wide(u: sh.Table[sh.Attrib1f, 2]) -> dict:
+        i, n = sh.grid_index(2), sh.grid_shape(2)
+        return {"u": u[(i + (0, 5)) % n] - 0.5 * u[(i - (3, 0)) % n]}
+
+    asked = []
+    monkeypatch.setattr(overlap, "reach", lambda *given: asked.append(reach(*given)) or asked[-1])
+    chain = sh.sequence(torus, sh.repeat(wide, 2))
+    found = sh.map_overlap(chain, {"u": cut(U, 17, 13), "f": V})["u"]
+    assert [each.distance for each in asked] == [(2, 1), (3, 5)]
+    assert found.compute().tobytes() == chain.run(u=U, f=V).streams["u"].numpy().tobytes()
+    assert len(asked) == 2
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5, 9])
