@@ -25,6 +25,7 @@ from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
 from raytracer.accel.space import WORKING, Rows, rounded, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
+from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
@@ -172,8 +173,20 @@ class Layout:
         return changes
 
     def held(self, rows: Rows) -> NDArray[Any]:
-        """Return rows as a table holds them: in binary32 where kernels work so, which takes half the memory."""
-        return rows.astype(np.float32, copy=False) if self.dtype == np.float32 else rows
+        """Return rows as a table holds them: in binary32 where kernels work so, which takes half the memory.
+
+        Raises SceneError for numbers that binary32 does not hold.
+        """
+        if self.dtype != np.float32:
+            return rows
+        try:
+            with np.errstate(over="raise"):
+                return rows.astype(np.float32, copy=False)
+        except FloatingPointError:
+            raise SceneError(
+                f"a colour, a normal or a uv coordinate of the scene is {np.abs(rows).max():.3g}, out of the range of "
+                'binary32: choose smaller numbers, or precision="f64"'
+            ) from None
 
     @property
     def roundoff(self) -> float:
@@ -207,9 +220,10 @@ class Layout:
         for number in tinted:
             first, past = ranges[number]
             copy_columns(colors[3 * first : 3 * past], _corner_colors(meshes[number], materials).reshape(-1, 3))
-        with np.errstate(over="ignore"):
-            if not np.isfinite(self.held(colors)).all():
-                return None
+        try:
+            self.held(colors)
+        except SceneError:
+            return None
         return replace(found, colors=colors), [ranges[number] for number in tinted]
 
     @property

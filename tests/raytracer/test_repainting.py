@@ -10,6 +10,7 @@ from scene_pictures import SIZE, same
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, Surface
 from raytracer.appearance.textures import Texture
+from raytracer.errors import SceneError
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 from shpy.run import kernel
 
@@ -216,12 +217,13 @@ def test_only_the_colours_of_meshes_that_have_another_one_are_sent(monkeypatch):
     assert {name for name, *_ in sent} == {"colors", "materials", "glass", "emissions", "lights"}
 
 
-def test_colours_beyond_the_range_of_numbers_leave_the_scene_before():
+def test_colours_beyond_the_range_of_numbers_leave_the_scene_before(recwarn):
     made = scene()
     renderer = Renderer(made, backend="numpy")
     before = renderer.render(SIZE)
-    renderer.show(with_numbers(made, "box", color=(1e39, 0.5, 0.5)))
-    with pytest.raises(sh.ShpyError, match="out of the range"):
-        renderer.render(SIZE)
-    renderer.show(made)
+    with pytest.raises(SceneError, match="is 1e\\+39, out of the range of binary32"):
+        renderer.show(with_numbers(made, "box", color=(1e39, 0.5, 0.5)))
     same(renderer.render(SIZE), before)
+    with pytest.raises(SceneError, match='precision="f64"'):
+        Renderer(with_numbers(made, "box", color=(1e39, 0.5, 0.5)), backend="numpy")
+    assert not recwarn
