@@ -2,12 +2,13 @@
 
 Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.2. Each
 sample is shaded once by the program that shades hits, from the front of its triangle. Its colour takes three times 10
-bits, clamped to [0, 1], its normal two times 16, on the octahedron (Meyer et al. 2010). Where surfaces change, samples
-are shaded anew.
+bits, clamped to [0, 1], its normal two times 16, on the octahedron (Meyer et al. 2010). The samples of an object that
+changes are shaded anew.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,19 +50,27 @@ class SampledSurfaces:
         self._kernel = _program(surfaces).compile(backend, loop_limit=None)
         self._table = sh.Table(self._made(), sh.Attrib2u, "shades")
 
-    def renew(self) -> None:
-        """Shade the samples anew."""
-        self._table.update(self._made())
+    def renew(self, ranges: Sequence[tuple[int, int]] | None = None) -> None:
+        """Shade the samples anew: those of triangles in these ranges (first, past), or all."""
+        if ranges is None:
+            self._table.update(self._made())
+            return
+        triangles = self._inputs[0]
+        for first, past in ranges:
+            found = np.flatnonzero((triangles >= first) & (triangles < past))
+            if len(found):  # an object's samples lie together
+                span = slice(found[0], found[-1] + 1)
+                self._table.update(self._made(span), start=int(found[0]))
 
     def at(self, sample: Any) -> tuple[Any, Any]:
         """Return the normal on the front of the surface, and the colour."""
         row = self._table[sample]
         return unpacked_normal(row.y), unpacked_color(row.x)
 
-    def _made(self) -> NDArray[np.uint32]:
+    def _made(self, span: slice = slice(None)) -> NDArray[np.uint32]:
         if not len(self._inputs[0]):
             return np.zeros((1, 2), np.uint32)
-        return np.stack([np.asarray(part) for part in self._kernel(*self._inputs)], axis=1)
+        return np.stack([np.asarray(part) for part in self._kernel(*(given[span] for given in self._inputs))], axis=1)
 
 
 def surface_tables(layout: Layout, triangles: Triangles, backend: str) -> SurfaceTables:

@@ -93,8 +93,8 @@ class Sampled(Protocol):
     def at(self, sample: Any) -> tuple[Any, Any]:
         """Return the normal on the front of the surface, and the colour."""
 
-    def renew(self) -> None:
-        """Shade the samples anew."""
+    def renew(self, ranges: Sequence[tuple[int, int]] | None = None) -> None:
+        """Shade the samples anew: those of triangles in these ranges (first, past), or all."""
 
 
 class SurfaceTables:
@@ -135,7 +135,7 @@ class SurfaceTables:
                 if table is not None and name in stale:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
         if self.sampled is not None:
-            self.sampled.renew()
+            self.sampled.renew([(change.first, change.past) for change in changes])
         return self.suit(layout) if any("colors" in change.stale for change in changes) else True
 
     def suit(self, layout: Layout) -> bool:

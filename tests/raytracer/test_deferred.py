@@ -136,6 +136,31 @@ def test_samples_follow_objects_that_move_and_colours_that_change():
     same(renderer.render(SIZE), render(repainted, SIZE, accel="ldc:128:triangle:deferred", backend="numpy", bounces=2))
 
 
+def test_only_samples_of_objects_that_move_are_shaded_anew(monkeypatch):
+    made = scene(ball=Material(surface=striped))
+    renderer = Renderer(made, accel="ldc:64:triangle:deferred", backend="numpy", bounces=2)
+    lifted = np.eye(4)
+    for number in (0, 1):
+        renderer.move(number, lifted)
+    renderer.render(SIZE)
+    sampled, shaded = renderer._tracer.surfaces.sampled, []
+    kernel = sampled._kernel
+    monkeypatch.setattr(sampled, "_kernel", lambda *given: shaded.append(len(given[0])) or kernel(*given))
+    _, ball, cube = (each.samples for each in renderer.layout.secondary.cubes)
+    before = renderer.render(SIZE)
+    for moved, wanted in (((0,), [ball]), ((1,), [cube]), ((0, 1), [ball, cube])):
+        shaded.clear()
+        lifted[1, 3] += 0.1
+        for number in moved:
+            renderer.move(number, lifted)
+        found = renderer.render(SIZE)
+        assert shaded == wanted
+        assert not np.array_equal(found.pixels, before.pixels)
+        sampled.renew()
+        same(renderer.render(SIZE), found)
+        before = found
+
+
 def test_normals_and_colours_are_packed_finely():
     @sh.program
     def there_and_back(n: sh.Normal3f, c: sh.Color3f) -> tuple[sh.Normal3f, sh.Color3f]:
