@@ -28,7 +28,8 @@ from raytracer.cluster.store import kept
 from raytracer.errors import SceneError
 from raytracer.image import exposed
 from raytracer.integrators.integrator import Given, Integrator, Options, chosen
-from raytracer.integrators.renderer import Renderer, checked_size
+from raytracer.integrators.layers import checked_size
+from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import box, floor, sphere
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import PointLight

@@ -19,7 +19,8 @@ from raytracer.cluster.replicated import render_tiles
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
-from raytracer.integrators.renderer import Progress, Renderer, Resume, checked_size
+from raytracer.integrators.layers import checked_size
+from raytracer.integrators.renderer import Progress, Renderer, Resume
 from raytracer.scene.scene import Scene
 from raytracer.studies.tradeoff import fastest
 

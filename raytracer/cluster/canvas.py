@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.errors import SceneError
-from raytracer.integrators.renderer import unset
+from raytracer.integrators.layers import unset
 from raytracer.memory import PIXEL
 
 

@@ -28,7 +28,8 @@ from raytracer.cluster.tasks import await_worker, is_loss, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted
-from raytracer.integrators.renderer import Progress, check_scene, take_samples, unscale, whole_size
+from raytracer.integrators.layers import take_samples, unscale, whole_size
+from raytracer.integrators.renderer import Progress, check_scene
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.surfaces import is_black
 from raytracer.kernels.tracer import Pixel

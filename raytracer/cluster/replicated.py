@@ -23,8 +23,9 @@ from raytracer.cluster.tasks import finished, key_of, scattered
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Path
+from raytracer.integrators.layers import whole_size
 from raytracer.integrators.progressive import Layers, resumed
-from raytracer.integrators.renderer import Progress, Resume, check_scene, whole_size
+from raytracer.integrators.renderer import Progress, Resume, check_scene
 from raytracer.scene.scene import Scene
 
 TILE = 1 << 16

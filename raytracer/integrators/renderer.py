@@ -25,6 +25,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_cube
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
+from raytracer.integrators.layers import checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.progressive import origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
@@ -32,7 +33,6 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Pixel, Tracer
-from raytracer.memory import check_fits
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
@@ -262,7 +262,7 @@ class Renderer:
         self._follow_motion()
         layers = unset(width, height)
         if self.layout is None:
-            _clear(layers, self.scene.background)
+            clear(layers, self.scene.background)
         else:
             self._aim(camera, width * fine, height * fine)
             self._bands(layers, 0, fine, progress)
@@ -287,7 +287,7 @@ class Renderer:
         width, height = whole_size(size)
         self._follow_motion()
         layers = unset(width, count)
-        _clear(layers, self.scene.background)
+        clear(layers, self.scene.background)
         if self.layout is None:
             return layers
         if isinstance(self.integrator, Path):
@@ -328,7 +328,7 @@ class Renderer:
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
         started, layers, first, origin = time.perf_counter(), unset(width, height), 0, ""
-        _clear(layers, self.scene.background)
+        clear(layers, self.scene.background)
         if self.layout is None:
             first = samples
         else:
@@ -422,24 +422,6 @@ class Renderer:
         unscale(band, self.layout.scale)
 
 
-def take_samples(band: Pixel, found: Any, fine: int) -> None:
-    """Put into the layers of a band what its `fine` x `fine` eye rays for each pixel found."""
-    count, width = np.shape(band.depth)
-    middle = slice(fine // 2, None, fine)
-    for layer, given in zip(band, found, strict=True):
-        layer[:] = given[middle, middle]
-    if fine > 1:
-        band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
-        band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
-
-
-def unscale(band: Pixel, scale: float) -> None:
-    """Give distances in the scene's own units again."""
-    if scale != 1:
-        depth = np.asarray(band.depth)
-        depth[:] = depth.astype(np.float64) / scale
-
-
 def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     """Record the program of a picture, which makes the eye ray of each pixel of a band and traces it."""
 
@@ -459,42 +441,3 @@ def check_scene(scene: Scene, integrator: Any) -> None:
         raise SceneError('an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out')
     if not scene.triangles:
         raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
-
-
-def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
-    """Return a size as (width, height); SceneError for one that makes no picture or exceeds the free memory.
-
-    `saving` is how many bytes a pixel takes besides its layers.
-    """
-    width, height = whole_size(size)
-    check_fits(width, height, saving)
-    return width, height
-
-
-def whole_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return a size as (width, height); SceneError for one that makes no picture."""
-    try:
-        width, height = (int(n) for n in size if int(n) == n)
-    except (TypeError, ValueError):
-        raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
-    if not (1 <= width <= 32768 and 1 <= height <= 32768):
-        raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
-    return width, height
-
-
-def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[str, Any]:
-    """Return the layers of a picture, to be filled, in the order of `Pixel`; `new(shape, dtype)` makes each."""
-    return {
-        "pixels": new((height, width, 3), np.float32),
-        "depth": new((height, width), np.float32),
-        "normal": new((height, width, 3), np.float32),
-        "object_id": new((height, width), np.int32),
-        "rays": new((height, width), np.int32),
-    }
-
-
-def _clear(layers: dict[str, Any], background: Any) -> None:
-    """Fill the layers with what is seen where nothing is hit."""
-    nothing = {"pixels": background, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
-    for name, value in nothing.items():
-        layers[name][:] = value

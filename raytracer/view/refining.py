@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.integrators.integrator import Path
-from raytracer.integrators.renderer import Renderer, unset
+from raytracer.integrators.layers import unset
+from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 
 _ANSWER: Final = 0.06

@@ -1,0 +1,75 @@
+"""The layers of a picture: its size, the memory of each layer, and the samples that are put together in it.
+
+Stage: render.
+
+    layers = unset(*checked_size((640, 480)))
+    clear(layers, background=(0, 0, 0))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from raytracer.errors import SceneError
+from raytracer.kernels.tracer import Pixel
+from raytracer.memory import check_fits
+
+
+def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
+    """Return a size as (width, height); SceneError for one that makes no picture or exceeds the free memory.
+
+    `saving` is how many bytes a pixel takes besides its layers.
+    """
+    width, height = whole_size(size)
+    check_fits(width, height, saving)
+    return width, height
+
+
+def whole_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return a size as (width, height); SceneError for one that makes no picture."""
+    try:
+        width, height = (int(n) for n in size if int(n) == n)
+    except (TypeError, ValueError):
+        raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
+    if not (1 <= width <= 32768 and 1 <= height <= 32768):
+        raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
+    return width, height
+
+
+def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[str, Any]:
+    """Return the layers of a picture, to be filled, in the order of `Pixel`; `new(shape, dtype)` makes each."""
+    return {
+        "pixels": new((height, width, 3), np.float32),
+        "depth": new((height, width), np.float32),
+        "normal": new((height, width, 3), np.float32),
+        "object_id": new((height, width), np.int32),
+        "rays": new((height, width), np.int32),
+    }
+
+
+def clear(layers: dict[str, Any], background: Any) -> None:
+    """Fill the layers with what is seen where nothing is hit."""
+    nothing = {"pixels": background, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
+    for name, value in nothing.items():
+        layers[name][:] = value
+
+
+def take_samples(band: Pixel, found: Any, fine: int) -> None:
+    """Put into the layers of a band what its `fine` x `fine` eye rays for each pixel found."""
+    count, width = np.shape(band.depth)
+    middle = slice(fine // 2, None, fine)
+    for layer, given in zip(band, found, strict=True):
+        layer[:] = given[middle, middle]
+    if fine > 1:
+        band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
+        band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+
+
+def unscale(band: Pixel, scale: float) -> None:
+    """Give distances in the scene's own units again."""
+    if scale != 1:
+        depth = np.asarray(band.depth)
+        depth[:] = depth.astype(np.float64) / scale
