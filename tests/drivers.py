@@ -36,17 +36,25 @@ CERTIFIED = ROOT / "docs" / "certify.md"
 PRIVATE = Path(os.environ.get("SHPY_DRIVERS") or Path.home() / ".cache" / "shpy-drivers")
 MESA = {"EGL_PLATFORM": "surfaceless", "LIBGL_ALWAYS_SOFTWARE": "1"}
 ZINK = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "LIBGL_KOPPER_DRI2": "1"}
+LLVMPIPE_CL = {"RUSTICL_ENABLE": "llvmpipe"}
 SECONDS = 1800
 OVERLAY = ("unshare", "--mount", "--map-root-user", "sh", "-c",
-           'mount -t overlay overlay -o lowerdir="$0/usr/lib:/usr/lib" /usr/lib && exec "$@"')  # fmt: skip
-"""Runs a command where a private folder's usr/lib lies over that of the system; the folder comes first."""
+           'for d in lib share; do mount -t overlay overlay -o lowerdir="$0/usr/$d:/usr/$d" "/usr/$d" || exit; done; '
+           'exec "$@"')  # fmt: skip
+"""Runs a command where usr/lib and usr/share of a private folder, which comes first, lie over those of the system."""
+APT = """\
+Dir::Cache "."; Dir::State "state"; Dir::State::status "status"; Dir::Etc::sourceparts "none";
+Dir::Etc::sourcelist "sources.list"; APT::Install-Recommends "0"; APT::Sandbox::User "root";
+"""
+"""apt's configuration in a folder of its own, as on a system without any package."""
 
 
 @dataclass(frozen=True)
 class Source:
     """Packages that hold a driver: `library` is the file that a loader opens, by its pattern.
 
-    `fixed`: the driver looks for its own files in /usr/lib.
+    `fixed`: the driver looks for its own files in /usr/lib. `release`: another Debian than the system's, of which all
+    that the packages need is taken too.
     """
 
     folder: str
@@ -54,6 +62,7 @@ class Source:
     debian: tuple[str, ...] = ()
     pypi: tuple[str, ...] = ()
     fixed: bool = False
+    release: str = ""
 
     @property
     def path(self) -> Path:
@@ -65,10 +74,12 @@ class Source:
         return next(iter(sorted(self.path.rglob(self.library))), None)
 
     def get(self) -> None:
-        """Download the packages, without those that they depend on, and take them apart."""
+        """Download the packages and take them apart."""
         self.path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory() as scratch:
-            for package in self.debian:
+            if self.release:
+                self._get_release(Path(scratch))
+            for package in () if self.release else self.debian:
                 subprocess.run(["apt-get", "download", package], cwd=scratch, check=True)
             for package in self.pypi:
                 command = [sys.executable, "-m", "pip", "download", "--no-deps", "-d", scratch, package]
@@ -76,26 +87,45 @@ class Source:
             for archive in Path(scratch).iterdir():
                 if archive.suffix == ".deb":
                     subprocess.run(["dpkg", "-x", archive, self.path], check=True)
-                else:
+                elif archive.suffix == ".whl":
                     zipfile.ZipFile(archive).extractall(self.path)
+
+    def _get_release(self, folder: Path) -> None:
+        """Download the packages of another release, and those that they depend on."""
+        for name in ("partial", "archives/partial", "state/lists/partial"):
+            (folder / name).mkdir(parents=True)
+        signed = "[signed-by=/usr/share/keyrings/debian-archive-keyring.gpg]"
+        (folder / "sources.list").write_text(f"deb {signed} http://deb.debian.org/debian {self.release} main\n")
+        (folder / "apt.conf").write_text(APT.replace(' "', f' "{folder}/', 5))
+        (folder / "status").touch()
+        for command in (["update"], ["install", "--yes", "--download-only", *self.debian]):
+            subprocess.run(
+                ["apt-get", *command], env={**os.environ, "APT_CONFIG": str(folder / "apt.conf")}, check=True
+            )
+        for archive in (folder / "archives").glob("*.deb"):
+            archive.rename(folder / archive.name)
 
     def environment(self, target: str) -> dict[str, str]:
         """Return the variables that select it, beside a file that tells a loader where the library is."""
         library = self.found()
         assert library is not None
-        folders = {str(other.parent) for other in self.path.rglob("*.so*")} - {str(library.parent)}
-        paths = [str(library.parent), *sorted(folders), os.environ.get("LD_LIBRARY_PATH", "")]
-        tell = self.path / "loader"
-        tell.mkdir(exist_ok=True)
+        if self.fixed:
+            library, paths = Path("/") / library.relative_to(self.path), []
+        else:
+            folders = {str(other.parent) for other in self.path.rglob("*.so*")} - {str(library.parent)}
+            paths = [str(library.parent), *sorted(folders)]
+        paths += filter(None, [os.environ.get("LD_LIBRARY_PATH")])
+        tell = self.path / "loaders" / f"of-{library.name}"
+        tell.mkdir(parents=True, exist_ok=True)
         if target == "glsl":
             (tell / "icd.json").write_text(
                 json.dumps(
                     {"file_format_version": "1.0.0", "ICD": {"library_path": str(library), "api_version": "1.1"}}
                 )
             )
-            return {"VK_ICD_FILENAMES": str(tell / "icd.json"), "LD_LIBRARY_PATH": ":".join(filter(None, paths))}
+            return {"VK_ICD_FILENAMES": str(tell / "icd.json"), "LD_LIBRARY_PATH": ":".join(paths)}
         (tell / "driver.icd").write_text(f"{library}\n")
-        return {"OCL_ICD_VENDORS": str(tell), "LD_LIBRARY_PATH": ":".join(filter(None, paths))}
+        return {"OCL_ICD_VENDORS": str(tell), "LD_LIBRARY_PATH": ":".join(paths)}
 
 
 @dataclass(frozen=True)
@@ -135,6 +165,12 @@ RUSTICL = Source(
     "rusticl", "libRusticlOpenCL.so.1", debian=("mesa-opencl-icd", "libclc-15", "libllvmspirvlib15"), fixed=True
 )
 POCL = Source("pocl-pypi", "libpocl-*.so*", pypi=("pocl-binary-distribution",))
+DEBIAN_13 = ("libegl1", "libegl-mesa0", "libgl1-mesa-dri", "mesa-opencl-icd", "mesa-vulkan-drivers", "pocl-opencl-icd")
+
+
+def of_debian_13(library: str) -> Source:
+    """A driver of Debian 13, whose libraries, that of C among them, lie over those of the system while it runs."""
+    return Source("debian-13", library, DEBIAN_13, fixed=True, release="trixie")
 
 
 def lanes_of(name: str, widths: tuple[int, ...], **more: object) -> list[Driver]:
@@ -151,8 +187,13 @@ DRIVERS = [
     *lanes_of("PoCL", (1, *WIDTHS, *WIDER)),
     *lanes_of("Intel CPU", (1, 8), source=INTEL),
     *lanes_of("Oclgrind", (1, 8), source=OCLGRIND),
-    *lanes_of("rusticl", (1, 8), environment={"RUSTICL_ENABLE": "llvmpipe"}, source=RUSTICL),
+    *lanes_of("rusticl", (1, 8), environment=LLVMPIPE_CL, source=RUSTICL),
     *lanes_of("PoCL of PyPI", (1, 8, 16), source=POCL),
+    Driver("Debian 13: llvmpipe", "glsl", MESA, of_debian_13("libEGL_mesa.so.0")),
+    Driver("Debian 13: softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}, of_debian_13("libEGL_mesa.so.0")),
+    Driver("Debian 13: zink on lavapipe", "glsl", {**MESA, **ZINK}, of_debian_13("libvulkan_lvp.so")),
+    *lanes_of("Debian 13: PoCL", (1, 8, 16), source=of_debian_13("libpocl.so.2")),
+    *lanes_of("Debian 13: rusticl", (1, 8), environment=LLVMPIPE_CL, source=of_debian_13("libRusticlOpenCL.so.1")),
 ]  # fmt: skip
 
 
@@ -252,9 +293,14 @@ with a `CompileError` that names the operation or type which the device gets wro
 
 `python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
 system as it is. rusticl looks for the files of libclc in /usr/lib, so it runs in a mount namespace (`unshare`) where
-they are. Not run: GPUs; PoCL newer than 3.1, which neither Debian 12 nor PyPI has. Rows were made on two processors,
-an AMD EPYC with AVX2 and an Intel Xeon with AVX-512, of which PoCL and Intel's runtime tell the name. Where fewer
-programs were run, the time ended: PoCL compiles for one to three seconds for each.
+they are. Those of Debian 13 (Mesa 25.0, PoCL 6.0) run so too, its libraries over those of Debian 12. Not run: GPUs.
+Rows were made on two processors, an AMD EPYC with AVX2 and an Intel Xeon with AVX-512, of which PoCL and Intel's
+runtime tell the name. Where fewer programs were run, the time ended: PoCL compiles for one to three seconds for each.
+
+"Exits of loops": Mesa 22.3 leaves a loop at once where an exit follows the step of what it compares and holds for the
+first value. rusticl has this fault too; Mesa 25.0 has it no more. Two faults of Mesa no probe can find. Zink of 22.3
+takes minutes to compile sixteen subroutines that return from loops. Zink of 25.0 hangs while it opens, with
+"vkCreateInstance failed", where `MESA_LOADER_DRIVER_OVERRIDE=zink` is set and there is no Vulkan driver: unset it.
 
 | driver | device and version | results |
 |---|---|---|

@@ -80,7 +80,7 @@ def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
 
 def test_devices_here_round_correctly() -> None:
     assert machine_of(None).wrong == frozenset()
-    assert open_context(0).limits.wrong <= {"denormals"}
+    assert open_context(0).limits.wrong <= {"denormals", "exits"}
 
 
 def test_the_probe_finds_what_is_off_by_one() -> None:
@@ -274,12 +274,38 @@ def test_first_values_that_exits_compare_are_hidden_from_a_driver_that_misreads_
             SH_BREAK(left(v))
         return n
 
-    wrong(leaves_loops=False)
-    kernel = compiled(stepping, "glsl")
-    assert [name for name in ("v", "n", "iterations") if f"    {name} += int(zero);" in kernel.source] == hidden
-    assert "exits of loops" in " ".join(kernel.notes)
-    wrong(leaves_loops=True)
-    assert "int(zero)" not in compiled(stepping, "glsl").source
+    for backend, zero in (("glsl", "int(zero)"), ("opencl", "sh_zero_i()")):
+        wrong("exits")
+        kernel = compiled(stepping, backend)
+        assert [name for name in ("v", "n", "iterations") if f"    {name} += {zero};" in kernel.source] == hidden
+        assert "exits of loops" in " ".join(kernel.notes)
+        wrong()
+        assert zero not in compiled(stepping, backend).source
+
+
+@pytest.mark.parametrize("kind", [sh.Attrib1i, sh.Attrib1u, sh.Attrib2i, sh.Attrib1f])
+@pytest.mark.parametrize(("lanes", "math"), [(1, "strict"), (1, "fast"), (8, "strict")])
+def test_what_is_hidden_from_a_driver_that_misreads_exits_changes_no_result(
+    kind: Any, lanes: int, math: Any, wrong: Any
+) -> None:
+    @sh.program
+    def stepping(a: sh.Attrib1i):
+        v, n, odd = kind(0), sh.Attrib1i(0), sh.Attrib1i(0)
+        with SH_WHILE(lambda: n < 5):  # the same for all lanes
+            n += 1
+            SH_BREAK(n < 1)
+        with SH_WHILE(lambda: odd < a):
+            odd += 1
+            v += 1
+            SH_BREAK((v.x if kind is sh.Attrib2i else v) == kind(0).x)
+        return n, odd, v
+
+    wrong("exits")
+    kernel = compiled(stepping, "opencl", lanes=lanes, math=math)
+    assert "sh_zero" in kernel.source
+    given = np.arange(11, dtype=np.int32)
+    for found, wanted in zip(kernel(given), stepping.compile("numpy")(given), strict=True):
+        assert np.array_equal(found, wanted)
 
 
 def test_faults_of_opengl_are_kept_on_disk(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:

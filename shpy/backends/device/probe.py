@@ -25,9 +25,10 @@ from shpy.passes.library import CORRECTABLE
 
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """Operations that are asked for: `convert` is a float to an int."""
-FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", "zeros", "optimiser"})
+_OF_COMPILERS: Final = frozenset({"zeros", "exits", "optimiser"})
+FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", *_OF_COMPILERS})
 """Faults of a device: wrong operations, ints of NaN that are not 0, denormals that become zero, a compiler that takes
-`0 * x` for 0, and a compiler whose optimiser makes errors."""
+`0 * x` for 0, one that leaves loops before the conditions of their exits hold, and one whose optimiser makes errors."""
 COUNT: Final = 2048
 """Triples of inputs."""
 _TINY: Final = np.float32(2.0**-126)
@@ -131,7 +132,7 @@ NO_BINARY64: Final = (
 
 def notes_of(wrong: Iterable[str], *, binary64: bool = True) -> tuple[str, ...]:
     """Describe a device: operations that are corrected or cannot be, binary64 that it lacks, and flushed denormals."""
-    operations = set(wrong) - {"denormals", "zeros", "optimiser"}
+    operations = set(wrong) - {"denormals", *_OF_COMPILERS}
     notes = []
     if corrected := sorted(operations & CORRECTABLE):
         names = " and ".join(_NAMES.get(name, name) for name in corrected)
@@ -144,6 +145,8 @@ def notes_of(wrong: Iterable[str], *, binary64: bool = True) -> tuple[str, ...]:
         notes.append("this device makes errors in optimised programs: they are built with -cl-opt-disable")
     if "zeros" in wrong:
         notes.append("this device takes 0 * x for 0: strict and relaxed mode hide zeros from it")
+    if "exits" in wrong:
+        notes.append("this device gets exits of loops wrong: what they compare is hidden from its compiler")
     if "denormals" in wrong:
         notes.append("this device flushes denormals to zero")
     return tuple(notes)

@@ -45,6 +45,8 @@ class Unit:
         self.globals = Names(self.target)
         self.functions: dict[str, str] = {}
         """The name in the text of each function of the module."""
+        self.leaves_loops = True
+        """True if the driver leaves loops when the conditions of their exits hold."""
 
 
 def needed_by(let: Let) -> Needs | None:

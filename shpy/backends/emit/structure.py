@@ -14,10 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import ClassVar
 
 from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Unit
+from shpy.backends.emit.exits import Exits
 from shpy.backends.emit.names import Names
 from shpy.backends.emit.operations import Operations
 from shpy.backends.emit.plan import Wishes, is_whole, plan
@@ -40,6 +42,7 @@ from shpy.ir.nodes import (
     Variable,
 )
 from shpy.ir.traverse import continues, defined, variables_of, walk
+from shpy.ir.types import Type
 from shpy.passes.known import Known
 
 
@@ -106,6 +109,10 @@ class Body(Operations):
     def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
         """Return a loop with what the target adds to it."""
         return made
+
+    def unknown_zero(self, type: Type) -> Expr | None:
+        """Return a zero of which the target's compiler does not know that it is zero; None where it is never needed."""
+        return None
 
     def called(self, function: str) -> str:
         """Name a function of the module as the text does."""
@@ -333,6 +340,7 @@ class Body(Operations):
 
     def loop(self, s: Loop, place: Place) -> None:
         """Append a loop in the plainest shape that it has."""
+        self._hide_first_values(s)
         self.settle(place)
         outer, self.scope = self.scope, self.scope.scope()
         starts = self._begin_counters()
@@ -351,6 +359,19 @@ class Body(Operations):
                 made = self._gated(s, place, outer)
             self.out.append(self.looped(s, made))
         self.scope = outer
+
+    @cached_property
+    def _exits(self) -> Exits:
+        return Exits(self.function, self.unit.callees)
+
+    def _hide_first_values(self, s: Loop) -> None:
+        """Append what hides the first values of variables from a driver that misreads a loop's exits."""
+        for variable in () if self.unit.leaves_loops else self._exits.misread(s):
+            type = self.variables[variable].type
+            zero = self.unknown_zero(type)
+            if zero is not None and variable in self.slots and self.variables[variable].length is None:
+                slot, op = self.slots[variable], "-" if type.is_float else "+"  # -0.0 + 0.0 is 0.0
+                self.out.append(Assign(slot, tree.infix(op, slot, zero), s.loc))
 
     def _begin_counters(self) -> tuple[Declare, ...]:
         """Name the counters that begin with the loop; a loop inside has starts of its own."""

@@ -110,8 +110,8 @@ void main() {
     narrowed = uvec4(floatBitsToUint(float(wide)), 0u, 0u, 0u);
 }
 """
-_OF_GLSL = frozenset({"stores", "exits"})
-"""Faults that the texts of this backend correct."""
+_OF_GLSL = frozenset({"stores"})
+"""A fault that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT_DOUBLES = "exact"
 """The word kept on disk for a device that computes exactly in binary64."""
@@ -128,12 +128,15 @@ class Limits:
     keeps_order: bool = True
     stores_apart: bool = True
     """True if each element's store at a varying index reaches its own element."""
-    leaves_loops: bool = True
-    """True if loops are left when the conditions of their exits hold."""
     fuses: bool = False
     """True if the device's own `fma` rounds once."""
     doubles: bool = False
     """True if the device has binary64, and computes exactly in it."""
+
+    @property
+    def leaves_loops(self) -> bool:
+        """True if loops are left when the conditions of their exits hold."""
+        return "exits" not in self.wrong
 
     @property
     def keeps_denormals(self) -> bool:
@@ -331,7 +334,6 @@ class Context:
             textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
             wrong=faults - ours - _OF_GLSL,
             stores_apart="stores" not in faults,
-            leaves_loops="exits" not in faults,
             fuses="fma" not in faults,
             keeps_order=ordered,
             doubles=ordered and self._has_exact_doubles(about, flushed="denormals" in faults),

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import ClassVar, Final
 
 import numpy as np
@@ -23,10 +22,8 @@ from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Unit
 from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
-from shpy.backends.emit.survey import Place
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import precise_conditions, precise_operands
-from shpy.backends.glsl.text.exits import Exits
 from shpy.backends.glsl.text.interface import RUNNING
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.ir.constants import DTYPES
@@ -116,7 +113,7 @@ class GlslUnit(Unit):
         self.globals.reserve(name)
         return Name(type, name)
 
-    def unknown_zero(self) -> Name:
+    def zero_name(self) -> Name:
         """Use the zero that the driver does not know."""
         self.used.add(self.zero.text)
         return self.zero
@@ -146,7 +143,7 @@ class GlslBody(Body):
     def literal(self, type: Type, component: float | int | bool) -> Expr:
         """Return a number; a float zero is the global that the driver does not know."""
         if type.is_float and self.unit.exact and DTYPES[type.base](component) == 0:
-            zero: Expr = self.unit.unknown_zero()
+            zero: Expr = self.unit.zero_name()
             zero = zero if type.base is Base.F else Cast(type, zero)
             return tree.prefix("-", zero) if np.signbit(component) else zero
         return Literal(type, component)
@@ -169,7 +166,7 @@ class GlslBody(Body):
             return tree.call(unit.prologue.use("sh_int" if type.base is Base.I else "sh_uint", (source,)), type, e)
         if source.is_bool and type.is_float and unit.exact:
             # Mesa makes products with what it knows to be 0 or 1 choices, although 0 * inf is NaN.
-            one, unknown = Literal(_FLOAT, 1.0), unit.unknown_zero()
+            one, unknown = Literal(_FLOAT, 1.0), unit.zero_name()
             if type.size == 1:
                 return tree.choice(e, one, unknown)
             return tree.call("mix", type, Construct(type, (unknown,)), Construct(type, (one,)), e)
@@ -311,23 +308,11 @@ class GlslBody(Body):
         if self.gives_value:
             self.out.append(Exit("return", self.zero(self.function.outputs[0].type)))
 
-    def loop(self, s: Loop, place: Place) -> None:
-        """Append a loop, before it what hides the first values of variables from a driver that misreads exits."""
-        for variable in () if self.unit.leaves_loops else self.exits.misread(s):
-            type = self.variables[variable].type
-            # Floats are hidden already, but for those of fast mode (passes/hide.py).
-            known = type.is_int or (type.is_float and not self.unit.exact)
-            if known and variable in self.slots and self.variables[variable].length is None:
-                zero: Expr = self.unit.unknown_zero()
-                zero = Cast(type.scalar, zero) if type.is_int else zero
-                slot = self.slots[variable]
-                self.out.append(tree.Assign(slot, tree.infix("+", slot, zero), s.loc))
-        super().loop(s, place)
-
-    @cached_property
-    def exits(self) -> Exits:
-        """The exits of the function's loops."""
-        return Exits(self.function, self.unit.callees)
+    def unknown_zero(self, type: Type) -> Expr | None:
+        """Return the global; None for floats that are hidden already, as all are but in fast mode (passes/hide.py)."""
+        if type.is_int:
+            return Cast(type.scalar, self.unit.zero_name())
+        return self.unit.zero_name() if type.is_float and not self.unit.exact else None
 
     def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
         """Return a loop with an end that the compiler cannot rule out, if the device may stop it.

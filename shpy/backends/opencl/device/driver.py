@@ -60,6 +60,15 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
     n[2 * all + i] = isnan(nan[i] * 0.0f) == 0;
     int2 set = -(convert_int2(flags[i]) != 0);
     int less = set.x - 1;
+    int v = 0, left = 0;
+    while (v < 4) {  // whose second exit never holds, as it follows `v += 1`
+        v += 1;
+        if (v < 1) {
+            left = 1;
+            break;
+        }
+    }
+    n[4 * all + i] = left;
     n[3 * all + i] = (set.y != 1) | ((less < 0 ? (int)(0u - (uint)less) : less) - 1);
     n[all + i] = convert_intWIDE_sat(nan[i]) | as_intWIDE(convert_uintWIDE_sat(nan[i]));
 }
@@ -390,11 +399,11 @@ class Machine:
         lanes = self.lanes
         text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         flags = np.tile(np.array([0, 1], np.uint8), COUNT)
-        results, ints = np.empty((7, COUNT), np.float32), np.empty((4, COUNT), np.int32)
+        results, ints = np.empty((7, COUNT), np.float32), np.empty((5, COUNT), np.int32)
         given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
         self.probe(text, given, (results, ints), options)
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
-        others = zip(("convert_nan", "zeros", "optimiser"), ints[1:], strict=True)
+        others = zip(("convert_nan", "zeros", "optimiser", "exits"), ints[1:], strict=True)
         return wrong | {name for name, found in others if found.any()}
 
     @in_ieee_arithmetic

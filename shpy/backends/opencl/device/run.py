@@ -153,13 +153,12 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
 
 
 def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> Kernel:
-    hides_zeros = options.math != "fast" and "zeros" in machine.wrong
     if lanes > 1:
-        return print_packets(prepared.module, lanes, machine.abilities, options.math, hides_zeros=hides_zeros)
+        return print_packets(prepared.module, lanes, machine.abilities, options.math, faults=machine.wrong)
     statements = (s for f in prepared.module.functions for s in walk(f.body))
     rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
     elementwise = rounds and machine.abilities.elementwise
-    return print_kernel(prepared.module, options.math, elementwise=elementwise, hides_zeros=hides_zeros)
+    return print_kernel(prepared.module, options.math, elementwise=elementwise, faults=machine.wrong)
 
 
 def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Kernel) -> OpenCLExecutable:

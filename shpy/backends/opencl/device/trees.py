@@ -104,8 +104,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if prepared.status or statements > _LARGE:
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
-    hides_zeros = "zeros" in machine.wrong
-    kernel = print_trees(prepared.module, types, lanes, machine.abilities, hides_zeros=hides_zeros)
+    kernel = print_trees(prepared.module, types, lanes, machine.abilities, faults=machine.wrong)
     if kernel is None or (kernel.doubles and not machine.doubles):
         return None
     dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}

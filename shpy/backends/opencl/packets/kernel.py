@@ -48,7 +48,7 @@ from shpy.backends.opencl.packets.prologue_wide import LONGEST, Words, declare_w
 from shpy.backends.opencl.packets.spell_packets import PacketSpeller
 from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
 from shpy.backends.opencl.text.kernel import INDEX, SHAPE, SIZE, ULONG, Kernel, KernelMaker
-from shpy.backends.opencl.text.operations import ClBody
+from shpy.backends.opencl.text.operations import ClBody, hides_zeros
 from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import walk
@@ -69,21 +69,21 @@ Functions of so many are not inlined either.
 
 
 def print_packets(
-    module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, hides_zeros: bool = False
+    module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, faults: Collection[str] = ()
 ) -> Kernel:
     """Print the kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do.
 
-    `hides_zeros`: the compiler takes `0 * x` for 0.
+    `faults`: what the compiler gets wrong, of FAULTS.
     """
     called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
     if called:
         module = inline_calls(module, lambda f: f.name in called)  # what an element runs alone calls nothing else
     scalar = optimise(take_apart(module))
     # What hides a vector is arithmetic on it, which packets take apart too.
-    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
     packets = widen(find_neighbours(vectorize(whole, padded=True, alone=True)), lanes)
     columns = lanes if _stay_together(packets) else QUAD
-    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, hides_zeros=hides_zeros).kernel()
+    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
 
 
 def _stay_together(module: Module) -> bool:
@@ -117,10 +117,10 @@ class PacketMaker(KernelMaker):
         abilities: Abilities,
         math: Math = "strict",
         *,
-        hides_zeros: bool = False,
+        faults: Collection[str] = (),
     ) -> None:
         self.lanes, self.columns = lanes, columns
-        super().__init__(module, math, Prologue(), elementwise=abilities.elementwise, hides_zeros=hides_zeros)
+        super().__init__(module, math, Prologue(), elementwise=abilities.elementwise, faults=faults)
         self.listed = columns == lanes and not self.needs[module.entry.name].grid
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
         self.speller = PacketSpeller(self.prologue.struct)

@@ -47,6 +47,10 @@ class PacketBody(ClBody):
             return ()
         return [a for a in s.args if s.op != "construct" or isinstance(self.types[a], Rows)]
 
+    def unknown_zero(self, type: Type) -> Expr | None:
+        """Return a zero for what is the same for all lanes; exits by what varies ask whether any lane leaves."""
+        return None if isinstance(type, Lanes | Rows) else super().unknown_zero(type)
+
     def splat_of(self, e: Expr) -> Expr | None:
         """Return the scalar that may stand for a packet; a bool is no mask."""
         return None if e.type.is_bool else e.splat

@@ -7,12 +7,15 @@ Stage: emit. See `prologue_trees` for the text around the program.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from shpy.backends.base import NodeTypes
 from shpy.backends.opencl.packets.kernel import PacketMaker
 from shpy.backends.opencl.packets.prologue import Abilities
 from shpy.backends.opencl.packets.prologue_trees import TreePrologue
 from shpy.backends.opencl.packets.widen import Lanes, widen
 from shpy.backends.opencl.text.kernel import Kernel
+from shpy.backends.opencl.text.operations import hides_zeros
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base
 from shpy.passes.components import take_apart
@@ -23,19 +26,19 @@ from shpy.passes.vectorize import vectorize
 
 
 def print_trees(
-    module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, hides_zeros: bool = False
+    module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, faults: Collection[str] = ()
 ) -> Kernel | None:
     """Print the kernels of a prepared program of two nodes; None for what they cannot run.
 
     The program has the parts of two nodes as inputs and those of one as outputs. Where elements are lifted, an element
-    and its index come before these, and what they give before the result. `hides_zeros`: see `print_packets`.
+    and its index come before these, and what they give before the result. `faults`: see `print_packets`.
     """
     if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
         return None
     scalar = optimise(take_apart(module))
-    whole = take_apart(hide_derivable(scalar)) if hides_zeros else scalar
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros("strict", faults) else scalar
     packets = widen(find_neighbours(vectorize(whole)), lanes)
     if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
         return None
-    maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, hides_zeros=hides_zeros)
+    maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, faults=faults)
     return maker.kernels_around(TreePrologue(maker.prologue, types).text)

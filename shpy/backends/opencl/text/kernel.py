@@ -32,7 +32,7 @@ from shpy.backends.emit.tree import (
     Pointer,
     number,
 )
-from shpy.backends.opencl.text.operations import ClBody, ClUnit
+from shpy.backends.opencl.text.operations import ClBody, ClUnit, hides_zeros
 from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
 from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
 from shpy.errors import CompileError
@@ -75,14 +75,14 @@ class Kernel:
 
 
 def print_kernel(
-    module: Module, math: Math = "strict", *, elementwise: bool = False, hides_zeros: bool = False
+    module: Module, math: Math = "strict", *, elementwise: bool = False, faults: Collection[str] = ()
 ) -> Kernel:
     """Print the kernel of a prepared module; CompileError for what OpenCL cannot do.
 
-    `elementwise`: the compiler has the functions of ELEMENTWISE; `hides_zeros`: it takes `0 * x` for 0.
+    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: what it gets wrong, of FAULTS.
     """
-    whole = hide_derivable(module) if hides_zeros else module
-    return KernelMaker(whole, math, Prologue(), elementwise=elementwise, hides_zeros=hides_zeros).kernel()
+    whole = hide_derivable(module) if hides_zeros(math, faults) else module
+    return KernelMaker(whole, math, Prologue(), elementwise=elementwise, faults=faults).kernel()
 
 
 class KernelMaker(ClUnit):
@@ -92,9 +92,9 @@ class KernelMaker(ClUnit):
     work: ClassVar[str] = "element"
 
     def __init__(
-        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, hides_zeros: bool = False
+        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
     ) -> None:
-        super().__init__(module, math, prologue, elementwise=elementwise, hides_zeros=hides_zeros)
+        super().__init__(module, math, prologue, elementwise=elementwise, faults=faults)
         take = self.globals.take
         self.count = Name(UINT, take("count"))
         self.first = Name(UINT, take("first"))

@@ -12,7 +12,7 @@ Stage: emit. What OpenCL C does in its own way:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
 
@@ -71,21 +71,26 @@ NATIVE: Final[Mapping[str, str]] = {
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
 
+def hides_zeros(math: Math, faults: Collection[str]) -> bool:
+    """Return whether a compiler with these faults must not know of a float that it is zero."""
+    return math != "fast" and "zeros" in faults
+
+
 class ClUnit(Unit):
     """One kernel: names, prologue and abilities of the compiler.
 
-    `elementwise`: the compiler has the functions of ELEMENTWISE; `hides_zeros`: it must not know of a float that it is
-    zero.
+    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: what it gets wrong, of FAULTS.
     """
 
     target = "opencl"
 
     def __init__(
-        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, hides_zeros: bool = False
+        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
     ) -> None:
         super().__init__(module)
         self.math, self.prologue = math, prologue
-        self.elementwise, self.hides_zeros = elementwise, hides_zeros
+        self.elementwise, self.hides_zeros = elementwise, hides_zeros(math, faults)
+        self.leaves_loops = "exits" not in faults
         self.tables = {t.name: t for t in module.tables}
         self.element = Name(UINT, self.globals.take("element"))
         self.params: dict[str, Name] = {}
@@ -119,6 +124,11 @@ class ClBody(Body):
             if negative and self.unit.math in REPRODUCIBLE:
                 return self.ours("minus_zero", type, type)
         return Literal(type, component)
+
+    def unknown_zero(self, type: Type) -> Expr | None:
+        """Return a zero from a function of the prologue; None for floats, where all are hidden (passes/hide.py)."""
+        known = type.is_int or (type.is_float and not self.unit.hides_zeros)
+        return self.ours("zero", type.scalar, type.scalar) if known else None
 
     def ours(self, op: str, takes: Type, gives: Type, *args: Expr) -> Expr:
         """Return a call of a function of the prologue."""

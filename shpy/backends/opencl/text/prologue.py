@@ -117,6 +117,16 @@ float {name}(void) {
 double {name}(void) {
     return as_double((long)get_global_offset(2));
 }""",
+    ("zero", Base.I): """\
+// 0, but the compiler must not know: it counts the iterations of a loop from it, and counts wrong.
+int {name}(void) {
+    return (int)get_global_offset(2);
+}""",
+    ("zero", Base.U): """\
+// 0, but the compiler must not know: it counts the iterations of a loop from it, and counts wrong.
+uint {name}(void) {
+    return (uint)get_global_offset(2);
+}""",
     ("bits_from_float", Base.F): """\
 // The bits of x; the same ones for every NaN.
 uint {name}(float x) {
