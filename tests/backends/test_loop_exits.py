@@ -15,7 +15,7 @@ import pytest
 from backends.running import TARGETS
 
 import shpy as sh
-from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
+from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
 
 COMPARED = (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne)
 
@@ -93,6 +93,72 @@ def for_in_for(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
     return n
 
 
+def continue_return(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    @sh.subroutine
+    def inside(v, a):
+        n = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+            n += 1
+            v += step
+            SH_CONTINUE(left(v))
+            SH_RETURN(n * 10)
+        a += 1
+        return n
+
+    return inside(v, a)
+
+
+def continue_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_FOR(ROUNDS):
+        n += 1
+        v += step
+        with SH_IF(a > 1):
+            SH_CONTINUE(left(v))
+            n += 100
+        SH_BREAK(a > 0)
+    return n
+
+
+def else_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+        v += step
+        with SH_IF(left(v)):
+            n += 1
+        with SH_ELSE():
+            n += 10
+            SH_BREAK()
+    return n
+
+
+def negated_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+        n += 1
+        v += step
+        SH_BREAK(~(left(v) & (a < 2)))
+    return n
+
+
+def equal_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+        n += 1
+        v += step
+        SH_BREAK(left(v) == (a > 1))
+    return n
+
+
+def chosen_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+    n = sh.Attrib1i(0)
+    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+        n += 1
+        v += step
+        SH_BREAK(sh.cond(left(v), a > 5, a < 5))
+    return n
+
+
 def program(spelling: Any, kind: Any, first: Any, step: Any) -> sh.Program:
     """Every comparison with -1 to 2 in one program."""
 
@@ -111,7 +177,21 @@ def program(spelling: Any, kind: Any, first: Any, step: Any) -> sh.Program:
     return looping
 
 
-CASES = [(s, sh.Attrib1i, "strict") for s in (while_break, while_return, while_called, do_until, for_break, for_in_for)]
+SPELLINGS = (
+    while_break,
+    while_return,
+    while_called,
+    do_until,
+    for_break,
+    for_in_for,
+    continue_return,
+    continue_break,
+    else_break,
+    negated_break,
+    equal_break,
+    chosen_break,
+)
+CASES = [(s, sh.Attrib1i, "strict") for s in SPELLINGS]
 CASES += [(while_return, kind, "strict") for kind in (sh.Attrib1u, sh.Attrib1f, sh.Attrib2i)]
 CASES += [(while_break, kind, "fast") for kind in (sh.Attrib1i, sh.Attrib1f)]
 
@@ -138,3 +218,20 @@ def test_an_exit_may_compare_an_element_of_an_array_that_the_loop_stores_into(ba
         return n
 
     assert filling.compile(backend)(A).tolist() == filling.compile("numpy")(A).tolist() == [1, 4, 5]
+
+
+@pytest.mark.parametrize("compare", COMPARED)
+def test_a_discard_that_follows_the_step_holds_when_it_should(compare: Callable[[Any, Any], Any]) -> None:
+    @sh.program
+    def looping(a: sh.Attrib1f):
+        n = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (n < ROUNDS) & (a > 1)):
+            n += 1
+            SH_DISCARD(compare(n, 1))
+        return n
+
+    wanted = looping.compile("numpy").run(A)
+    for backend in TARGETS:
+        found = looping.compile(backend).run(A)
+        assert np.array_equal(found.written, wanted.written), backend
+        assert np.array_equal(found.outputs[wanted.written], wanted.outputs[wanted.written]), backend

@@ -1,26 +1,29 @@
 """Finds the variables whose value before a loop a driver must not know, where it gets exits of loops wrong.
 
 Stage: emit, before a loop is printed. Mesa 22.3 counts the iterations of a loop from the first value of a
-variable, the step and the constant that an exit compares it with. Where the comparison follows the step and holds for
-the first value, it takes 0 iterations, and leaves the loop at once:
+variable, the step and the constant that an exit compares it with. Where the comparison follows the step, and the first
+value leaves by it, Mesa takes 0 iterations, and leaves the loop at once:
 
     int v = 0;                          int v = 0;
     while (...) {                       v += int(zero);  // a 0 that the driver does not know
         v += 1;                  ->     while (...) {
         if (v < 1) { return; }              v += 1;
     }                                       if (v < 1) { return; }
+
+`if (v >= 1) { continue; } return;` leaves by the opposite of its comparison, and so does an exit in an `else`.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import UnionType
 from typing import Final
 
 from shpy.backends.emit.plan import is_whole
 from shpy.backends.emit.survey import changed_variables
 from shpy.ir.constants import decode
-from shpy.ir.nodes import Break, Call, Function, If, Let, Loop, Region, Return, Store, Variable
+from shpy.ir.nodes import Break, Call, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
 from shpy.ir.traverse import walk
 
 _COMPARISONS: Final = {
@@ -53,30 +56,39 @@ class Exits:
         begins = {v: self._first_values(v, inside.get(v, [])) for v in handed | inside.keys()}
         conditions = list(_conditions(loop))
         found = handed if conditions else set()  # a subroutine may compare what it changes
-        for condition in conditions:
-            for comparison in self._comparisons(condition, inside):
-                if not self._is_right(comparison, begins, held):
-                    found |= self._read(comparison.args) & begins.keys()
+        for comparison, holds in self._comparisons(conditions, inside):
+            if not self._is_right(comparison, holds, begins, held):
+                found |= self._read(comparison.args) & begins.keys()
         return sorted(found)
 
     def _handed_on(self, region: Region) -> set[int]:
         """Return the variables that calls may change."""
         return {v for s in walk(region) if isinstance(s, Call) for v in changed_variables(s, self.callees)}
 
-    def _comparisons(self, condition: int, inside: dict[int, list[Store]]) -> Iterator[Let]:
-        """Yield the comparisons that a condition is made of, through variables that the loop stores them in."""
-        pending, seen = [condition], set[int]()
+    def _comparisons(
+        self, conditions: list[tuple[int, bool]], inside: dict[int, list[Store]]
+    ) -> Iterator[tuple[Let, bool]]:
+        """Yield the comparisons that conditions are made of, through variables that the loop stores them in.
+
+        Each comes with its value where the loop is left, and twice where it may have either.
+        """
+        pending, seen = list(conditions), set[tuple[int, bool]]()
         while pending:
-            let = self.lets.get(pending.pop())
-            if let is None or let.value.id in seen:
+            value, holds = pending.pop()
+            let = self.lets.get(value)
+            if let is None or (value, holds) in seen:
                 continue
-            seen.add(let.value.id)
-            if let.op in _COMPARISONS:
-                yield let
+            seen.add((value, holds))
+            if let.op in _COMPARISONS and not any(a in self.lets and self.lets[a].value.type.is_bool for a in let.args):
+                yield let, holds
             elif let.op == "load" and isinstance(let.attr, int):
-                pending += [s.value for s in inside.get(let.attr, [])]
+                pending += [(s.value, holds) for s in inside.get(let.attr, [])]
+            elif let.op in ("and", "or"):
+                pending += [(a, holds) for a in let.args]
+            elif let.op == "not":
+                pending += [(a, not holds) for a in let.args]
             else:
-                pending += let.args
+                pending += [(a, either) for a in let.args for either in (True, False)]
 
     def _first_values(self, variable: int, inside: list[Store]) -> list[float | None]:
         """Return what the loop's variable may begin with, None for a value that is not a constant."""
@@ -108,15 +120,15 @@ class Exits:
                 read.add(let.attr)
         return read
 
-    def _is_right(self, let: Let, begins: dict[int, list[float | None]], held: dict[int, int]) -> bool:
-        """Return whether a comparison with a constant holds for no first value, or is none that counts."""
+    def _is_right(self, let: Let, holds: bool, begins: dict[int, list[float | None]], held: dict[int, int]) -> bool:
+        """Return whether a comparison with a constant leaves the loop for no first value, or is none that counts."""
         compare = _COMPARISONS[let.op]
         a, b = let.args
         x, y = self._constant(a), self._constant(b)
         if y is not None and (v := self._held(a, held)) is not None:
-            return all(n is not None and not compare(n, y) for n in begins.get(v, ()))
+            return all(n is not None and compare(n, y) != holds for n in begins.get(v, ()))
         if x is not None and (v := self._held(b, held)) is not None:
-            return all(n is not None and not compare(x, n) for n in begins.get(v, ()))
+            return all(n is not None and compare(x, n) != holds for n in begins.get(v, ()))
         return self._read(let.args, _STEPPED).isdisjoint(begins)
 
     def _held(self, value: int, held: dict[int, int]) -> int | None:
@@ -136,23 +148,40 @@ def _by_variable(region: Region) -> dict[int, list[Store]]:
     return found
 
 
-def _conditions(loop: Loop) -> Iterator[int]:
-    """Yield the conditions of a loop's exits, but for those before which it stores nothing."""
+def _conditions(loop: Loop) -> Iterator[tuple[int, bool]]:
+    """Yield the conditions of a loop's exits with their values there, but for those before which it stores nothing."""
     rest = list(loop.body)
     while rest and (isinstance(rest[0], Let) or (isinstance(rest[0], If) and _leaves((rest[0],)))):
         del rest[0]
-    pending = [s for s in (*rest, *loop.continuing) if isinstance(s, If)]
-    while pending:
-        choice = pending.pop()
-        if _leaves((choice,)):
-            yield choice.condition
-            pending += [s for s in (*choice.then, *choice.orelse) if isinstance(s, If)]
+    yield from _decisions(rest, leaves_after=False)
+    yield from _decisions(loop.continuing, leaves_after=False)
     if loop.until is not None:
-        yield loop.until
+        yield loop.until, True
 
 
-def _leaves(region: Region) -> bool:
-    """Return whether a statement of the region leaves the loop around it, or the function."""
+def _decisions(region: Sequence[Stmt], leaves_after: bool) -> Iterator[tuple[int, bool]]:
+    """Yield the conditions on which it depends whether a region leaves the loop, with their values where it does.
+
+    With `leaves_after`, something leaves the loop after the region. A `continue` in the region keeps elements from it.
+    """
+    for s in reversed(region):
+        if isinstance(s, If):
+            for branch, holds in ((s.then, True), (s.orelse, False)):
+                if _leaves(branch):
+                    yield s.condition, holds
+                if leaves_after and _has(branch, Continue):
+                    yield s.condition, not holds
+                yield from _decisions(branch, leaves_after)
+        leaves_after = leaves_after or _leaves((s,))
+
+
+def _leaves(region: Sequence[Stmt]) -> bool:
+    """Return whether a statement of the region leaves the loop around it, the function, or ends the element."""
+    return _has(region, Break | Return | Discard)
+
+
+def _has(region: Sequence[Stmt], kind: type | UnionType) -> bool:
+    """Return whether the region has a statement of a kind, outside of loops in it."""
     return any(
-        isinstance(s, Break | Return) or (isinstance(s, If) and (_leaves(s.then) or _leaves(s.orelse))) for s in region
+        isinstance(s, kind) or (isinstance(s, If) and (_has(s.then, kind) or _has(s.orelse, kind))) for s in region
     )
