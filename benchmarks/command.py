@@ -85,6 +85,7 @@ STUDIES = (
         "glass": equal_error.glass,
         "glass-rays": glass_rays.glass_rays,
         "moving": lambda mesh, quick: moving.moving(mesh, quick),
+        "planes": lambda mesh, quick: moving.planes(quick),
         "refits": lambda mesh, quick: refits.refits(quick),
         "cluster": lambda mesh, quick: clusters.cluster(quick),
         "partitions": lambda mesh, quick: clusters.partitions(quick),

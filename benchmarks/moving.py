@@ -12,12 +12,15 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.studies import PAUSE, Table, backend, spread
+from benchmarks.studies import PAUSE, Table, backend, rounds_of, spread
 from raytracer import Camera, Mesh, PointLight, Renderer, Scene
+from raytracer.accel.plane_kernel import plane_kernel, plane_program
+from raytracer.accel.shape import Shape
 from raytracer.meshes.shapes import floor, torus
 
 HEAD = (
@@ -31,8 +34,10 @@ HEAD = (
     "of CPU",
     "ratio, same walk",
 )
+PLANES = ("triangles", "numpy ms", "kernel ms", "kernel, times", "of CPU")
 _SHAPES = 8
 """Shapes of the ring that waves, made before: whoever deforms an object computes its vertices."""
+CLOCKS = (time.perf_counter, time.process_time)
 Change = Callable[[Renderer, int], None]
 
 
@@ -48,6 +53,28 @@ def moving(mesh: Mesh, quick: bool) -> Table:
         f"(same walk) of the one in which the object has moved before."
     )
     return Table("moving", note, HEAD, rows)
+
+
+def planes(quick: bool) -> Table:
+    """Return the milliseconds for the tables of objects that are deformed, by numpy and by a kernel, and their ratio.
+
+    `accel.shape.MANY` is chosen by it: the number of triangles from which on a kernel computes them.
+    """
+    rows, turns = [], 2 if quick else 15
+    for segments in (12, 24) if quick else (32, 64, 96, 128, 160, 192, 264):
+        ring = torus(1.0, 0.4, segments=segments, sides=segments // 2)
+        vertices = ring.vertices.astype(np.float32).astype(np.float64)
+        held, shapes = np.empty((3 * len(ring), 4), np.float32), [Shape(len(ring), np.dtype(np.float32)) for _ in "12"]
+        shapes[1].kernel = plane_kernel(backend()) or plane_program().compile("numpy", precision="f64")
+        runs = [partial(shape.take, vertices, ring.faces, held) for shape in shapes]
+        (numpy, kernel), busy = (np.array(rounds_of(runs, turns, clock)) for clock in CLOCKS)
+        times = [spread(1e3 * numpy, 2), spread(1e3 * kernel, 2), spread(kernel / numpy, 2)]
+        rows.append([f"{len(ring):,}", *times, spread(busy[1] / busy[0], 2)])
+    note = (
+        f"The planes and boxes of an object's triangles, by numpy and by a kernel on {backend()}: medians of {turns} "
+        f"rounds, with the first and the third quartile."
+    )
+    return Table("planes", note, PLANES, rows)
 
 
 def cases(mesh: Mesh, quick: bool) -> dict[str, tuple[Scene, int, Change]]:
@@ -129,7 +156,6 @@ def _prepare(renderer: Renderer, change: Change, frame: int) -> None:
 
 def _milliseconds(run: Callable[[], Any]) -> np.ndarray:
     """Return the milliseconds that a call takes, and those of CPU time of all threads."""
-    clocks = (time.perf_counter, time.process_time)
-    started = [clock() for clock in clocks]
+    started = [clock() for clock in CLOCKS]
     run()
-    return 1e3 * np.array([clock() - start for clock, start in zip(clocks, started, strict=True)])
+    return 1e3 * np.array([clock() - start for clock, start in zip(CLOCKS, started, strict=True)])

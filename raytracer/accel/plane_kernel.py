@@ -11,11 +11,11 @@ Stage: accelerate. For objects that change between two pictures: a device comput
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
 import shpy as sh
+from raytracer.accel.planes import Functions, plane_of
 
 
 class Plane(NamedTuple):
@@ -50,36 +50,7 @@ def plane_program() -> Any:
     @sh.program
     def plane(face: sh.Attrib3i, vertices: sh.Table[sh.Attrib3f]) -> Plane:
         a, b, c = ([vertices[face[corner]][axis] for axis in range(3)] for corner in range(3))
-        (ax, ay, az), (bx, by, bz) = _scaled(_minus(b, a)), _scaled(_minus(c, a))
-        normal = _unit([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-        size, other, last = map(_largest_of, (a, b, c))
-        is_b, is_c = other < size, last < sh.min(size, other)
-        nearest = [sh.cond(is_c, c[k], sh.cond(is_b, b[k], a[k])) for k in range(3)]
-        x, y, z = (near * n for near, n in zip(nearest, normal, strict=True))
-        low, high = ([join(a[k], b[k], c[k]) for k in range(3)] for join in (sh.min, sh.max))
-        return Plane(sh.Attrib3f(*normal), x + y + z, sh.Attrib3f(*low), -sh.Attrib3f(*high))
+        normal, level, low, high = plane_of(a, b, c, Functions(sh.min, sh.max, sh.cond, sh.sqrt))
+        return Plane(sh.Attrib3f(*normal), level, sh.Attrib3f(*low), sh.Attrib3f(*high))
 
     return plane
-
-
-def _minus(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    return [x - y for x, y in zip(a, b, strict=True)]
-
-
-def _largest_of(vector: Sequence[Any]) -> Any:
-    return sh.max(*map(abs, vector))
-
-
-def _scaled(vector: Sequence[Any]) -> list[Any]:
-    return _divided(vector, _largest_of(vector))
-
-
-def _unit(vector: Sequence[Any]) -> list[Any]:
-    x, y, z = safe = _scaled(vector)
-    return _divided(safe, sh.sqrt(x * x + y * y + z * z))
-
-
-def _divided(vector: Sequence[Any], by: Any) -> list[Any]:
-    """Divide a vector; zero stays zero."""
-    divisor = sh.cond(by > 0, by, 1.0)
-    return [x / divisor for x in vector]

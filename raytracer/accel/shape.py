@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.plane_kernel import plane_kernel
-from raytracer.accel.planes import constant, copy_columns, levels_between, normals_between, parts
+from raytracer.accel.planes import constant, copy_columns, parts, plane_of
 from raytracer.accel.space import Rows
 
-MANY = 1 << 14
-"""Triangles from which on a kernel takes less time than numpy."""
+MANY = 20_000
+"""Triangles from which on a kernel takes less time than numpy, by `python -m benchmarks --only planes`."""
 
 
 class Shape:
@@ -66,12 +66,11 @@ class Shape:
     def _compute(self, vertices: Rows, faces: NDArray[np.int64]) -> None:
         columns, normals_at = np.ascontiguousarray(vertices.T), self._normals
         for part in parts(len(self)):
-            a, b, c = _gathered(columns, faces[part])
-            normals = normals_between(a, b, c)
-            self.levels[part] = levels_between(a, b, c, normals)
-            copy_columns(self.sides[part], np.minimum(np.minimum(a, b), c))
-            copy_columns(self.sides[part, 3:], -np.maximum(np.maximum(a, b), c))
-            copy_columns(normals_at[part], normals)
+            normal, self.levels[part], low, high = plane_of(*_gathered(columns, faces[part]))
+            for axis, column in enumerate((*low, *high)):
+                self.sides[part, axis] = column
+            for axis, column in enumerate(normal):
+                normals_at[part, axis] = column
 
     def _run(self, vertices: Rows, faces: NDArray[np.int64]) -> None:
         if self._faces[0] is not faces:
@@ -93,10 +92,10 @@ class Shape:
 
 
 def _gathered(columns: Rows, faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the corners of triangles as `by_components` does; `columns` (3, V) are the vertices' components."""
+    """Return the corners of triangles, (3, 3, n), each by its components, from those of the vertices, (3, V)."""
     held = np.empty((3, 3, len(faces)))
     for corner in range(3):
         numbers = np.ascontiguousarray(faces[:, corner])
         for axis in range(3):
             columns[axis].take(numbers, out=held[corner, axis], mode="clip")  # without "clip" numpy fills a copy
-    return held.transpose(0, 2, 1)
+    return held
