@@ -213,6 +213,7 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
     page.wait_for_selector("#problem:not([hidden])")
     assert "NameError at ball.py:6" in page.inner_text("#problem")
     assert "nothing" in page.inner_text("#problem .here")
+    assert page.inner_text("#status").endswith(" triangles")  # those that are shown: nothing is read any more
     settles(page, ("red", True))
     view.path.unlink()
     page.wait_for_timeout(200)
@@ -220,6 +221,21 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
     view.save(SCENE.format(color=BLUE))
     page.wait_for_selector("#problem", state="hidden")
     settles(page, ("blue", True))
+
+
+def test_a_view_that_ends_or_never_had_a_picture_says_so(browser, tmp_path):
+    path = tmp_path / "broken.py"
+    path.write_text("def scene(time):\n    return nothing\n")
+    page = browser.new_page()
+    with viewed(path, "--backend", "numpy", command=("raytracer", "view")) as view:
+        page.goto(view.url)
+        page.wait_for_selector("#problem:not([hidden])")
+        assert page.inner_text("#empty") == "There is no picture yet."
+        assert page.inner_text("#status") == ""
+        view.end()
+        page.wait_for_selector("text=The server has ended")
+        assert page.inner_text("#problem code") == f"raytracer view {path}"
+    page.close()
 
 
 def test_the_code_is_copied(browser, view):

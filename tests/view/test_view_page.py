@@ -125,8 +125,12 @@ def test_an_error_shows_with_its_line_and_the_last_good_picture_stays(page, view
 
 
 def test_an_endless_loop_is_said_and_stopped(page, view):
+    view.save("level = (")
+    page.wait_for_selector("#problem:not([hidden])")
     view.save("while True: pass")
     page.wait_for_selector("#busy:not([hidden])")
+    assert "Recording the new version has taken" in page.inner_text("#busy")
+    assert not page.is_visible("#problem")  # of the version before
     shows(page, (135, 68, 0))
     page.click("text=Stop it")
     page.wait_for_selector("#problem:not([hidden])")

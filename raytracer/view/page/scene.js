@@ -2,12 +2,11 @@
 
 import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
-import { at, fill, list, make, spoken } from "./elements.js";
+import { at, fill, fillSizes, list, make, spoken } from "./elements.js";
 import { Handle } from "./handle.js";
 import { aimed, moved, nearer, turned } from "./orbit.js";
-import { showProblem } from "./report.js";
+import { showBusy, showLost, showProblem } from "./report.js";
 
-const SIZES = [[256, 256], [512, 512], [768, 768], [1024, 1024], [640, 360], [1280, 720], [1920, 1080]];
 const PLACES = ["position", "target", "up"];
 const state = { params: {}, scene: {} };
 const sent = new Map(); // when a camera was sent, by its stamp
@@ -21,7 +20,7 @@ let scrubbing = false;
 
 const connection = new Connection("/view", heard, (open) => {
   document.body.dataset.connected = open;
-  if (!open) showProblem({ type: "", message: "The server has ended. The page connects again when it is back.", cure: "raytracer view …" });
+  if (!open) showLost("raytracer view");
 });
 
 const handle = new Handle({
@@ -49,12 +48,12 @@ function heard(header, bytes) {
     recording: () => { at("status").replaceChildren(make("span", { class: "wait" }, "The scene is read …")); },
     recorded: () => { described = header; showDescribed(); },
     frame: () => handle.take(header, bytes),
-    error: () => showProblem(header),
+    error: () => { showProblem(header); at("empty").textContent = "There is no picture yet."; showCount(); },
     well: () => showProblem(null),
-    busy: () => showBusy(header),
+    busy: ({ seconds }) => showBusy(`Computing the scene has taken ${seconds} s so far.`, seconds),
     remark: () => { at("status").textContent = header.text; },
     answer: () => answered(header),
-  })[header.kind]?.();
+  })[header.kind]?.(header);
 }
 
 function answered(header) {
@@ -110,7 +109,13 @@ function showDescribed() {
   showMaterial();
   showLight();
   showState();
-  at("status").textContent = notices.length ? notices.join("; ") : `${described.triangles.toLocaleString("en")} triangles`;
+  if (notices.length) at("status").textContent = notices.join("; ");
+  else showCount();
+}
+
+// The size of the scene that is shown, in place of a word on the work under way.
+function showCount() {
+  at("status").textContent = described ? `${described.triangles.toLocaleString("en")} triangles` : "";
 }
 
 const withValue = (one) => ({ ...one, value: state.params[one.name]?.length === one.first.length ? state.params[one.name] : one.first });
@@ -137,8 +142,7 @@ function showLight() {
 function showState() {
   if (!state.size) return;
   handle.resize(state.size);
-  const sizes = SIZES.some(([w, h]) => w === state.size[0] && h === state.size[1]) ? SIZES : [state.size, ...SIZES];
-  fill(at("size"), sizes.map(([w, h]) => [`${w}x${h}`, `${w} × ${h}`]), state.size.join("x"));
+  fillSizes(at("size"), state.size);
   if (!described) return;
   at("backend").value = state.backend ?? described.backend;
   at("integrator").value = state.scene.integrator ?? described.integrator;
@@ -192,12 +196,7 @@ function showFrame(header) {
   at("time").textContent = `${header.time.toFixed(2)} s`;
   if (!scrubbing) at("scrub").value = header.time;
   if (header.waiting) at("status").replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling; ${header.form} draws meanwhile …`));
-  else if (at("status").querySelector(".wait")) at("status").textContent = `${described.triangles.toLocaleString("en")} triangles`;
-}
-
-function showBusy({ seconds }) {
-  at("busy").hidden = !seconds;
-  at("busy").firstElementChild.textContent = `The scene has been computed for ${seconds} s.`;
+  else if (at("status").querySelector(".wait")) showCount();
 }
 
 // One question at a time: the answer brings the next one, if the pointer has moved on.

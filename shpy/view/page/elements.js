@@ -19,6 +19,14 @@ export function fill(select, options, chosen) {
   if (chosen !== undefined && chosen !== null) select.value = chosen;
 }
 
+const SIZES = [[256, 256], [512, 512], [768, 768], [1024, 1024], [640, 360], [1280, 720], [1920, 1080]];
+
+// The sizes of pictures to choose from, with the present one.
+export function fillSizes(select, [width, height]) {
+  const sizes = SIZES.some(([w, h]) => w === width && h === height) ? SIZES : [[width, height], ...SIZES];
+  fill(select, sizes.map(([w, h]) => [`${w}x${h}`, `${w} × ${h}`]), `${width}x${height}`);
+}
+
 // A number as a person reads it: seven digits tell binary32 numbers apart for the eye, nine are exact.
 export function spoken(value) {
   if (typeof value !== "number") return String(value);

@@ -17,6 +17,20 @@ export function showProblem(error) {
     source ?? "");
 }
 
+// The connection has ended: `command` is what starts the server again.
+export function showLost(command) {
+  showBusy("", 0);
+  showProblem({ message: "The server has ended. The page connects again when it is back.", cure: `${command} ${at("name").textContent}` });
+}
+
+// A worker gives no answer: it is the version that is awaited that counts, not a mistake in the one before.
+export function showBusy(text, seconds) {
+  at("busy").hidden = !seconds;
+  if (!seconds) return;
+  at("problem").hidden = true;
+  at("busy").firstElementChild.textContent = text;
+}
+
 export function openPanel(title, ...body) {
   at("panel-title").textContent = title;
   at("panel-body").replaceChildren(...body);

@@ -2,11 +2,10 @@
 
 import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
-import { at, fill, make } from "./elements.js";
+import { at, fill, fillSizes, make } from "./elements.js";
 import { Picture } from "./picture.js";
-import { closePanel, openPanel, showComparison, showDivergence, showPixel, showProblem, showTrace } from "./report.js";
+import { closePanel, openPanel, showBusy, showComparison, showDivergence, showLost, showPixel, showProblem, showTrace } from "./report.js";
 
-const SIZES = [[256, 256], [512, 512], [768, 768], [1024, 1024], [640, 360], [1280, 720], [1920, 1080]];
 const state = { params: {} };
 let described = null;
 let saved = null; // when the file was saved whose picture is awaited, and the worker before
@@ -16,7 +15,7 @@ let times = [];
 
 const connection = new Connection("/view", heard, (open) => {
   document.body.dataset.connected = open;
-  if (!open) showProblem({ type: "", message: "The server has ended. The page connects again when it is back.", cure: "shpy view …" });
+  if (!open) showLost("shpy view");
 });
 
 const picture = new Picture({
@@ -48,10 +47,12 @@ function heard(header, bytes) {
     frame: () => picture.take(header, bytes),
     error: () => { showProblem(header); at("empty").textContent = "There is no picture yet."; },
     well: () => showProblem(null),
-    busy: () => showBusy(header),
+    busy: ({ stage, seconds }) => showBusy(stage === "recording"
+      ? `Recording the new version has taken ${seconds} s so far; the picture is of the version before.`
+      : `Computing a frame has taken ${seconds} s so far.`, seconds),
     remark: () => { at("status").textContent = header.text; },
     answer: () => answered(header, bytes),
-  })[header.kind]?.();
+  })[header.kind]?.(header);
 }
 
 function answered(header, bytes) {
@@ -119,8 +120,7 @@ function present({ name, value, first }) {
 function showState() {
   if (!state.size) return;
   picture.resize(state.size);
-  const sizes = SIZES.some(([w, h]) => w === state.size[0] && h === state.size[1]) ? SIZES : [state.size, ...SIZES];
-  fill(at("size"), sizes.map(([w, h]) => [`${w}x${h}`, `${w} × ${h}`]), state.size.join("x"));
+  fillSizes(at("size"), state.size);
   if (state.backend) at("backend").value = state.backend;
   if (state.math) at("math").value = state.math;
   at("play").textContent = state.playing ? "Pause" : "Play";
@@ -163,13 +163,6 @@ function measure(header, now) {
   }
   dataset.worker = header.worker;
   dataset.form = header.form;
-}
-
-function showBusy({ stage, seconds }) {
-  at("busy").hidden = !seconds;
-  at("busy").firstElementChild.textContent = stage === "recording"
-    ? `The new version has been recorded for ${seconds} s; the picture is of the version before.`
-    : `A frame has been computed for ${seconds} s.`;
 }
 
 // One question at a time: the answer brings the next one, if the pointer has moved on.
