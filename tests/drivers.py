@@ -302,6 +302,9 @@ first value. rusticl has this fault too; Mesa 25.0 has it no more. Two faults of
 takes minutes to compile sixteen subroutines that return from loops. Zink of 25.0 hangs while it opens, with
 "vkCreateInstance failed", where `MESA_LOADER_DRIVER_OVERRIDE=zink` is set and there is no Vulkan driver: unset it.
 
+Mesa 25.0's llvmpipe and zink take `a < b ? b : a` for a maximum, also where a is NaN, and forget `precise` in arguments
+of functions. A probe finds it, and comparisons and arguments are variables of their own there.
+
 | driver | device and version | results |
 |---|---|---|
 """

@@ -252,6 +252,20 @@ def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
         assert np.array_equal(found, wanted)
 
 
+def test_comparisons_stand_apart_where_a_driver_makes_maxima_of_choices(wrong: Any) -> None:
+    @sh.program
+    def larger(a: sh.Attrib1f, b: sh.Attrib1f):
+        return sh.cond(a < b, b, a)
+
+    a, b = np.float32([np.nan, 1, 2]), np.float32([3, np.nan, 5])
+    for chooses in (True, False):
+        wrong(chooses=chooses)
+        kernel = compiled(larger, "glsl")
+        assert ("precise bool" in kernel.source) is not chooses
+        assert any("for a maximum" in note for note in kernel.notes) is not chooses
+    assert np.array_equal(kernel(a, b), np.float32([np.nan, 1, 5]), equal_nan=True)
+
+
 @pytest.mark.parametrize(
     ("left", "hidden"),
     [

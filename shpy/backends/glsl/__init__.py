@@ -121,6 +121,7 @@ class GlslBackend:
                 fuses=limits.fuses,
                 stores_apart=limits.stores_apart,
                 leaves_loops=limits.leaves_loops,
+                chooses=limits.chooses,
                 rejects=rejects,
             )
             return runtime.build(shader, module.entry.loc, steady=few_turns(part))
@@ -190,6 +191,8 @@ def _notes(context: Context) -> tuple[str, ...]:
         )
     if not limits.stores_apart:
         notes.append("this device mixes up stores at an index that varies: loops over the array correct them")
+    if not limits.chooses:
+        notes.append("this device takes a < b ? b : a for a maximum, also of NaN: comparisons stand apart")
     return tuple(notes)
 
 

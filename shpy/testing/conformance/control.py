@@ -353,6 +353,18 @@ def survivor_cases() -> Iterator[Case]:
         yield case(f"survivors-that-take-no-iteration-before-{kind}", FORMS["for"]((plus("x", 1.0), none), 0))
 
 
+def stepped_cases() -> Iterator[Case]:
+    """Yield loops with an exit behind the step of what it compares: the first value alone fulfils five of six."""
+    v, room = Name(I, "v"), compare("lt", X, 9.0)
+    for op, step, limit in (("lt", 1, 1), ("le", 1, 0), ("eq", 1, 0), ("ne", 1, 1), ("gt", -1, -1), ("ge", -1, 0)):
+        begin, test = Declare("v", number(0)), compare(op, v, limit)
+        body = (plus("x", 1.0), Assign("v", number(step), None, "add"))
+        yield case(f"stepped-{op}-before-break", (begin, While(room, (*body, Exit("break", test))), plus("x", 0.5)))
+        yield case(f"stepped-{op}-before-return", (begin, While(room, (*body, Exit("return", test))), plus("x", 0.5)))
+        once = Do((*body, Exit("break", compare("ge", X, 9.0))), test, late=True)
+        yield case(f"stepped-{op}-before-until", (begin, once, plus("x", 0.5)))
+
+
 def limit_cases() -> Iterator[Case]:
     """Loops that take too many iterations: which elements do, and the results of the others."""
     forever = compare("lt", X, 1e9)
@@ -380,7 +392,7 @@ def cases() -> list[Case]:
         *(deep(name, 8) for name in ("if", "elif", "else")),
         *(deep(n, 4) for n in ("while", "for")),
     ]
-    for more in (subroutine_cases, array_cases, lane_cases, survivor_cases, limit_cases):
+    for more in (subroutine_cases, array_cases, lane_cases, survivor_cases, stepped_cases, limit_cases):
         found += more()
     unique = {c.name: c for c in found}
     return list(unique.values())

@@ -87,6 +87,25 @@ void main() {
 }
 """
 
+# A choice in a function, whose comparison is false, as NaN is less than nothing.
+_CHOICES = """\
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+layout(location = 0) out vec4 found;
+float larger(precise vec4 v) {
+    precise float result = v.x < v.y ? v.y : v.x;
+    return result;
+}
+void main() {
+    precise vec4 v = uintBitsToFloat(uvec4(0x7fc00000u + uint(gl_FragCoord.x), 0x40000000u, 0u, 0u));
+    found = vec4(isnan(larger(v)) ? 1.0 : 0.0);
+}
+"""
+
 # Operations of binary64, whose results leave as the bits of two numbers a texel.
 _DOUBLES = """\
 #version 330 core
@@ -110,8 +129,8 @@ void main() {
     narrowed = uvec4(floatBitsToUint(float(wide)), 0u, 0u, 0u);
 }
 """
-_OF_GLSL = frozenset({"stores"})
-"""A fault that the texts of this backend correct."""
+_OF_GLSL = frozenset({"stores", "choices"})
+"""Faults that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT_DOUBLES = "exact"
 """The word kept on disk for a device that computes exactly in binary64."""
@@ -128,6 +147,8 @@ class Limits:
     keeps_order: bool = True
     stores_apart: bool = True
     """True if each element's store at a varying index reaches its own element."""
+    chooses: bool = True
+    """True if `a < b ? b : a` gives a where a is NaN."""
     fuses: bool = False
     """True if the device's own `fma` rounds once."""
     doubles: bool = False
@@ -294,6 +315,8 @@ class Context:
             wrong.add("convert")
         if self._drawn(_STORES) != [0, 0, 0, 5, 0, 0, 0, 0]:
             wrong.add("stores")
+        if self._drawn(_CHOICES) != [1] * 8:
+            wrong.add("choices")
         if self._drawn(_EXITS) != [5] * 8:
             wrong.add("exits")
         self.resting.use()
@@ -324,7 +347,7 @@ class Context:
         gl = self.gl
         about = (gl.info["GL_VENDOR"], gl.info["GL_RENDERER"], gl.info["GL_VERSION"])
         ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
-        key = store.key("glsl faults", *about, str(ordered), _PROBE, _STORES, _EXITS)
+        key = store.key("glsl faults", *about, str(ordered), _PROBE, _STORES, _EXITS, _CHOICES)
         faults = store.known_names(key, FAULTS | _OF_GLSL, self._faults)
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
         ours = {"fma"} if "denormals" in faults else set()
@@ -334,6 +357,7 @@ class Context:
             textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
             wrong=faults - ours - _OF_GLSL,
             stores_apart="stores" not in faults,
+            chooses="choices" not in faults,
             fuses="fma" not in faults,
             keeps_order=ordered,
             doubles=ordered and self._has_exact_doubles(about, flushed="denormals" in faults),

@@ -27,8 +27,9 @@ from shpy.backends.glsl.text.exactness import precise_conditions, precise_operan
 from shpy.backends.glsl.text.interface import RUNNING
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Let, Loop, Module, Store
+from shpy.ir.nodes import Call, Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 
 NATIVE: Final = frozenset({"clamp"})
@@ -76,9 +77,9 @@ class GlslUnit(Unit):
 
     `exact`: operations keep their order; without `precise`, by hiding each result from the driver. `fuses`: the
     device's own `fma` rounds once; `stores_apart`: it stores where each element's own index says; `leaves_loops`: it
-    leaves loops when the conditions of their exits hold. `flagged`: loops tell whether they finished, for the device
-    may stop them of its own accord; `limited`: loops without a known bound have a limit of ours. Functions that are
-    `sheltered` stand in a loop of one iteration.
+    leaves loops when the conditions of their exits hold; `chooses`: it makes no maximum of `a < b ? b : a`.
+    `flagged`: loops tell whether they finished, for the device may stop them of its own accord; `limited`: loops
+    without a known bound have a limit of ours. Functions that are `sheltered` stand in a loop of one iteration.
     """
 
     target = "glsl"
@@ -92,12 +93,14 @@ class GlslUnit(Unit):
         fuses: bool = False,
         stores_apart: bool = True,
         leaves_loops: bool = True,
+        chooses: bool = True,
         flagged: bool = False,
         limited: bool = True,
         sheltered: Collection[str] = (),
     ) -> None:
         super().__init__(module)
         self.exact, self.fuses, self.stores_apart, self.leaves_loops = exact, fuses, stores_apart, leaves_loops
+        self.chooses = chooses
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
         self.kept_apart = exact and not precise
         self.prologue = Prologue(exact=exact, precise=precise)
@@ -179,6 +182,10 @@ class GlslBody(Body):
         if not self.unit.exact:
             return ()
         conditions = precise_conditions(self.function, self.unit.callees)
+        if not self.unit.chooses:
+            for s in walk(self.function.body):
+                if isinstance(s, Call) or (isinstance(s, Let) and s.op in ("cond", "call")):
+                    conditions |= inlined & {*(s.args[:1] if isinstance(s, Let) and s.op == "cond" else s.args)}
         return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees)
 
     def operation(self, let: Let) -> Expr:

@@ -58,6 +58,7 @@ def print_shader(
     fuses: bool = False,
     stores_apart: bool = True,
     leaves_loops: bool = True,
+    chooses: bool = True,
     rejects: bool = False,
 ) -> Shader:
     """Print the shader of a prepared module; for the abilities of the device see `GlslUnit`.
@@ -72,6 +73,7 @@ def print_shader(
         fuses=fuses,
         stores_apart=stores_apart,
         leaves_loops=leaves_loops,
+        chooses=chooses,
         flagged=flagged,
         limited=limited,
         sheltered=sheltered_functions(module),
