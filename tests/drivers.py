@@ -305,6 +305,9 @@ takes minutes to compile sixteen subroutines that return from loops. Zink of 25.
 Mesa 25.0's llvmpipe and zink take `a < b ? b : a` for a maximum, also where a is NaN, and forget `precise` in arguments
 of functions. A probe finds it, and comparisons and arguments are variables of their own there.
 
+rusticl of Mesa 25.0 is wrong in three programs where it takes a product of zero and an infinity for 0, beyond what is
+corrected: `bools_of_a_counter`, `literals_as_arguments` and `products_of_constants`. Mesa 22.3 is right there.
+
 | driver | device and version | results |
 |---|---|---|
 """

@@ -133,10 +133,7 @@ class GlslBackend:
         if options.math in REPRODUCIBLE:
             refuse_wrong(prepared.module, limits.wrong, "this device")
         whole = _printable(prepared.module, exact)
-        count = len(whole.entry.outputs)
-        groups = tuple(
-            tuple(range(first, min(first + limits.outputs, count))) for first in range(0, count, limits.outputs)
-        )
+        groups = _groups(len(whole.entry.outputs), limits.outputs)
         parts = [select_outputs(whole, group) if len(groups) > 1 else whole for group in groups]
         programs = [build(part, flagged=prepared.flagged) for part in parts]
         sources = [p.shader.source for p in programs]
@@ -180,6 +177,11 @@ def _described(context: Context) -> Device:
     limits = context.limits
     features = ["f32", "f16 by rounding", f"{limits.outputs} outputs a pass"]
     return Device(info["GL_RENDERER"], info["GL_VERSION"], tuple(features), _notes(context))
+
+
+def _groups(count: int, most: int) -> tuple[tuple[int, ...], ...]:
+    """Return the outputs of each shader, which has `most` at most, by their numbers."""
+    return tuple(tuple(range(first, min(first + most, count))) for first in range(0, count, most))
 
 
 def _notes(context: Context) -> tuple[str, ...]:
