@@ -247,6 +247,9 @@ class Session:
 
     # Questions
 
+    def cancel(self, page: int | None) -> None:
+        """Do nothing: no answer about a scene takes long."""
+
     def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
         """Return the answer to a question about the picture, with bytes behind it."""
         match question["about"]:

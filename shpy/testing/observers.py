@@ -9,7 +9,7 @@ Stage: test. Takes a program, its inputs and one element; gives what was seen of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -46,7 +46,10 @@ class Seen:
 
 @dataclass
 class Setting:
-    """A program and what it is run on. `options` are those of `Program.compile`."""
+    """A program and what it is run on. `options` are those of `Program.compile`.
+
+    `check` is called before each compilation and run of an observer, which take seconds: it ends the search by raising.
+    """
 
     program: Program
     inputs: tuple[Any, ...]
@@ -54,6 +57,7 @@ class Setting:
     shape: Any
     options: Mapping[str, Any]
     watches: dict[frozenset[int], Watched] = field(default_factory=dict)
+    check: Callable[[], None] = lambda: None
 
     @property
     def precision(self) -> Any:
@@ -165,6 +169,7 @@ class _Backend:
         self.element = element
         self.watched = setting.watch(looked)
         options = {**setting.options, "loop_limit": None}
+        setting.check()
         self.kernel: Kernel = kernel(_runnable(setting.program, self.watched), target, **options)
         self.flushes = flushes_denormals(self.kernel.notes)
 
@@ -187,6 +192,7 @@ class _Backend:
     def _run(self, target: int) -> dict[str, Any]:
         """Return the added outputs of the element, by name."""
         s = self.setting
+        s.check()
         try:
             outputs = self.kernel(*s.inputs, shape=s.shape, **s.named, target=np.uint32(target))
         except LoopLimitExceeded as error:
@@ -231,6 +237,7 @@ class _Interpreter:
 
     def _run(self, target: int, trace: Any = None) -> dict[str, Any]:
         s = self.setting
+        s.check()
         given = [*s.element(self.element).values(), np.uint32(target)]
         index = s.index(self.element)
         outputs, _ = self.interpreter.run_element(given, *s.data(), index, s.element_shape, trace=trace)

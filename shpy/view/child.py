@@ -76,6 +76,8 @@ class Worker:
                 self.session.step()
             case "wake":
                 self.session.woken()
+            case "cancel":
+                self.session.cancel(message["page"])
             case "ask":
                 header, rest = self.session.answer(message)
                 self.line.send({"kind": "answer", "about": message["about"], "page": message["page"], **header}, rest)

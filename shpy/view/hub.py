@@ -91,6 +91,7 @@ class Hub:
         self._drop_recording()
         stamp = _stamp(Path(self.request["path"]))
         age = time.time() - stamp[0] / 1e9 if stamp else 0.0
+        self._cancel(None)  # the processor is for the new version
         self._broadcast(wire.pack({"kind": "recording", "age": max(0.0, min(age, 10.0))}))
         worker = await self._pool.take()
         self._drop_recording()  # the file may have changed again meanwhile
@@ -230,7 +231,8 @@ class Hub:
 
     def leave(self, page: Page) -> None:
         """Forget a page that is gone."""
-        self.pages.pop(page.number, None)
+        if self.pages.pop(page.number, None) is not None:
+            self._cancel(page.number)
 
     async def told(self, page: Page, message: dict[str, Any]) -> None:
         """Act on a message of a page, which `messages.checked` has checked."""
@@ -251,6 +253,8 @@ class Hub:
                 self._forward(message)
             case "ask":
                 self._forward({**message, "page": page.number})
+            case "cancel":
+                self._cancel(page.number)
             case _:
                 self._forward(message)
 
@@ -271,6 +275,10 @@ class Hub:
         for other in self.pages.values():
             if other is not page:
                 other.send(told)
+
+    def _cancel(self, page: int | None) -> None:
+        """End the search that a page has asked for; None: every search."""
+        self._forward({"do": "cancel", "page": page})
 
     def _forward(self, message: wire.Header) -> None:
         for worker in (self._drawing, self._recording):

@@ -89,6 +89,7 @@ _MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
     "stop": {},
     "reset": {},
     "step": {},
+    "cancel": {},
     "ask": {"about": _text, "at": _pair(0), "with": _changes},
 }
 

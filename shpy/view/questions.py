@@ -5,24 +5,22 @@ Stage: view. A page asks, the worker answers between two frames.
     answer(session, {"about": "value", "at": [row, column]})    # ({"value": [0.2, 0.4, 1.0]}, b"")
 
 A comparison is answered twice: at once with the pixels of both forms, and with the statement at which they diverge once
-that is found, which takes about twenty runs of a program that watches itself.
+that is found (`searches`).
 """
 
 from __future__ import annotations
 
 import linecache
-import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
 
 from shpy.errors import ShpyError
-from shpy.program import Program
-from shpy.screen import Moment, filled, pixels
+from shpy.screen import Moment, pixels
 from shpy.units import steps
 from shpy.view.kernels import Form
+from shpy.view.searches import Searches
 from shpy.view.subject import Still, Subject
 
 _LIBRARY: Final = Path(__file__).parents[1]
@@ -41,7 +39,7 @@ class Asked(Protocol):
     size: tuple[int, int]
     form: Form
     encode: bool
-    tell: Callable[[dict[str, Any]], None]
+    searches: Searches
 
     def wanted_moment(self) -> Moment:
         """Return the moment of the full picture."""
@@ -128,31 +126,5 @@ def compare(session: Asked, other: Form, page: int) -> tuple[dict[str, Any], byt
     shade = np.where(places, 0.35 + 0.65 * np.nan_to_num(apart / (largest or 1), nan=1.0), 0)
     pictures = [pixels(output, encode=session.encode) for output in outputs] + [pixels(shade)]
     if header["searching"]:
-        _search(session.tell, subject.program, moment, forms, int(np.flatnonzero(places)[0]), page)
+        session.searches.begin(page, subject.program, moment, forms, int(np.flatnonzero(places)[0]))
     return header, b"".join(picture.tobytes() for picture in pictures)
-
-
-def _search(
-    tell: Callable[[dict[str, Any]], None],
-    program: Program,
-    moment: Moment,
-    forms: tuple[Form, Form],
-    element: int,
-    page: int,
-) -> None:
-    """Search, in a thread, for the first statement at which an element diverges; the page gets it as an answer."""
-
-    def work() -> None:
-        from shpy.testing import first_divergence  # here: it takes long to import, and few pictures are compared
-
-        names = [f"{form.backend}-1" if form.backend == "opencl" else form.backend for form in forms]
-        modes = forms[0].math, forms[1].math
-        given = filled(program.inputs, moment)
-        try:
-            found = first_divergence(program, backends=names, math=modes, element=element, shape=moment.shape, **given)
-            text = str(found) if found else "No statement diverges while it is watched: a contraction, or a lane width."
-        except Exception as error:  # the comparison itself stands
-            text = f"The search for the first statement ended: {error}"
-        tell({"kind": "answer", "about": "divergence", "page": page, "divergence": text})
-
-    threading.Thread(target=work, daemon=True).start()

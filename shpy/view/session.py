@@ -23,6 +23,7 @@ from shpy.view import kernels, questions
 from shpy.view.controls import Controls
 from shpy.view.kernels import Form
 from shpy.view.reading import files_read
+from shpy.view.searches import Searches
 from shpy.view.source import explain, open_file
 from shpy.view.subject import subject_of
 
@@ -43,7 +44,7 @@ class Session:
         self, request: dict[str, Any], wake: Callable[[], None], tell: Callable[[dict[str, Any]], None]
     ) -> None:
         """Record the file: raises whatever its lines raise. `tell` sends a header to the server."""
-        self.tell = tell
+        self.searches = Searches(tell)
         begun = time.monotonic()
         self.opened = open_file(Path(request["path"]))
         self.name, value = self.opened.pick(request.get("program"))
@@ -178,6 +179,10 @@ class Session:
     def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
         """Return the answer to a question about the picture, with bytes behind it."""
         return questions.answer(self, question)
+
+    def cancel(self, page: int | None) -> None:
+        """End the search that a comparison of this page began; None: of every page."""
+        self.searches.cancel(page)
 
     def explain(self, error: BaseException) -> dict[str, Any]:
         """Return an error for the page."""

@@ -4,6 +4,8 @@ import pytest
 import views
 from views import chromium, viewed
 
+from benchmarks.pages import wait_until
+
 GOOD = """
 import shpy as sh
 
@@ -206,6 +208,59 @@ def test_two_forms_are_compared(page, view):
     page.wait_for_selector("#divergence:has-text('part at')", timeout=60_000)
     assert "exp(" in page.inner_text("#divergence")
     page.select_option("#other-math", "strict")
+
+
+SLOW = (
+    GOOD.replace("(0, 3)", "(0, 3000)")
+    .replace("0.01", "1e-12")
+    .replace("level = gain", "level = sh.exp(3 * uv.x) * gain")
+)
+"""A program whose first diverging statement is found after minutes."""
+
+
+def search_begins(page, view):
+    """Compare the modes of a program for which the search takes long, and wait until it has begun."""
+    view.save(SLOW.format(gain=1))
+    page.wait_for_selector("body[data-full]")
+    page.select_option("#other-backend", "numpy")
+    page.select_option("#other-math", "fast")
+    page.click("#compare")
+    page.wait_for_selector("#divergence.searching")
+    page.select_option("#other-math", "strict")
+
+
+def test_a_search_is_cancelled_by_its_button_and_by_a_save(page, view):
+    search_begins(page, view)
+    assert "Searching for the first statement at which they diverge …" in page.inner_text("#divergence")
+    page.click("text=Cancel the search")
+    assert page.inner_text("#divergence") == "The search was cancelled."
+    assert page.query_selector("#cancel") is None
+    page.select_option("#other-math", "fast")
+    page.click("#compare")
+    page.wait_for_selector("#divergence.searching")
+    page.select_option("#other-math", "strict")
+    view.save(GOOD.format(gain=0.5))
+    page.wait_for_selector("#divergence:has-text('The search ended: the file is recorded again.')")
+    shows(page, (71, 36, 0))
+
+
+def test_a_search_is_cancelled_by_closing_its_panel(page, view):
+    search_begins(page, view)
+    sent = []
+
+    def note(text):
+        sent.append(text)
+
+    page.expose_function("sent", note)
+    page.evaluate(
+        """() => {
+            const send = WebSocket.prototype.send;
+            WebSocket.prototype.send = function (text) { sent(text); send.call(this, text); };
+        }"""
+    )
+    page.keyboard.press("Escape")
+    page.wait_for_function("document.getElementById('panel').hidden")
+    wait_until(lambda: '{"do":"cancel"}' in sent)
 
 
 def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):

@@ -66,7 +66,7 @@ export function showPixel({ at: [row, column], value, problem }, swatch) {
   at("pixel").replaceChildren(swatch, ` x ${column}  y ${row}  `, make("b", {}, list(value)));
 }
 
-export function showComparison(answer, bytes) {
+export function showComparison(answer, bytes, cancel) {
   if (answer.problem) return openPanel("Compare", make("p", {}, answer.problem), answer.cure ? make("p", {}, make("code", {}, answer.cure)) : "");
   const { width, height, names, count, differing, largest, ulp } = answer;
   const titles = [names[0], names[1], differing ? "Where they differ" : "They do not differ"];
@@ -79,7 +79,8 @@ export function showComparison(answer, bytes) {
     ? `${differing} of ${count} pixels differ, by ${spoken(largest)}${ulp === null ? "" : ` and ${spoken(ulp)} ULP`} at most.`
     : `All ${count} pixels are the same to the bit.`;
   openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text),
-    answer.searching ? make("pre", { id: "divergence", class: "searching" }, SEARCHING) : "", make("div", { class: "sides" }, ...figures));
+    answer.searching ? make("pre", { id: "divergence", class: "searching" }, SEARCHING) : "",
+    answer.searching ? make("button", { id: "cancel", type: "button", onclick: cancel }, "Cancel the search") : "", make("div", { class: "sides" }, ...figures));
   if (answer.searching) countSeconds(at("divergence"));
 }
 
@@ -92,8 +93,12 @@ function countSeconds(place) {
   }, 1000);
 }
 
-export function showDivergence({ divergence }) {
-  if (!at("divergence")) return;
-  at("divergence").classList.remove("searching");
-  at("divergence").textContent = divergence;
+// Show a text in place of the search; return whether there was one that had not ended.
+export function endSearch(text) {
+  const place = at("divergence");
+  if (!place?.classList.contains("searching")) return false;
+  place.classList.remove("searching");
+  place.textContent = text;
+  at("cancel").remove();
+  return true;
 }

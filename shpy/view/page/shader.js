@@ -4,7 +4,7 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { at, fill, fillSizes, make } from "./elements.js";
 import { Picture } from "./picture.js";
-import { closePanel, openPanel, showBusy, showComparison, showDivergence, showLost, showPixel, showProblem, showTrace } from "./report.js";
+import { closePanel, endSearch, openPanel, showBusy, showComparison, showLost, showPixel, showProblem, showTrace } from "./report.js";
 
 const state = { params: {} };
 let described = null;
@@ -23,6 +23,7 @@ const picture = new Picture({
   drawn: showFrame,
   pointed: askValue,
   chosen: (pixel) => {
+    cancel();
     openPanel(`Trace of the pixel ${pixel[1]}, ${pixel[0]}`, "…");
     connection.send({ do: "ask", about: "trace", at: pixel });
   },
@@ -42,7 +43,10 @@ function heard(header, bytes) {
   ({
     hello: () => { showProblem(null); Object.assign(state, header.state); showName(header.request); showState(); },
     state: () => { merge(header.changes); showState(); },
-    recording: () => { saved = { at: performance.now() - 1000 * header.age, worker: Number(document.body.dataset.worker) }; },
+    recording: () => {
+      endSearch("The search ended: the file is recorded again.");
+      saved = { at: performance.now() - 1000 * header.age, worker: Number(document.body.dataset.worker) };
+    },
     recorded: () => { described = header; showRecorded(); },
     frame: () => picture.take(header, bytes),
     error: () => { showProblem(header); at("empty").textContent = "There is no picture yet."; },
@@ -67,8 +71,8 @@ function answered(header, bytes) {
   } else if (header.about === "trace") {
     showTrace({ at: picture.pixel ?? [0, 0], ...header });
     picture.mark(true);
-  } else if (header.about === "divergence") showDivergence(header);
-  else showComparison(header, bytes);
+  } else if (header.about === "divergence") endSearch(header.divergence);
+  else showComparison(header, bytes, cancel);
 }
 
 function merge({ params, ...changes }) {
@@ -173,8 +177,14 @@ function askValue(pixel) {
   connection.send({ do: "ask", about: "value", at: pixel });
 }
 
+// A search of a program of many statements takes minutes of a core.
+function cancel() {
+  if (endSearch("The search was cancelled.")) connection.send({ do: "cancel" });
+}
+
 function compare() {
   if (at("comparing").hidden) return;
+  cancel();
   openPanel("Compare", "Computing both …");
   connection.send({ do: "ask", about: "compare", with: { backend: at("other-backend").value, math: at("other-math").value } });
 }
@@ -182,7 +192,7 @@ function compare() {
 const play = () => change({ playing: !state.playing });
 const step = () => { if (state.playing) change({ playing: false }); setTimeout(() => connection.send({ do: "step" }), 30); };
 const reset = () => connection.send({ do: "reset" });
-const close = () => { closePanel(); picture.mark(false); };
+const close = () => { cancel(); closePanel(); picture.mark(false); };
 
 at("backend").onchange = (event) => change({ backend: event.target.value });
 at("math").onchange = (event) => change({ math: event.target.value });
