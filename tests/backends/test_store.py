@@ -339,7 +339,19 @@ def test_a_folder_that_cannot_be_made_is_told_once(folder, monkeypatch, tmp_path
     assert len(told) == 1
 
 
-def test_another_process_takes_the_binary_and_tells_of_a_broken_one(folder):
+@pytest.mark.parametrize("kept", ["0", "1"])
+def test_a_binary_is_kept_where_the_driver_keeps_nothing(folder, monkeypatch, tmp_path, kept):
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "pocl"))
+    monkeypatch.setenv("POCL_KERNEL_CACHE", kept)
+    command = [sys.executable, "-W", "error", "-c", f"{PROGRAM}print(*sh.backends())"]
+    said = subprocess.run(command, check=True, timeout=120, capture_output=True, text=True).stdout
+    binaries = [entry for entry in folder.iterdir() if b"poclbin" in entry.read_bytes()]
+    assert len(binaries) == (kept == "0" and "Portable Computing Language" in said)
+
+
+def test_another_process_takes_the_binary_and_tells_of_a_broken_one(folder, monkeypatch):
+    monkeypatch.setenv("POCL_KERNEL_CACHE", "0")  # else that driver keeps its code itself
+
     def run(warns="error"):
         command = [sys.executable, "-W", warns, "-c", PROGRAM]
         return subprocess.run(command, check=True, timeout=120, capture_output=True, text=True).stderr

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 from shpy.backends.numpy.text.iterations import counted, lanes_alone
 from shpy.ir.nodes import Let, Loop, Module, Region, Variable
@@ -42,22 +43,22 @@ class Layout:
 
 def lay_out(module: Module) -> Layout:
     """Return the prepared module, vectorised as it is or taken apart, whichever is quicker."""
-    whole = vectorize(module)
+    whole = cache(lambda: vectorize(module))  # a kernel that is taken apart, and has no place in a grid, needs none
     made, used = _vectors([f.body for f in module.functions])
-    leaving = any(facts.live for facts in whole.facts.values())
-    grid = _knows_its_place(module) and not leaving and not _holds(module, lambda slot: slot.length is not None)
+    grid = _knows_its_place(module) and not _holds(module, lambda slot: slot.length is not None)
+    grid = grid and not any(facts.live for facts in whole().facts.values())
     if not made + used:
-        return Layout(whole, apart=False, grid=grid and not _holds(module, lambda slot: slot.type.size > 1))
+        return Layout(whole(), apart=False, grid=grid and not _holds(module, lambda slot: slot.type.size > 1))
     regions = _iterated(module)
     in_loops, used_in_loops = _vectors(regions)
     pays = (grid and (made > 0 or _only_places(module))) or used_in_loops < _WORTH_MAKING * in_loops
     if not pays and not regions:
-        return Layout(whole, apart=False, grid=False)
+        return Layout(whole(), apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
     alone = lanes_alone(scalars.module.functions)
     if pays or any(counted(f, scalars.facts[f.name], alone) for f in scalars.module.functions if not f.pure):
         return Layout(scalars, apart=True, grid=grid)
-    return Layout(whole, apart=False, grid=False)
+    return Layout(whole(), apart=False, grid=False)
 
 
 def _knows_its_place(module: Module) -> bool:

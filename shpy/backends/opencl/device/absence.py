@@ -47,6 +47,11 @@ def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
     )
 
 
+def keeps_kernels(platform: str) -> bool:
+    """Return whether a platform's driver finds the code that it made of a text in an earlier process."""
+    return platform == _POCL and os.environ.get("POCL_KERNEL_CACHE", "1").startswith("1")
+
+
 def _cache_of_pocl() -> Path:
     """Return the folder in which PoCL keeps its kernels, by the environment variables that it reads."""
     own = os.environ.get("POCL_CACHE_DIR")

@@ -29,7 +29,7 @@ from shpy.backends.device.pace import Pace
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.device.processes import Driver
-from shpy.backends.opencl.device.absence import explain_absence, explain_cache
+from shpy.backends.opencl.device.absence import explain_absence, explain_cache, keeps_kernels
 from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
 from shpy.backends.opencl.device.trial import Unfinished, works
@@ -256,11 +256,14 @@ class Machine:
         return program
 
     def keep(self, text: str, math: Math) -> None:
-        """Keep the program's binary for later processes: once it was launched, so that it holds generated code."""
+        """Keep the program's binary for later processes: once it was launched, so that it holds generated code.
+
+        A driver that keeps code itself is not asked: PoCL would generate code for another size of group to make this
+        binary, a third of a compilation.
+        """
         program = self.build(text, math)
-        if program not in self._on_disk and store.is_open():
+        if program not in self._on_disk and store.is_open() and not keeps_kernels(self.device.platform.name.strip()):
             self._on_disk.add(program)
-            # PoCL generates code for another size of group to make this binary: a third of a compilation.
             binary = program.get_info(self.cl.program_info.BINARIES)[0]
             store.save(self._binary_key(text, math), bytes(binary))
 
