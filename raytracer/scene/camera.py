@@ -97,7 +97,7 @@ class Camera:
         if self.focus is not None and not 0 < self.focus < math.inf:
             raise SceneError(f"a camera's focus is a distance above 0, not {self.focus}")
         if self.aperture and self.projection != "perspective":
-            raise SceneError(f"an aperture is for a perspective camera, not for an {self.projection} one")
+            raise SceneError(f"an aperture is for a perspective camera, not for projection='{self.projection}'")
 
     @property
     def axes(self) -> tuple[Vector, Vector, Vector]:
