@@ -64,8 +64,8 @@ def animate(
     """
     tell = progress or progress_lines("frames")
     if isinstance(shown, Chain):
-        evolving = _Evolving(Evolution(shown, show, values, size=size, backend=backend), fps)
-        extent, draw = evolving.size(), evolving.draw
+        ongoing = _Ongoing(Evolution(shown, show, values, size=size, backend=backend), fps)
+        extent, draw = ongoing.size(), ongoing.draw
     elif isinstance(shown, Program):
         if show is not None:
             raise ShpyTypeError("show= makes colours of the streams of a chain", loc=here(), cure="show << program")
@@ -124,7 +124,7 @@ def _now(value: Any, moment: Moment) -> Any:
     return value(moment.time) if callable(value) and not isinstance(value, Stream) else value
 
 
-class _Evolving:
+class _Ongoing:
     """A chain that runs once for each frame."""
 
     def __init__(self, evolution: Evolution, fps: float) -> None:

@@ -71,7 +71,7 @@ def file_of(scene: str) -> Path:
     if not Path(scene).is_file():
         names = ", ".join([*SCENES, *ANIMATIONS])
         raise SceneError(f"{scene!r} is neither a file nor a built-in scene; the scenes are {names}")
-    return Path(scene).resolve()
+    return Path(scene)
 
 
 def chosen(options: argparse.Namespace, kind: str) -> integrator.Integrator:

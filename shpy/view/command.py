@@ -78,4 +78,4 @@ def _file(words: str) -> tuple[Path, str | None]:
         path, name = words, ""
     if not Path(path).is_file():
         raise ShpyError(f"there is no file {path}", cure="shpy view shader.py, or shader.py:program")
-    return Path(path).resolve(), name or None
+    return Path(path), name or None

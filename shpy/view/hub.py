@@ -46,11 +46,12 @@ class Hub:
     """The view of one file."""
 
     def __init__(self, module: str, request: dict[str, Any], state: dict[str, Any]) -> None:
-        self.request = request
+        # Python names modules by the folder of the file itself, where a link leads to it.
+        self.request = {**request, "path": str(Path(request["path"]).resolve())}
         self.state = state
         self.pages: dict[int, Page] = {}
         self._watched: dict[Path, tuple[int, int] | None] = {}
-        self._watch_files([request["path"]])
+        self._watch_files([self.request["path"]])
         self._pool = Pool(module, self._heard)
         self._drawing: Worker | None = None
         self._recording: Worker | None = None

@@ -1,11 +1,12 @@
 """The files that a worker reads while it opens a view: the page is drawn anew when one of them changes.
 
-Stage: view. Pictures, tables and the modules of the user's count, as they lie in the folder of the file or below it.
-A file that is also written meanwhile does not: it would change with each reading.
+Stage: view. Pictures, tables and modules of the user's count, wherever they lie, and also where they are missing: the
+page is drawn once they are there. Python's own files and those of packages that were imported before do not, nor does a
+file that is also written meanwhile: it would change with each reading.
 
     with noted(Path("shader.py")):
         ...                        # runs the file
-    files_read()                   # (shader.py, palette.py, textures/wood.png)
+    files_read()                   # (../wood.png, palette.py, shader.py)
 """
 
 from __future__ import annotations
@@ -15,36 +16,43 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 _read: set[str] = set()
 _written: set[str] = set()
 _folder: str | None = None
+_foreign: tuple[str, ...] = ()
+"""The folders whose files are nobody's to change: Python's, the system's, and of packages imported before the file."""
+_SYSTEM: Final = ("/dev", "/etc", "/lib", "/lib64", "/proc", "/run", "/sys", "/usr", "/var")
 
 
 @contextmanager
 def noted(path: Path) -> Iterator[None]:
-    """Record the file and the files of its folder that the block reads, and forget those recorded before."""
-    global _folder  # an audit hook is the process's, and stays
+    """Record the file and the files that the block reads, and forget those recorded before."""
+    global _folder, _foreign  # an audit hook is the process's, and stays
     folder = os.path.realpath(path.parent)
     before = set(sys.modules)
     _hook()
     _read.clear()
     _written.clear()
+    _foreign = _foreign_folders()
     _folder = folder
     try:
         yield
+    except Exception as error:
+        _read.update(_places_of_module(error, folder))
+        raise
     finally:
         _folder = None
         _read.add(str(path))
         # Python reads a module's compiled form where there is one.
         files = (getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before)
-        _read.update(file for file in files if file and _is_below(file, folder))
+        _read.update(file for file in files if file and _is_of_user(file, folder))
 
 
 def files_read() -> tuple[Path, ...]:
     """Return the files of the user's that this process has read last, also where reading one failed."""
-    return tuple(Path(file) for file in sorted(_read - _written) if os.path.isfile(file) or file.endswith(".py"))
+    return tuple(Path(file) for file in sorted(_read - _written) if not os.path.isdir(file))
 
 
 def _heard(event: str, given: tuple[Any, ...]) -> None:
@@ -54,18 +62,37 @@ def _heard(event: str, given: tuple[Any, ...]) -> None:
         return
     if event == "open" and isinstance(given[0], str):
         file = os.path.abspath(given[0])
-        if _is_below(file, folder):
+        if _is_of_user(file, folder):
             (_written if given[2] & (os.O_WRONLY | os.O_RDWR) else _read).add(file)
     elif event == "os.rename" and isinstance(given[1], str):
         _written.add(os.path.abspath(given[1]))
 
 
-def _is_below(file: str, folder: str) -> bool:
-    """Return whether a file lies in the folder or below it, and is not Python's own or hidden."""
-    if not file.startswith(folder + os.sep) or file.endswith(".pyc"):
+def _is_of_user(file: str, folder: str) -> bool:
+    """Return whether a file is the user's: in the folder or below it, or elsewhere in no package; never hidden."""
+    if file.endswith(".pyc"):
         return False
-    parts = Path(file).relative_to(folder).parts
+    below = file.startswith(folder + os.sep)
+    if not below and file.startswith(_foreign):
+        return False
+    parts = Path(file).relative_to(folder).parts if below else Path(file).parts
     return "site-packages" not in parts and not any(part.startswith(".") for part in parts)
+
+
+def _places_of_module(error: Exception, folder: str) -> tuple[str, ...]:
+    """Return the files in which Python looks first for a module that an error, or its cause, names as missing."""
+    missing = error if isinstance(error, ModuleNotFoundError) else error.__cause__
+    if not isinstance(missing, ModuleNotFoundError) or not missing.name:
+        return ()
+    place = os.path.join(folder, *missing.name.split("."))
+    return f"{place}.py", os.path.join(place, "__init__.py")
+
+
+def _foreign_folders() -> tuple[str, ...]:
+    """Return the folders, with a separator behind, of Python, the system, and the packages that are imported by now."""
+    packages = (getattr(module, "__path__", ()) for name, module in list(sys.modules.items()) if "." not in name)
+    roots = {*_SYSTEM, sys.prefix, sys.base_prefix, *(path for paths in packages for path in paths)}
+    return tuple(os.path.join(root, "") for root in roots)
 
 
 _hooked = False

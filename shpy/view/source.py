@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from shpy.chains.chain import Chain, sequence
-from shpy.errors import ShpyError
+from shpy.errors import CompileError, ShpyError
 from shpy.files import import_from
 from shpy.program import Program
 from shpy.screen import check_pictures, unfilled
@@ -97,11 +97,14 @@ def open_file(path: Path) -> Opened:
 def explain(error: BaseException, path: Path) -> dict[str, Any]:
     """Return an error for the page: message, cure, file and line, and the lines around it."""
     place = _place(error, path)
+    cure = getattr(error, "cure", None)
+    if cure is None and isinstance(error, CompileError):
+        cure = "another backend, at the top of the page"  # a driver says what it refuses, never what to write instead
     message = getattr(error, "message", None) or (error.msg if isinstance(error, SyntaxError) else str(error))
     return {
         "type": type(error).__name__,
         "message": message or type(error).__name__,
-        "cure": getattr(error, "cure", None),
+        "cure": cure,
         "file": place[0] if place else None,
         "line": place[1] if place else None,
         "source": lines_around(*place) if place else [],

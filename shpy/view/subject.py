@@ -98,7 +98,7 @@ class Still:
         return self.program, self.program.trace(**filled(self.program.inputs, moment), shape=moment.shape, at=at)
 
 
-class Evolving:
+class Ongoing:
     """A chain whose streams go on from frame to frame, drawn by the program `show` or as its last stream is."""
 
     params: Mapping[str, Any]
@@ -209,4 +209,4 @@ class Evolving:
 
 def subject_of(value: Program | Chain, opened: Opened, wake: Callable[[], None]) -> Subject:
     """Return the subject of a program or chain."""
-    return Evolving(value, opened, wake) if isinstance(value, Chain) else Still(value, wake)
+    return Ongoing(value, opened, wake) if isinstance(value, Chain) else Still(value, wake)

@@ -75,7 +75,7 @@ def settles(page, *expected):
 
 def camera(page):
     """Return the camera of the code that the page shows."""
-    page.wait_for_timeout(400)  # the text follows when the camera is at rest
+    page.wait_for_selector("#camera-section[aria-busy=false]")  # the text follows when the camera is at rest
     return eval(page.inner_text("#code"), {"Camera": rt.Camera})
 
 
@@ -116,7 +116,9 @@ def test_the_right_button_moves_the_wheel_zooms_and_keys_do_both(page):
     offset = np.subtract(moved.target, before.target)
     assert offset == pytest.approx(np.subtract(moved.position, before.position), abs=1e-4)
     assert offset[0] < 0 < offset[1]
-    page.mouse.wheel(0, -200)
+    height = page.input_value("[aria-label='position y']")
+    page.mouse.wheel(0, -200)  # which returns before the page has heard of it
+    page.wait_for_function("(y) => document.querySelector(\"[aria-label='position y']\").value !== y", arg=height)
     nearer = camera(page)
     assert distance(nearer) < 0.8 * distance(moved)
     page.focus("#picture")
@@ -216,8 +218,8 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
     assert page.inner_text("#status").endswith(" triangles")  # those that are shown: nothing is read any more
     settles(page, ("red", True))
     view.path.unlink()
-    page.wait_for_timeout(200)
-    assert page.is_visible("#picture")
+    drag(page)  # the version before goes on without its file
+    page.wait_for_function("document.body.dataset.stamp !== ''")
     view.save(SCENE.format(color=BLUE))
     page.wait_for_selector("#problem", state="hidden")
     settles(page, ("blue", True))
@@ -231,6 +233,7 @@ def test_a_view_that_ends_or_never_had_a_picture_says_so(browser, tmp_path):
         page.goto(view.url)
         page.wait_for_selector("#problem:not([hidden])")
         assert page.inner_text("#empty") == "There is no picture yet."
+        assert page.locator("aside > section:visible").count() == 0  # nothing is known of the scene
         assert page.inner_text("#status") == ""
         view.end()
         page.wait_for_selector("text=The server has ended")

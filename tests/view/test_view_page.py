@@ -154,6 +154,34 @@ def test_a_target_that_refuses_is_said_and_another_draws(page, view):
     page.select_option("#backend", "glsl")
     page.wait_for_selector("#problem:not([hidden])")
     assert "GLSL 3.30 has no 64-bit floats" in page.inner_text("#problem")
+    assert page.inner_text("#status") == "glsl refuses it; numpy draws in its place."
+    page.select_option("#backend", "numpy")
+    page.wait_for_selector("#problem", state="hidden")
+
+
+REFUSING = """
+import shpy as sh
+from shpy.program import Program
+
+compiled = Program.compile
+
+def refuse(program, target, **options):
+    if target == "glsl":
+        raise sh.CompileError(f"the GLSL driver refused the kernel: {__file__}:17: no such word")
+    return compiled(program, target, **options)
+
+Program.compile = refuse
+"""
+
+
+def test_what_a_driver_refuses_is_said_by_the_file_name_with_a_way_out(page, view):
+    view.save(REFUSING + GOOD.format(gain=0.5))
+    shows(page, (71, 36, 0))
+    page.select_option("#backend", "glsl")
+    page.wait_for_selector("#problem:not([hidden])")
+    text = page.inner_text("#problem")
+    assert "the GLSL driver refused the kernel: shader.py:17: no such word" in text
+    assert "another backend" in text
     page.select_option("#backend", "numpy")
     page.wait_for_selector("#problem", state="hidden")
 
@@ -163,6 +191,9 @@ def test_sliders_colours_and_switches_change_the_picture(page):
     slider.focus()
     page.keyboard.press("Home")
     shows(page, (8, 4, 0))
+    page.keyboard.press("c")  # a slider takes arrows, and leaves the other keys to the page
+    page.wait_for_selector("#difference")
+    page.keyboard.press("Escape")
     assert page.input_value("[aria-label='Gain, number']") == "0"
     page.get_by_label("tint", exact=True).fill("#00ff00")
     page.get_by_label("negative", exact=True).check()
@@ -207,6 +238,10 @@ def test_two_forms_are_compared(page, view):
     page.wait_for_selector(".sides canvas >> nth=2")
     page.wait_for_selector("#divergence:has-text('part at')", timeout=60_000)
     assert "exp(" in page.inner_text("#divergence")
+    assert " part at shader.py:10," in page.inner_text("#divergence")
+    assert str(view.path.parent) not in page.inner_text("#panel")
+    pictures, statement = (page.locator(one).bounding_box() for one in (".sides", "#divergence"))
+    assert pictures["y"] + pictures["height"] <= statement["y"]
     page.select_option("#other-math", "strict")
 
 
@@ -288,7 +323,7 @@ def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):
 def test_tabs_show_one_view(browser, view):
     view.save(EVOLVING)
     context = browser.new_context()
-    tabs = [context.new_page() for _ in range(3)]
+    tabs = [context.new_page() for _ in range(10)]
     for tab in tabs:
         tab.goto(view.url)
     for tab in tabs:

@@ -7,16 +7,17 @@ import signal
 import struct
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 from views import as_at_first, viewed
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from benchmarks.pages import wait_until
-from shpy.view import reading, wire
+from shpy.view import hub, reading, wire
 from shpy.view.messages import LONGEST, Refused, checked
 from shpy.view.server import _signals_kept, allowed_host
 
@@ -261,6 +262,43 @@ def test_what_a_file_reads_is_watched(tmp_path):
             assert pixels[2] == blue
             acknowledge(socket, header)
             (tmp_path / "wave.py").touch()
+
+
+def test_files_outside_the_folder_and_missing_ones_are_watched(tmp_path):
+    folder = tmp_path / "real"
+    folder.mkdir()
+    path = folder / "wave.py"
+    read = "import sys\nfrom pathlib import Path\nfrom palette import level\n"
+    read += "other = float((Path(__file__).parent.parent / 'levels.txt').read_text())\n"
+    path.write_text(read + MOVING.replace("gain * sh.fract(time)", "level + other"))
+    with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
+        assert "No module named 'palette'" in told(socket, "error")[0]["message"]
+        (folder / "palette.py").write_text("level = 0.25")
+        assert "levels.txt" in told(socket, "error")[0]["message"]
+        for text, blue in (("0.5", 191), ("0.75", 255)):
+            (tmp_path / "levels.txt").write_text(text)
+            told(socket, "recorded")
+            header, pixels = told(socket, "frame")
+            assert pixels[2] == blue
+            acknowledge(socket, header)
+
+
+def test_the_file_of_a_view_is_the_one_that_a_link_leads_to(tmp_path, monkeypatch):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "wave.py").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    (tmp_path / "wave.py").symlink_to(tmp_path / "real" / "wave.py")
+    monkeypatch.setattr(hub, "Pool", lambda module, heard: None)
+    for path in (tmp_path / "wave.py", tmp_path / "link" / "wave.py"):
+        found = hub.Hub("shpy.view.session", {"path": str(path)}, {})
+        assert found.request["path"] == str(tmp_path / "real" / "wave.py")
+
+
+@pytest.mark.parametrize("place", [reading.__file__, np.__file__, os.__file__, "/usr/share/driver.txt"])
+def test_files_of_packages_and_of_the_system_are_not_watched(tmp_path, place):
+    with reading.noted(tmp_path / "wave.py"), suppress(FileNotFoundError):
+        open(place).close()
+    assert reading.files_read() == (tmp_path / "wave.py",)
 
 
 def test_a_file_that_another_thread_opens_while_the_noting_ends_is_opened(tmp_path, monkeypatch):

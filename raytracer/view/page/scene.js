@@ -1,8 +1,9 @@
 // The page of `raytracer view`: connects the parts.
 
+import { clockOf } from "./clock.js";
 import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
-import { at, fill, fillSizes, list, make, spoken } from "./elements.js";
+import { at, fill, fillSizes, list, make, onKeys, spoken } from "./elements.js";
 import { Handle } from "./handle.js";
 import { aimed, moved, nearer, turned } from "./orbit.js";
 import { showBusy, showLost, showProblem } from "./report.js";
@@ -14,8 +15,8 @@ let described = null;
 let camera = null; // that of the page; the scene's own until it is turned
 let picked = null;
 let stamp = 0;
-let asking = false;
-let saving = null;
+let saving = null; // the timer after which the camera's text is asked for
+let unanswered = 0; // questions about it
 let scrubbing = false;
 
 const connection = new Connection("/view", heard, (open) => {
@@ -26,7 +27,7 @@ const connection = new Connection("/view", heard, (open) => {
 const handle = new Handle({
   acknowledge: ({ worker, number }) => connection.send({ do: "acknowledge", worker, number }),
   drawn: showFrame,
-  pointed: askObject,
+  pointed: (pixel) => connection.askOnce("object", pixel),
   chosen: (pixel) => connection.send({ do: "ask", about: "surface", at: pixel }),
   turn: (around, over) => look(turned(camera, around, over)),
   move: (across, down) => look(moved(camera, across, down)),
@@ -43,14 +44,14 @@ const panels = Object.fromEntries(["material", "light", "display"].map((kind) =>
 
 function heard(header, bytes) {
   ({
-    hello: () => { showProblem(null); Object.assign(state, { scene: {} }, header.state); showName(header.request); showState(); },
+    hello: () => { unanswered = 0; showProblem(null); Object.assign(state, { scene: {} }, header.state); showName(header.request); showState(); },
     state: () => { merge(header.changes); showState(); },
     recording: () => { at("status").replaceChildren(make("span", { class: "wait" }, "The scene is read …")); },
     recorded: () => { described = header; showDescribed(); },
     frame: () => handle.take(header, bytes),
     error: () => { showProblem(header); at("empty").textContent = "There is no picture yet."; showCount(); },
     well: () => showProblem(null),
-    busy: ({ seconds }) => showBusy(`Computing the scene has taken ${seconds} s so far.`, seconds),
+    busy: () => showBusy(header, { recording: "Reading the scene", running: "Computing the picture" }),
     remark: () => { at("status").textContent = header.text; },
     answer: () => answered(header),
   })[header.kind]?.(header);
@@ -62,6 +63,7 @@ function answered(header) {
   else if (header.about === "camera") {
     at("code").textContent = header.code ?? header.problem;
     at("command").textContent = header.command ?? "";
+    if (!--unanswered && !saving) at("camera-section").ariaBusy = "false";
   }
 }
 
@@ -101,10 +103,12 @@ function showDescribed() {
   fill(at("integrator"), integrators.map((name) => [name, name]), state.scene.integrator ?? described.integrator);
   fill(at("material"), materials.map(({ label, count }) => [label, count > 1 ? `${label} (${count} objects)` : label]), at("material").value || undefined);
   fill(at("light"), lights.map(({ label }, k) => [String(k), label]), at("light").value || undefined);
+  for (const one of document.querySelectorAll("aside > section, header > .choice")) one.hidden = false;
   at("material-section").hidden = !materials.length;
   at("light-section").hidden = !lights.length;
   at("clock").hidden = !seconds;
   at("scrub").max = seconds || 1;
+  if (!at("pixel").textContent) at("pixel").textContent = "Drag to turn, right-drag or two fingers to move, wheel or pinch to zoom; click a surface.";
   panels.display.draw([withValue(described.exposure)]);
   showMaterial();
   showLight();
@@ -177,7 +181,12 @@ function typed(event) {
 // The camera as text, once it has come to rest.
 function save() {
   clearTimeout(saving);
-  saving = setTimeout(() => connection.send({ do: "ask", about: "camera" }), 250);
+  at("camera-section").ariaBusy = "true";
+  saving = setTimeout(() => {
+    saving = null;
+    unanswered += 1;
+    connection.send({ do: "ask", about: "camera" });
+  }, 250);
 }
 
 function showFrame(header) {
@@ -199,16 +208,8 @@ function showFrame(header) {
   else if (at("status").querySelector(".wait")) showCount();
 }
 
-// One question at a time: the answer brings the next one, if the pointer has moved on.
-function askObject(pixel) {
-  if (asking) return;
-  asking = true;
-  setTimeout(() => { asking = false; }, 1000);
-  connection.send({ do: "ask", about: "object", at: pixel });
-}
-
 function showObject({ at: [row, column], number, object, material, problem }) {
-  asking = false;
+  connection.answered();
   if (problem) return;
   at("pixel").replaceChildren(`x ${column}  y ${row}  `, number === null ? "background" : make("b", {}, object), material && material !== object ? `, material of ${material}` : "");
 }
@@ -241,9 +242,7 @@ async function copy(event, from) {
   setTimeout(() => { button.textContent = "Copy"; }, 1500);
 }
 
-const play = () => change({ playing: !state.playing });
-const step = () => { if (state.playing) change({ playing: false }); setTimeout(() => connection.send({ do: "step" }), 30); };
-const reset = () => connection.send({ do: "reset" });
+const { play, step, reset } = clockOf(connection, state, change);
 const home = () => look(null);
 const aim = () => { if (picked) look(aimed(camera, picked.position)); };
 
@@ -255,19 +254,8 @@ at("light").onchange = showLight;
 at("scrub").oninput = (event) => { scrubbing = true; change({ time: event.target.valueAsNumber, playing: false }); };
 at("scrub").onchange = () => { scrubbing = false; };
 at("stop").onclick = () => connection.send({ do: "stop" });
-at("play").onclick = play;
-at("step").onclick = step;
-at("reset").onclick = reset;
 at("home").onclick = home;
 at("aim").onclick = aim;
 at("copy-code").onclick = (event) => copy(event, "code");
 at("copy-command").onclick = (event) => copy(event, "command");
-addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, button, summary")) return;
-  const timed = { " ": play, ".": step, 0: reset }[event.key];
-  const action = at("clock").hidden ? null : timed;
-  const chosen = { h: home, t: aim }[event.key] ?? action;
-  if (!chosen) return;
-  event.preventDefault();
-  chosen();
-});
+onKeys((key) => ({ h: home, t: aim }[key] ?? (at("clock").hidden ? null : { " ": play, ".": step, 0: reset }[key])));

@@ -2,7 +2,7 @@
 
 export class Connection {
   constructor(path, heard, changed) {
-    Object.assign(this, { path, heard, changed, socket: null, pending: new Map(), scheduled: false });
+    Object.assign(this, { path, heard, changed, socket: null, pending: new Map(), scheduled: false, asking: false });
     this.open();
   }
 
@@ -22,6 +22,16 @@ export class Connection {
   send(message) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
+
+  // One question about a pixel at a time, however fast the pointer is; `answered` allows the next one.
+  askOnce(about, pixel) {
+    if (this.asking) return;
+    this.asking = true;
+    setTimeout(() => { this.asking = false; }, 1000);
+    this.send({ do: "ask", about, at: pixel });
+  }
+
+  answered() { this.asking = false; }
 
   // Changes of the state go once in each frame of the screen, so that a slider that is dragged never floods the server.
   set(changes) {

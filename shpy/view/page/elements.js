@@ -38,3 +38,19 @@ export function spoken(value) {
 export const list = (values) => values.map(spoken).join(", ");
 
 export const fileName = (path) => path.split("/").pop();
+
+// A text with the files of its places by their names alone, as the page names them everywhere.
+export const withFileNames = (text) => text.replace(/\/(?:[^\/\s:]+\/)+(?=[^\/\s:]+\.py:\d)/g, "");
+
+// Keys act wherever the focus is, but where it takes them itself: a slider takes arrows, and a person who has moved it
+// goes on with Space.
+export function onKeys(actionOf) {
+  addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.matches("input:not([type=range]), select, button, summary")) return;
+    const action = actionOf(event.key);
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
+}

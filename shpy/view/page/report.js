@@ -1,6 +1,6 @@
 // Errors, the trace of a pixel, and the comparison of two forms.
 
-import { at, fileName, list, make, spoken } from "./elements.js";
+import { at, fileName, list, make, spoken, withFileNames } from "./elements.js";
 
 const SEARCHING = "Searching for the first statement at which they diverge …";
 
@@ -12,23 +12,24 @@ export function showProblem(error) {
   const source = error.source?.length ? make("pre", {}, ...error.source.map(([number, text]) =>
     make("span", number === error.line ? { class: "here" } : {}, `${number === error.line ? "→" : " "} ${String(number).padStart(4)}  ${text}\n`))) : null;
   at("problem").replaceChildren(
-    make("h2", {}, title || "Stopped"), make("p", {}, error.message),
+    make("h2", {}, title || "Stopped"), make("p", {}, withFileNames(error.message)),
     error.cure ? make("p", {}, make("strong", {}, "Cure: "), make("code", {}, error.cure)) : "",
     source ?? "");
 }
 
 // The connection has ended: `command` is what starts the server again.
 export function showLost(command) {
-  showBusy("", 0);
+  showBusy({ seconds: 0 });
   showProblem({ message: "The server has ended. The page connects again when it is back.", cure: `${command} ${at("name").textContent}` });
 }
 
 // A worker gives no answer: it is the version that is awaited that counts, not a mistake in the one before.
-export function showBusy(text, seconds) {
+export function showBusy({ stage, seconds }, working) {
   at("busy").hidden = !seconds;
   if (!seconds) return;
   at("problem").hidden = true;
-  at("busy").firstElementChild.textContent = text;
+  const before = stage === "recording" && at("empty").hidden ? "; the picture is of the version before" : "";
+  at("busy").firstElementChild.textContent = `${working[stage]} has taken ${seconds} s so far${before}.`;
 }
 
 export function openPanel(title, ...body) {
@@ -78,9 +79,9 @@ export function showComparison(answer, bytes, cancel) {
   const text = differing
     ? `${differing} of ${count} pixels differ, by ${spoken(largest)}${ulp === null ? "" : ` and ${spoken(ulp)} ULP`} at most.`
     : `All ${count} pixels are the same to the bit.`;
-  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text),
+  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text), make("div", { class: "sides" }, ...figures),
     answer.searching ? make("pre", { id: "divergence", class: "searching" }, SEARCHING) : "",
-    answer.searching ? make("button", { id: "cancel", type: "button", onclick: cancel }, "Cancel the search") : "", make("div", { class: "sides" }, ...figures));
+    answer.searching ? make("button", { id: "cancel", type: "button", onclick: cancel }, "Cancel the search") : "");
   if (answer.searching) countSeconds(at("divergence"));
 }
 
@@ -98,7 +99,7 @@ export function endSearch(text) {
   const place = at("divergence");
   if (!place?.classList.contains("searching")) return false;
   place.classList.remove("searching");
-  place.textContent = text;
+  place.textContent = withFileNames(text);
   at("cancel").remove();
   return true;
 }

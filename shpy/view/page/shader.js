@@ -1,15 +1,15 @@
 // The page of `shpy view`: connects the parts.
 
+import { clockOf } from "./clock.js";
 import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
-import { at, fill, fillSizes, make } from "./elements.js";
+import { at, fill, fillSizes, make, onKeys } from "./elements.js";
 import { Picture } from "./picture.js";
 import { closePanel, endSearch, openPanel, showBusy, showComparison, showLost, showPixel, showProblem, showTrace } from "./report.js";
 
 const state = { params: {} };
 let described = null;
 let saved = null; // when the file was saved whose picture is awaited, and the worker before
-let asking = false;
 let refused = null; // the error of a target in whose place another one draws
 let times = [];
 
@@ -21,7 +21,7 @@ const connection = new Connection("/view", heard, (open) => {
 const picture = new Picture({
   acknowledge: ({ worker, number }) => connection.send({ do: "acknowledge", worker, number }),
   drawn: showFrame,
-  pointed: askValue,
+  pointed: (pixel) => connection.askOnce("value", pixel),
   chosen: (pixel) => {
     cancel();
     openPanel(`Trace of the pixel ${pixel[1]}, ${pixel[0]}`, "…");
@@ -51,9 +51,7 @@ function heard(header, bytes) {
     frame: () => picture.take(header, bytes),
     error: () => { showProblem(header); at("empty").textContent = "There is no picture yet."; },
     well: () => showProblem(null),
-    busy: ({ stage, seconds }) => showBusy(stage === "recording"
-      ? `Recording the new version has taken ${seconds} s so far; the picture is of the version before.`
-      : `Computing a frame has taken ${seconds} s so far.`, seconds),
+    busy: () => showBusy(header, { recording: "Recording the new version", running: "Computing a frame" }),
     remark: () => { at("status").textContent = header.text; },
     answer: () => answered(header, bytes),
   })[header.kind]?.(header);
@@ -61,7 +59,7 @@ function heard(header, bytes) {
 
 function answered(header, bytes) {
   if (header.about === "value") {
-    asking = false;
+    connection.answered();
     const [row, column] = header.at ?? [0, 0];
     const { width, height } = picture.canvas;
     const [r, g, b] = picture.context.getImageData(Math.floor(column * width / picture.size[0]), Math.floor(row * height / picture.size[1]), 1, 1).data;
@@ -144,12 +142,13 @@ function showFrame(header) {
   if (header.waiting && header.waiting !== header.form)
     status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling; ${header.form} draws meanwhile …`));
   else if (header.waiting) status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling …`));
+  else if (header.refused) status.textContent = `${at("backend").value} refuses it; ${header.form} draws in its place.`;
   else status.textContent = document.body.dataset.full
     ? `Saved; first picture after ${document.body.dataset.first} ms, the full one after ${document.body.dataset.full} ms.`
     : described ? `${described.program} was recorded in ${(1000 * described.recording).toFixed(0)} ms.` : "";
   if (header.refused || refused) showProblem(header.refused);
   refused = header.refused;
-  if (picture.pixel) askValue(picture.pixel);
+  if (picture.pixel) connection.askOnce("value", picture.pixel);
 }
 
 // How long the picture took since the file was saved, for people and for tests.
@@ -169,14 +168,6 @@ function measure(header, now) {
   dataset.form = header.form;
 }
 
-// One question at a time: the answer brings the next one, if the pointer has moved on.
-function askValue(pixel) {
-  if (asking) return;
-  asking = true;
-  setTimeout(() => { asking = false; }, 1000);
-  connection.send({ do: "ask", about: "value", at: pixel });
-}
-
 // A search of a program of many statements takes minutes of a core.
 function cancel() {
   if (endSearch("The search was cancelled.")) connection.send({ do: "cancel" });
@@ -189,9 +180,7 @@ function compare() {
   connection.send({ do: "ask", about: "compare", with: { backend: at("other-backend").value, math: at("other-math").value } });
 }
 
-const play = () => change({ playing: !state.playing });
-const step = () => { if (state.playing) change({ playing: false }); setTimeout(() => connection.send({ do: "step" }), 30); };
-const reset = () => connection.send({ do: "reset" });
+const { play, step, reset } = clockOf(connection, state, change);
 const close = () => { cancel(); closePanel(); picture.mark(false); };
 
 at("backend").onchange = (event) => change({ backend: event.target.value });
@@ -201,16 +190,7 @@ at("encode").onchange = (event) => change({ encode: event.target.checked });
 at("steps").onchange = (event) => change({ steps: Math.min(Math.max(Math.round(event.target.valueAsNumber) || 1, 1), 1000) });
 at("program").onchange = (event) => connection.send({ do: "pick", program: event.target.value });
 at("stop").onclick = () => connection.send({ do: "stop" });
-at("play").onclick = play;
-at("step").onclick = step;
-at("reset").onclick = reset;
 at("compare").onclick = compare;
 at("close").onclick = close;
-addEventListener("keydown", (event) => {
-  if (event.key === "Escape") close();
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, button, summary")) return;
-  const action = { " ": play, ".": step, r: reset, c: compare }[event.key];
-  if (!action || (at("clock").hidden && action !== compare)) return;
-  event.preventDefault();
-  action();
-});
+addEventListener("keydown", (event) => { if (event.key === "Escape") close(); });
+onKeys((key) => (key === "c" ? compare : at("clock").hidden ? null : { " ": play, ".": step, r: reset }[key]));
