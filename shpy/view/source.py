@@ -9,6 +9,7 @@ Stage: view. A file is run as `python file.py` would run it, but for what stands
 from __future__ import annotations
 
 import linecache
+import os
 import runpy
 import traceback
 from dataclasses import dataclass
@@ -119,8 +120,10 @@ def _place(error: BaseException, path: Path) -> tuple[str, int] | None:
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
         return error.filename, error.lineno
     frames = traceback.extract_tb(error.__traceback__)
-    known = {str(p) for p in (path, *files_read())}
-    return next(((f.filename, f.lineno) for f in reversed(frames) if f.filename in known and f.lineno), None)
+    known = {os.path.realpath(p) for p in (path, *files_read())}
+    # Code has its file as it was named, perhaps from the folder of the process or by a link.
+    passed = ((os.path.realpath(f.filename), f.lineno) for f in reversed(frames))
+    return next(((file, line) for file, line in passed if file in known and line), None)
 
 
 def lines_around(file: str, line: int, count: int = 2) -> list[tuple[int, str]]:

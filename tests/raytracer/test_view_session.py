@@ -312,6 +312,15 @@ def test_a_mistake_in_a_file_is_explained_with_its_line(tmp_path, text, message,
     assert (found["line"], found["files"]) == (line, [str(path)])
 
 
+def test_a_mistake_has_its_line_where_the_file_is_named_from_its_folder(tmp_path, monkeypatch):
+    (tmp_path / "wrong.py").write_text("def scene(time):\n    return nothing\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(rt.SceneError) as error:
+        opened("wrong.py")
+    found = explain_opening(error.value, {"path": str(tmp_path / "wrong.py"), "options": {"environment": None}})
+    assert (found["file"], found["line"]) == (str(tmp_path / "wrong.py"), 2)
+
+
 def test_scenes_that_there_are_not(tmp_path):
     with pytest.raises(
         rt.SceneError, match=r"'nowhere' is neither a file nor a built-in scene; the scenes are boxes, .*, animated"

@@ -219,7 +219,7 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
     settles(page, ("red", True))
     view.path.unlink()
     drag(page)  # the version before goes on without its file
-    page.wait_for_function("document.body.dataset.stamp !== ''")
+    page.wait_for_selector("body:not([data-stamp=''])")
     view.save(SCENE.format(color=BLUE))
     page.wait_for_selector("#problem", state="hidden")
     settles(page, ("blue", True))

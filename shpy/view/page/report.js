@@ -79,9 +79,9 @@ export function showComparison(answer, bytes, cancel) {
   const text = differing
     ? `${differing} of ${count} pixels differ, by ${spoken(largest)}${ulp === null ? "" : ` and ${spoken(ulp)} ULP`} at most.`
     : `All ${count} pixels are the same to the bit.`;
-  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text), make("div", { class: "sides" }, ...figures),
+  openPanel(`${names[0]} and ${names[1]}`, make("p", { id: "difference" }, text),
     answer.searching ? make("pre", { id: "divergence", class: "searching" }, SEARCHING) : "",
-    answer.searching ? make("button", { id: "cancel", type: "button", onclick: cancel }, "Cancel the search") : "");
+    answer.searching ? make("button", { id: "cancel", type: "button", onclick: cancel }, "Cancel the search") : "", make("div", { class: "sides" }, ...figures));
   if (answer.searching) countSeconds(at("divergence"));
 }
 
