@@ -37,6 +37,8 @@ FOLDER: Final = Path(__file__).parents[1] / "examples"
 ALLOWED_FIRST, ALLOWED_FULL, LEAST_FRAMES = 300.0, 1500.0, 30.0
 _SECONDS: Final = 4.0
 """Seconds in which frames are counted, and a slider is dragged."""
+_PLAY: Final = "document.getElementById('play').click()"
+"""Pauses a picture that moves, and goes on with one that is paused."""
 _PAUSE: Final = 1.5
 """Seconds between saves, in which the next worker becomes warm."""
 _WATCH: Final = """
@@ -114,8 +116,17 @@ def shown(example: Example, text: str, program: str) -> Iterator[tuple[View, Bro
         ):
             view.path = path
             page.wait(f"document.body?.dataset.form === '{backend()}'")
-            _settle(view)
+            with _paused(page):
+                _settle(view)
             yield view, page
+
+
+@contextmanager
+def _paused(page: Browsed) -> Iterator[None]:
+    """Hold the picture still: frames that keep every core busy would leave none for the trials of widths."""
+    page.evaluate(_PLAY)
+    yield
+    page.evaluate(_PLAY)
 
 
 def _settle(view: View) -> None:
@@ -154,7 +165,7 @@ def frames(example: Example, seconds: float) -> tuple[float, float, float]:
     with shown(example, example.moving(), "moving") as (_, page):
         running = _rate(page, lambda: time.sleep(seconds))
         dragged = _rate(page, lambda: page.evaluate(_DRAG.replace("SECONDS", str(seconds))))
-        page.evaluate("document.getElementById('play').click()")
+        page.evaluate(_PLAY)
         page.evaluate(_WATCH.replace("ATTRIBUTES", '["data-frames"]'))
         ended = page.evaluate(_DRAG.replace("SECONDS", str(seconds)))
         time.sleep(_PAUSE)
