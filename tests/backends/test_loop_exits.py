@@ -24,15 +24,6 @@ A = np.float32([0, 1, 2])
 """0: the loop is not entered."""
 
 
-def while_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
-    n = sh.Attrib1i(0)
-    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
-        n += 1
-        v += step
-        SH_BREAK(left(v))
-    return n
-
-
 def while_return(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
     @sh.subroutine
     def inside(v, a):
@@ -132,31 +123,26 @@ def else_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
     return n
 
 
-def negated_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
-    n = sh.Attrib1i(0)
-    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
-        n += 1
-        v += step
-        SH_BREAK(~(left(v) & (a < 2)))
-    return n
+def breaking(condition: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    """Return a loop that is left by a condition on whether `left` holds, and on the input."""
+
+    def loop(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
+        n = sh.Attrib1i(0)
+        with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
+            n += 1
+            v += step
+            SH_BREAK(condition(left(v), a))
+        return n
+
+    return loop
 
 
-def equal_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
-    n = sh.Attrib1i(0)
-    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
-        n += 1
-        v += step
-        SH_BREAK(left(v) == (a > 1))
-    return n
-
-
-def chosen_break(left: Callable[[Any], Any], v: Any, a: Any, step: Any) -> Any:
-    n = sh.Attrib1i(0)
-    with SH_WHILE(lambda: (n < ROUNDS) & (a > 0)):
-        n += 1
-        v += step
-        SH_BREAK(sh.cond(left(v), a > 5, a < 5))
-    return n
+BREAKING = {
+    "while_break": breaking(lambda holds, a: holds),
+    "negated_break": breaking(lambda holds, a: ~(holds & (a < 2))),
+    "equal_break": breaking(lambda holds, a: holds == (a > 1)),
+    "chosen_break": breaking(lambda holds, a: sh.cond(holds, a > 5, a < 5)),
+}
 
 
 def program(spelling: Any, kind: Any, first: Any, step: Any) -> sh.Program:
@@ -178,7 +164,6 @@ def program(spelling: Any, kind: Any, first: Any, step: Any) -> sh.Program:
 
 
 SPELLINGS = (
-    while_break,
     while_return,
     while_called,
     do_until,
@@ -187,13 +172,11 @@ SPELLINGS = (
     continue_return,
     continue_break,
     else_break,
-    negated_break,
-    equal_break,
-    chosen_break,
 )
 CASES = [(s, sh.Attrib1i, "strict") for s in SPELLINGS]
+CASES += [pytest.param(loop, sh.Attrib1i, "strict", id=name) for name, loop in BREAKING.items()]
 CASES += [(while_return, kind, "strict") for kind in (sh.Attrib1u, sh.Attrib1f, sh.Attrib2i)]
-CASES += [(while_break, kind, "fast") for kind in (sh.Attrib1i, sh.Attrib1f)]
+CASES += [(BREAKING["while_break"], kind, "fast") for kind in (sh.Attrib1i, sh.Attrib1f)]
 
 
 @pytest.mark.parametrize(("spelling", "kind", "math"), CASES)
