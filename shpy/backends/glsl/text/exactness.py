@@ -41,6 +41,17 @@ def precise_conditions(function: Function, callees: Mapping[str, Function]) -> s
     return comparing & kept
 
 
+def choices_and_arguments(function: Function) -> set[int]:
+    """Return the conditions of choices and the arguments of calls, for drivers that take choices for maxima."""
+    found: set[int] = set()
+    for s in walk(function.body):
+        if isinstance(s, Call) or (isinstance(s, Let) and s.op == "call"):
+            found.update(s.args)
+        elif isinstance(s, Let) and s.op == "cond":
+            found.add(s.args[0])
+    return found
+
+
 def _compares(let: Let, types: dict[int, Type], comparing: set[int]) -> bool:
     if let.op in _COMPARISONS and types[let.args[0]].is_float:
         return True

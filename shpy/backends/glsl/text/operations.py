@@ -23,13 +23,12 @@ from shpy.backends.emit.entry import Unit
 from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
-from shpy.backends.glsl.text.exactness import precise_conditions, precise_operands
+from shpy.backends.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
 from shpy.backends.glsl.text.interface import RUNNING
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Call, Let, Loop, Module, Store
+from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
-from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 
 NATIVE: Final = frozenset({"clamp"})
@@ -183,9 +182,7 @@ class GlslBody(Body):
             return ()
         conditions = precise_conditions(self.function, self.unit.callees)
         if not self.unit.chooses:
-            for s in walk(self.function.body):
-                if isinstance(s, Call) or (isinstance(s, Let) and s.op in ("cond", "call")):
-                    conditions |= inlined & {*(s.args[:1] if isinstance(s, Let) and s.op == "cond" else s.args)}
+            conditions |= inlined & choices_and_arguments(self.function)
         return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees)
 
     def operation(self, let: Let) -> Expr:
