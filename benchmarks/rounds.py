@@ -1,4 +1,4 @@
-"""Interleaved timing: the contenders take turns in every round, so that a busy moment slows all of them.
+"""Time contenders in turns: each runs once in every round, so that other work on the machine slows all of them.
 
     measured = run(MANDELBROT, 1024, ["opencl", "masks", "numba"], rounds=7)
     measured.ratios("numba", "opencl")     # how many times as long numba took as opencl, one number a round
