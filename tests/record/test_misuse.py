@@ -58,7 +58,18 @@ def test_misuse_says_what_is_wrong_and_what_to_write(name, program, expected, tm
 
 @pytest.mark.parametrize(
     "name",
-    ["block_value_used_after", "if_on_value", "math_sin", "store_into_copy", "loop_index_after", "other_recording"],
+    [
+        "block_value_used_after",
+        "if_on_value",
+        "math_sin",
+        "store_into_copy",
+        "loop_index_after",
+        "other_recording",
+        "exception_caught_outside_block",
+        "generator_left_in_block",
+        "block_still_open",
+        "block_kept",
+    ],
 )
 def test_misuse_is_found_without_the_source_too(name, tmp_path):
     program = next(p for n, p, _ in CASES if n == name)

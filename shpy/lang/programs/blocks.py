@@ -24,7 +24,16 @@ from shpy.lang.values.coerce import Literal
 _BOOL, _INT = vec(Base.B), vec(Base.I)
 
 
-class Block:
+class _Construct(type):
+    """The class of blocks: one that was made and is never opened is an error at the end of its function."""
+
+    def __call__(cls, *args: Any, **named: Any) -> Any:
+        block = super().__call__(*args, **named)
+        block.frame.waiting.append(block)
+        return block
+
+
+class Block(metaclass=_Construct):
     """A `with SH_…` block: opens a scope on entry, closes it on exit."""
 
     what = "SH block"
@@ -45,6 +54,7 @@ class Block:
         if self.scope is not None:
             raise RecordError(f"this {self.what} was opened before", loc=here(), cure="a new one for each block")
         self.scope = Scope(self.what, self.loc, frame.scope, loop=self.loop)
+        frame.waiting.remove(self)
         frame.scopes.append(self.scope)
         frame.blocks.append(self)
         self.entries = bytecode.entered()
@@ -52,11 +62,34 @@ class Block:
     def close(self) -> Region:
         """Close the region; return its statements."""
         frame = self.frame
+        if frame.blocks[-1:] != [self]:
+            frame.damage = frame.damage or RecordError(
+                f"this {self.what} ends before a block that was opened inside it",
+                loc=self.loc,
+                cure="end the inner block first, as nested `with` statements do",
+            )
+            raise frame.damage
         scope = frame.scopes.pop()
         frame.blocks.pop()
-        assert scope is self.scope
         scope.closed = True
         return tuple(scope.statements)
+
+    def abandon(self, kind: type[BaseException]) -> None:
+        """Drop the block that an exception leaves, and refuse the program if its function catches the exception.
+
+        It cannot be refused here: an error that is raised while a generator is closed does not reach the user.
+        """
+        frame = self.frame
+        left = f"{kind.__name__} left this {self.what} before its end and was caught outside of it"
+        cure = "catch it inside the block, or check before the block"
+        if kind is GeneratorExit:
+            left = f"the generator that opened this {self.what} was not run to its end"
+            cure = "a `for` over the generator, without a `break`"
+        damage = RecordError(f"{left}, so the program would lack the block", loc=self.loc, cure=cure)
+        frame.damage = frame.damage or damage
+        if self in frame.blocks:
+            place = frame.blocks.index(self)
+            del frame.blocks[place:], frame.scopes[place + 1 :]
 
     def finish(self, region: Region) -> None:
         """Leave the statement behind."""
@@ -69,14 +102,24 @@ class Block:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        region, entries = self.close(), self.entries
-        self.entries = []
-        if kind is None:
+        entries, self.entries = self.entries, []
+        if kind is not None:
+            self.abandon(kind)
+            return
+        region = self.close()
+        try:
             bytecode.check_left(entries, self.what, self.loc, self.loop, self.test)
             self.finish(region)
+        except RecordError as error:
+            self.frame.damage = self.frame.damage or error
+            raise
 
     def __bool__(self) -> bool:
         raise RecordError(f"{self.what} is a block", loc=self.loc, cure=f"with {self.what}(…):")
+
+    def __iter__(self) -> Any:
+        cure = f"with {self.what}(…) as i:" if self.loop else f"with {self.what}(…):"
+        raise RecordError(f"{self.what} is a block, and no iterator of Python", loc=self.loc, cure=cure)
 
 
 class LoopBlock(Block):

@@ -81,6 +81,8 @@ class Frame:
         self.blocks: list[Any] = []
         self.returned: Any = None
         self.unset: set[int] = set()
+        self.waiting: list[Any] = []
+        self.damage: RecordError | None = None
         self._values = 0
         self._named_at: dict[tuple[str, int, str], int] = {}
 
@@ -151,12 +153,20 @@ class Frame:
         """Record a store."""
         self.append(Store(variable, value, components, index, here()))
 
+    def _check_blocks(self) -> None:
+        if self.damage is not None:
+            raise self.damage
+        for block in self.blocks or self.waiting:
+            state = "is still open at the end" if self.blocks else "alone does nothing: it opens a block"
+            raise RecordError(f"this {block.what} {state}", loc=block.loc, cure=f"with {block.what}(…):")
+
     def named(self, variable: Variable) -> Variable:
         """Return the variable with its final name."""
         return Variable(variable.id, variable.type, variable.length, self.names[variable.id], variable.loc)
 
     def finish(self, inputs: tuple[Value | Variable, ...], outputs: tuple[int, ...], pure: bool = False) -> Function:
-        """Return the recorded function."""
+        """Return the recorded function; an error where a block of it was not closed as Python's `with` does it."""
+        self._check_blocks()
         check_reads(self)
         taken = set(outputs) | {v.id for v in inputs if isinstance(v, Variable)}
         slots = tuple(self.named(v) for v in self.variables if v.id not in taken)
